@@ -1,0 +1,60 @@
+# make demo, make test: each installs what is missing first (tools/setup), so they work anywhere.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-serial test-mpi lint format doctor wheel clean distclean
+python := .venv/bin/python
+RANKS ?= 2
+
+# One thread per rank: the ranks are the parallelism.
+export OMP_NUM_THREADS ?= 1
+# More ranks than cores is allowed (Open MPI 4, then 5 and later).
+export OMPI_MCA_rmaps_base_oversubscribe ?= 1
+export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
+# Open MPI refuses to run as root, as one is in a container, unless told twice.
+ifeq ($(shell id -u),0)
+export OMPI_ALLOW_RUN_AS_ROOT := 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+endif
+# Containers forbid reading another process' memory, which Open MPI 4 finds out by failing.
+ifneq ($(wildcard /.dockerenv /run/.containerenv),)
+export OMPI_MCA_btl_vader_single_copy_mechanism ?= none
+endif
+
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
+
+setup:  ## install what is missing and make .venv/
+	@tools/setup
+
+demo: setup  ## stretch the cylinder and twist the cube on 2 ranks; results under out/
+	mpirun -n $(RANKS) $(python) demos/cylinder_stretch.py
+	mpirun -n $(RANKS) $(python) demos/cube_twist.py
+
+test: lint test-serial test-mpi  ## everything: lint, tests, tests on 2 ranks
+
+test-serial: setup  ## the tests, serially
+	$(python) -m pytest $(PYTEST)
+
+test-mpi: setup  ## the tests marked mpi, on 2 ranks
+	tools/pytest-ranks $(RANKS) $(PYTEST)
+
+lint: setup  ## ruff and mypy
+	$(python) -m ruff check .
+	$(python) -m ruff format --check .
+	$(python) -m mypy fem_snh
+
+format: setup  ## let ruff correct what it can
+	$(python) -m ruff check --fix .
+	$(python) -m ruff format .
+
+doctor: setup  ## is everything there?
+	$(python) -m fem_snh doctor
+
+wheel: setup  ## dist/fem_snh-*.whl
+	$(python) -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+clean:  ## remove results and caches
+	rm -rf out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+
+distclean: clean  ## and .venv/
+	rm -rf .venv
