@@ -1,0 +1,306 @@
+"""The only module that knows which dolfinx it runs on (0.5, 0.9 and 0.11 are tried).
+
+Features are detected, versions are not compared. Small functions with one signature for all
+versions; everything else in the project takes version-dependent names from here alone.
+
+Local numbering, as in dolfinx: the entities and nodes a rank owns come first, ghosts after them.
+Meshes made by `create_mesh` have no ghost cells, so each rank's cells are the ones it owns.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import basix
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from dolfinx.io import VTKFile
+from mpi4py import MPI
+from petsc4py import PETSc
+
+version: str = dolfinx.__version__
+
+Array = np.ndarray
+
+
+def _cpp(thing: Any) -> Any:
+    """The C++ object behind a mesh, a space or a function (0.5 hides the mesh's in `_mesh`)."""
+    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """The compiler's chatter (INFO records of the root logger, 0.5 under Debian 12) unheard."""
+    before = logging.root.manager.disable
+    logging.disable(max(before, logging.INFO))
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def _rows(dofmap: Any) -> Array:
+    """A dofmap as a (cells, n) array: an adjacency list in 0.5, an array since 0.7."""
+    if isinstance(dofmap, np.ndarray):
+        return dofmap
+    rows = max(len(dofmap.offsets) - 1, 0)
+    return np.asarray(dofmap.array).reshape(rows, -1 if rows else 0)
+
+
+# --- meshes ------------------------------------------------------------------------------------
+
+
+def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Any:
+    """Distribute a mesh given on some ranks (others pass arrays of zero rows). Collective.
+
+    Args:
+        cells: (n, nodes per cell) int64 input node numbers, in dolfinx's order of nodes.
+        x: (nodes, 3) coordinates [length]; node i is row i.
+        cell: "tetrahedron" or "hexahedron".
+        degree: 1 or 2, of the geometry.
+    """
+    if hasattr(basix, "ufl"):  # since 0.7
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
+    else:
+        ufl_cell = ufl.Cell(cell, geometric_dimension=3)
+        element = ufl.VectorElement(
+            ufl.FiniteElement("Lagrange", ufl_cell, degree, variant="equispaced")
+        )
+    partitioner, options = dolfinx.mesh.create_cell_partitioner, {}
+    if "ghost_mode" in signature(dolfinx.mesh.create_mesh).parameters:  # 0.5
+        options = {"ghost_mode": dolfinx.mesh.GhostMode.none, "partitioner": partitioner()}
+    else:
+        options = {"partitioner": partitioner(dolfinx.mesh.GhostMode.none)}
+    # The order of the last two changed in 0.10, the name of the last in 0.6: go by position of x.
+    names = list(signature(dolfinx.mesh.create_mesh).parameters)
+    last = (x, ufl.Mesh(element)) if names.index("x") == 2 else (ufl.Mesh(element), x)
+    return dolfinx.mesh.create_mesh(comm, np.ascontiguousarray(cells, np.int64), *last, **options)
+
+
+def gmsh_permutation(cell: str, nodes: int) -> Array:
+    """p with nodes_dolfinx[i] = nodes_gmsh[p[i]]."""
+    return np.asarray(dolfinx.cpp.io.perm_gmsh(getattr(dolfinx.mesh.CellType, cell), nodes))
+
+
+def num_owned(domain: Any, dim: int = 3) -> int:
+    """How many of this rank's entities of this dimension it owns: the first ones."""
+    domain.topology.create_entities(dim)
+    return int(domain.topology.index_map(dim).size_local)
+
+
+def input_cells(domain: Any) -> Array:
+    """(local cells,) the row of each cell in the input of `create_mesh`."""
+    return np.asarray(domain.topology.original_cell_index)
+
+
+def input_vertices(domain: Any, dim: int) -> Array:
+    """(local entities, vertices each) input node numbers of the vertices of each entity."""
+    topology = domain.topology
+    for d in (dim, topology.dim):
+        topology.create_entities(d)
+        topology.create_connectivity(d, 0)
+    cells = _rows(topology.connectivity(topology.dim, 0))
+    nodes = _rows(domain.geometry.dofmap)[:, : cells.shape[1]]  # the vertices come first
+    index_map = topology.index_map(0)
+    number = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
+    number[cells] = np.asarray(domain.geometry.input_global_indices)[nodes]
+    return number[_rows(topology.connectivity(dim, 0))]
+
+
+def cell_name(domain: Any) -> str:
+    """"tetrahedron" or "hexahedron"."""
+    return str(domain.topology.cell_name())
+
+
+def reference_corners(cell: str) -> Array:
+    """(corners, 3) coordinates of the reference cell's vertices."""
+    return np.asarray(basix.geometry(getattr(basix.CellType, cell)))
+
+
+def geometry_dofs(domain: Any) -> Array:
+    """(owned cells, nodes per cell) int32: each cell's rows of `geometry_x`."""
+    return _rows(domain.geometry.dofmap)[: num_owned(domain)]
+
+
+def geometry_x(domain: Any) -> Array:
+    """(local nodes, 3) reference coordinates [length] of the geometry's nodes."""
+    return np.asarray(domain.geometry.x)
+
+
+def geometry_degree(domain: Any) -> int:
+    """1 or 2."""
+    cmap = getattr(domain.geometry, "cmap", None) or domain.geometry.cmaps[0]
+    return int(cmap.degree)
+
+
+# --- spaces and elements -----------------------------------------------------------------------
+
+
+def function_space(
+    domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
+) -> Any:
+    """A scalar (shape ()) or vector (shape (3,)) space; family "Lagrange" or "DG"."""
+    with _quiet():
+        if hasattr(fem, "functionspace"):  # since 0.7
+            return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
+        if shape:
+            return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
+        return fem.FunctionSpace(domain, (family, degree))
+
+
+def degree(V: Any) -> int:
+    """The polynomial degree of V's element."""
+    element = V.ufl_element()
+    return int(element.degree if isinstance(element.degree, int) else element.degree())
+
+
+def node_dofs(V: Any) -> Array:
+    """(owned cells, nodes per cell) int32: local numbers of the nodes (blocks of V) of each cell."""
+    return _rows(V.dofmap.list)[: num_owned(V.mesh)]
+
+
+def num_nodes(V: Any) -> tuple[int, int]:
+    """(owned, ghost) nodes of V on this rank; a local vector has bs times their sum entries."""
+    index_map = V.dofmap.index_map
+    return int(index_map.size_local), int(index_map.num_ghosts)
+
+
+def local_to_global(V: Any) -> Array:
+    """(owned + ghost nodes,) int64: global number of each local node."""
+    index_map = V.dofmap.index_map
+    first = index_map.local_range[0]
+    owned = np.arange(first, first + index_map.size_local, dtype=np.int64)
+    return np.concatenate([owned, np.asarray(index_map.ghosts, dtype=np.int64)])
+
+
+def _gradients(cell: str, degree: int, points: Array) -> Array:
+    family = getattr(basix.ElementFamily, "P")
+    element = basix.create_element(
+        family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
+    )
+    table = element.tabulate(1, np.ascontiguousarray(points, dtype=np.float64))
+    return np.ascontiguousarray(np.moveaxis(table[1:4, :, :, 0], 0, -1))
+
+
+def tabulate(V: Any, points: Array) -> Array:
+    """(points, nodes, 3) derivatives, in reference coordinates, of V's scalar basis functions.
+
+    Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
+    """
+    return _gradients(cell_name(V.mesh), degree(V), points)
+
+
+def tabulate_geometry(domain: Any, points: Array) -> Array:
+    """(points, nodes, 3) derivatives of the geometry's basis, in the order of `geometry_dofs`."""
+    return _gradients(cell_name(domain), geometry_degree(domain), points)
+
+
+def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
+    """(points (n, 3), weights (n,)) exact for polynomials of this degree on the reference cell."""
+    points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
+    return points, weights
+
+
+def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
+    """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
+    V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
+    return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
+
+
+# --- vectors, forms, assembly ------------------------------------------------------------------
+
+
+def petsc_vec(u: Any) -> PETSc.Vec:
+    """The ghosted PETSc vector that shares u's memory."""
+    return u.x.petsc_vec if hasattr(u.x, "petsc_vec") else u.vector
+
+
+def create_vector(V: Any) -> PETSc.Vec:
+    """A new ghosted vector on V, with V's block size."""
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    size = (index_map.size_local * bs, index_map.size_global * bs)
+    ghosts = np.asarray(index_map.ghosts, dtype=PETSc.IntType)
+    vector = PETSc.Vec().createGhost(ghosts, size, bsize=bs, comm=V.mesh.comm)
+    vector.set(0.0)
+    return vector
+
+
+def _jit(function: Any, options: dict | None) -> dict:
+    """JIT options under the name that this version of `function` knows (params in 0.5)."""
+    if not options:
+        return {}
+    name = "jit_options" if "jit_options" in signature(function).parameters else "jit_params"
+    return {name: options}
+
+
+def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
+    """Compile a UFL form, e.g. with {"cffi_extra_compile_args": ["-O3", "-march=native"]}."""
+    with _quiet():
+        return fem.form(ufl_form, **_jit(fem.form, jit_options))
+
+
+def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> None:
+    """Put a UFL expression into the function u, at its element's interpolation points."""
+    points = u.function_space.element.interpolation_points
+    points = points() if callable(points) else points  # a method up to 0.9
+    with _quiet():
+        options = _jit(fem.Expression.__init__, jit_options)
+        u.interpolate(fem.Expression(expression, points, **options))
+    u.x.scatter_forward()
+
+
+def assemble_scalar(compiled: Any) -> float:
+    """The integral over all ranks. Collective."""
+    domain = getattr(compiled, "mesh")
+    return float(domain.comm.allreduce(fem.assemble_scalar(compiled), op=MPI.SUM))
+
+
+def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
+    """Overwrite a ghosted vector by a linear form, summed over the ranks; ghosts are updated."""
+    with vector.localForm() as local:
+        local.set(0.0)
+    fem_petsc.assemble_vector(vector, compiled)
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+
+
+def create_matrix(compiled: Any) -> PETSc.Mat:
+    """An AIJ matrix (V's block size) with the pattern of a bilinear form."""
+    return fem_petsc.create_matrix(compiled)
+
+
+def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -> None:
+    """Overwrite a matrix by a bilinear form; rows and columns of bcs are 1 on the diagonal."""
+    matrix.zeroEntries()
+    assemble = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)
+    assemble(matrix, compiled, list(bcs))
+    matrix.assemble()
+
+
+# --- output ------------------------------------------------------------------------------------
+
+
+class Writer:
+    """Writes functions of one mesh at increasing times; see `vtk_writer`."""
+
+    def __init__(self, file: Any) -> None:
+        self._file = file
+
+    def write(self, functions: Sequence[Any], t: float) -> None:
+        """Write functions (Lagrange of one degree, and DG0) at time t. Collective."""
+        self._file.write_function(list(functions), t)
+
+
+@contextmanager
+def vtk_writer(comm: MPI.Comm, path: str | Path) -> Iterator[Writer]:
+    """A .pvd (with .vtu/.pvtu pieces beside it) open for writing. Collective."""
+    with VTKFile(comm, str(path), "w") as file:
+        yield Writer(file)
