@@ -1,0 +1,126 @@
+/* One quadrature point: energy, stress and filtered Hessian of the generated material.
+ *
+ * What the code generator provides (kernels/codegen.py):
+ *   mask psi_inside(F or s) ..................... where the energy is finite
+ *   energy_invariants, stress_invariants ........ from F alone, if the energy needs no stretches
+ *   energy_stretches, gradient_stretches ........ from the principal stretches
+ *   hessian_stretches(p, s, A, twist, flip) ..... scaling block, twist and flip eigenvalues
+ * 9-vectors are vec(.) by columns (paper, eq. 17). */
+
+enum { EXACT, CLAMP, ABS };
+enum { JACOBI, CUBIC };
+
+INLINE void energy_point(const double *p, const real *F, real *psi) {
+#if NEEDS_STRETCHES
+  real U[9], V[9], s[3];
+  svd(F, U, s, V);
+  energy_stretches(p, s, psi);
+#else
+  energy_invariants(p, F, psi);
+#endif
+}
+
+INLINE void stress_point(const double *p, const real *F, real *P) {
+#if NEEDS_STRETCHES
+  real U[9], V[9], s[3], g[3];
+  svd(F, U, s, V);
+  gradient_stretches(p, s, g);
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      P[3 * j + i] = g[0] * U[i] * V[j] + g[1] * U[3 + i] * V[3 + j] + g[2] * U[6 + i] * V[6 + j];
+#else
+  stress_invariants(p, F, P);
+#endif
+}
+
+/* The nine eigenvalues in the paper's order (scaling 0-2, twist 3-5, flip 6-8), the vectors Q of the
+ * scaling block, and U, V: everything from which the eigenvectors of eq. 39 and 62 are made. */
+INLINE void eigenvalues_point(const double *p, const real *F, int solver, real *e, real *Q, real *U, real *V) {
+  real s[3], A[6];
+  svd(F, U, s, V);
+  hessian_stretches(p, s, A, e + 3, e + 6);
+  if (solver == CUBIC)
+    eigen3_cubic(A, e, Q);
+  else
+    eigen3_jacobi(A, e, Q);
+}
+
+/* Eigenvector k as a 9-vector: U D_k V^T (paper, eq. 39, 62 and Appendix A). */
+INLINE void eigenvector_point(int k, const real *Q, const real *U, const real *V, real *d) {
+  if (k < 3) {
+    for (int j = 0; j < 3; ++j)
+      for (int i = 0; i < 3; ++i)
+        d[3 * j + i] = Q[3 * k] * U[i] * V[j] + Q[3 * k + 1] * U[3 + i] * V[3 + j] + Q[3 * k + 2] * U[6 + i] * V[6 + j];
+    return;
+  }
+  const int axis = k % 3, a = axis == 0, b = axis == 2 ? 1 : 2; /* the pair of stretches it couples */
+  const double sign = k < 6 ? -1.0 : 1.0, r = 0.70710678118654752440;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      d[3 * j + i] = r * (U[3 * a + i] * V[3 * b + j] + sign * (U[3 * b + i] * V[3 * a + j]));
+}
+
+/* Replace the scaling block by its filtered self; true where it had a negative eigenvalue. Where
+ * every lane is positive definite by its leading minors there is nothing to do. */
+INLINE mask filter_block(int filter, int solver, real *A) {
+  const real minor = A[0] * A[1] - A[3] * A[3];
+  const real det = minor * A[2] - A[0] * A[5] * A[5] - A[1] * A[4] * A[4] + 2 * A[3] * A[4] * A[5];
+  const mask positive = (A[0] > 0) & (A[1] > 0) & (A[2] > 0) & (minor > 1e-13 * A[0] * A[1]) &
+                        (det > 1e-13 * A[0] * A[1] * A[2]);
+  if (filter == EXACT || !any(~positive)) return ~positive;
+  real e[3], Q[9];
+  if (solver == CUBIC)
+    eigen3_cubic(A, e, Q);
+  else
+    eigen3_jacobi(A, e, Q);
+  for (int i = 0; i < 6; ++i) A[i] = splat(0);
+  for (int k = 0; k < 3; ++k) {
+    const real value = filter == CLAMP ? largest(e[k], splat(0)) : absolute(e[k]), *q = Q + 3 * k;
+    for (int i = 0; i < 3; ++i) A[i] += value * q[i] * q[i];
+    A[3] += value * q[0] * q[1];
+    A[4] += value * q[0] * q[2];
+    A[5] += value * q[1] * q[2];
+  }
+  return e[2] < 0;
+}
+
+INLINE real filtered(int filter, real e) {
+  return filter == CLAMP ? largest(e, splat(0)) : filter == ABS ? absolute(e) : e;
+}
+
+/* The 9x9 Hessian d2psi/dF2 (row-major) after the filter; true where an eigenvalue was negative.
+ *
+ * Written in the nine products u_a v_b^T: the scaling block couples u_i v_i^T, and each twist/flip
+ * pair couples u_a v_b^T with u_b v_a^T, so no eigenvector has to be normalised. */
+INLINE mask hessian_point(const double *p, const real *F, int filter, int solver, real *C) {
+  real U[9], V[9], s[3], A[6], twist[3], flip[3], o[9][9], y[9];
+  svd(F, U, s, V);
+  hessian_stretches(p, s, A, twist, flip);
+  mask negative = filter_block(filter, solver, A);
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b)
+      for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 3; ++i) o[3 * a + b][3 * j + i] = U[3 * a + i] * V[3 * b + j];
+  for (int i = 0; i < 81; ++i) C[i] = splat(0);
+  const real S[9] = {A[0], A[3], A[4], A[3], A[1], A[5], A[4], A[5], A[2]};
+  for (int k = 0; k < 3; ++k) {
+    for (int i = 0; i < 9; ++i) y[i] = S[3 * k] * o[0][i] + S[3 * k + 1] * o[4][i] + S[3 * k + 2] * o[8][i];
+    for (int i = 0; i < 9; ++i)
+      for (int j = i; j < 9; ++j) C[9 * i + j] += y[i] * o[4 * k][j];
+  }
+  for (int k = 0; k < 3; ++k) {
+    negative |= (twist[k] < 0) | (flip[k] < 0);
+    const real t = filtered(filter, twist[k]), f = filtered(filter, flip[k]);
+    const real same = (f + t) / 2, other = (f - t) / 2;
+    const int a = k == 0, b = k == 2 ? 1 : 2; /* the two stretches that twist and flip k couple */
+    for (int side = 0; side < 2; ++side) {
+      const real *mine = side ? o[3 * b + a] : o[3 * a + b], *theirs = side ? o[3 * a + b] : o[3 * b + a];
+      for (int i = 0; i < 9; ++i) y[i] = same * mine[i] + other * theirs[i];
+      for (int i = 0; i < 9; ++i)
+        for (int j = i; j < 9; ++j) C[9 * i + j] += y[i] * mine[j];
+    }
+  }
+  for (int i = 1; i < 9; ++i)
+    for (int j = 0; j < i; ++j) C[9 * i + j] = C[9 * j + i];
+  return negative;
+}

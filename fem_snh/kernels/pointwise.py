@@ -1,0 +1,131 @@
+"""A material one can call: the assembly's kernels at any deformation gradients."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import materials
+from fem_snh.errors import choose
+from fem_snh.kernels import build, codegen
+from fem_snh.materials.energy import Energy
+
+FILTERS = ("exact", "clamp", "abs")
+EIGENSOLVERS = ("jacobi", "cubic")
+
+Array = npt.NDArray[np.float64]
+
+DECLARATIONS = """
+void energy_points(const double *p, long n, const double *F, double *psi);
+void stress_points(const double *p, long n, const double *F, double *P);
+void hessian_points(const double *p, long n, const double *F, int filter, int solver, double *C);
+void eigensystem_points(const double *p, long n, const double *F, int solver,
+                        double *values, double *vectors);
+void svd_points(long n, const double *F, double *U, double *s, double *V);
+void eigen3_points(long n, const double *A, int solver, double *e, double *Q);
+"""
+
+
+class Material:
+    """A hyperelastic material with its numbers; every F is (..., 3, 3), vectorised over the rest.
+
+    ``m.energy(F)``, ``m.pk1(F)``, ``m.hessian(F, filter)``, ``m.eigensystem(F)`` call the kernels
+    that the assembly uses. ``m.law`` is the expression behind them.
+    """
+
+    def __init__(self, law: Energy) -> None:
+        self.law = law
+        self.constants = np.array(law.values)
+
+    def __repr__(self) -> str:
+        law = self.law
+        numbers = ", ".join(f"{c}={v:g}" for c, v in zip(law.constants, law.values, strict=True))
+        return f"<{law.name}: E={law.E:g}, nu={law.nu:g}; {numbers}>"
+
+    @property
+    def name(self) -> str:
+        return self.law.name
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """(mu_lame, lambda_lame) [Pa] from the energy itself (Chen & Barbic eq. 3, 4)."""
+        return self.law.lame
+
+    @cached_property
+    def _kernel(self) -> tuple[Any, Any]:
+        return build.load(build.library(codegen.source(self.law)), DECLARATIONS)
+
+    def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
+        """Run kernel ``name`` at every F; one array of each size per point."""
+        F = np.asarray(F, dtype=np.float64)
+        if F.shape[-2:] != (3, 3):
+            raise ValueError(f"F has shape {F.shape}; it must end in (3, 3)")
+        shape, n = F.shape[:-2], int(np.prod(F.shape[:-2]))
+        columns = np.ascontiguousarray(np.swapaxes(F, -1, -2)).reshape(n, 9)
+        out = [np.empty((n, size)) for size in sizes]
+        ffi, lib = self._kernel
+
+        def pointer(a: Array) -> Any:
+            return ffi.cast("double *", a.ctypes.data)
+
+        if n:
+            getattr(lib, name)(
+                pointer(self.constants), n, pointer(columns), *arguments, *map(pointer, out)
+            )
+        return [a.reshape(*shape, -1) for a in out]
+
+    def energy(self, F: npt.ArrayLike) -> Array:
+        """psi(F) [Pa], shape (...); +inf outside the energy's domain."""
+        return self._call("energy_points", F, sizes=(1,))[0][..., 0]
+
+    def pk1(self, F: npt.ArrayLike) -> Array:
+        """First Piola-Kirchhoff stress dpsi/dF [Pa], (..., 3, 3); zero where psi is infinite."""
+        P = self._call("stress_points", F, sizes=(9,))[0]
+        return np.swapaxes(P.reshape(*P.shape[:-1], 3, 3), -1, -2)
+
+    def hessian(
+        self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = "jacobi"
+    ) -> Array:
+        """d2psi/dF2 [Pa], (..., 9, 9) on vec(F) by columns (paper, eq. 17, 20).
+
+        filter: "exact"; "clamp", negative eigenvalues become 0 (the paper); "abs", they change sign.
+        eigensolver: of the scaling block, "jacobi" or the paper's "cubic" (eq. 42).
+        """
+        which = FILTERS.index(choose("filter", filter, FILTERS))
+        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        C = self._call("hessian_points", F, which, solver, sizes=(81,))[0]
+        return C.reshape(*C.shape[:-1], 9, 9)
+
+    def eigensystem(self, F: npt.ArrayLike, eigensolver: str = "jacobi") -> tuple[Array, Array]:
+        """Eigenvalues (..., 9) and eigenvectors (..., 9, 9), in columns, of the exact Hessian.
+
+        In the paper's order: scaling 0-2 (descending), twist 3-5, flip 6-8 (eq. 45-48, 39, 62).
+        """
+        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
+        return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
+
+    def svd(self, F: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Rotation-variant SVD F = U diag(sigma) V^T (paper, eq. 2): U, sigma, V; det U = det V = 1."""
+        F = np.asarray(F, dtype=np.float64)
+        columns = np.ascontiguousarray(np.swapaxes(F, -1, -2)).reshape(-1, 9)
+        U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
+        ffi, lib = self._kernel
+        lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
+        square = (*F.shape[:-2], 3, 3)
+        return (
+            np.swapaxes(U.reshape(square), -1, -2),
+            s.reshape(square[:-1]),
+            np.swapaxes(V.reshape(square), -1, -2),
+        )
+
+
+def material(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Material:
+    """The material ``name`` normalised to (E [Pa], nu), with its shape parameters as keywords.
+
+    Raises BadInput as `fem_snh.materials.energy` does.
+    """
+    return Material(materials.energy(name, E, nu, **shape))

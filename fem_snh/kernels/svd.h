@@ -1,0 +1,73 @@
+/* The rotation-variant SVD F = U diag(s) V^T of 3x3 matrices (paper, eq. 2).
+ *
+ * U and V are rotations, |s0| >= |s1| >= |s2|, and a reflection makes s2 negative. One-sided Jacobi
+ * (Hestenes): columns of F V are rotated until orthogonal. It never forms F^T F, so a small stretch
+ * keeps the digits that F gives it. Matrices are stored by columns: M[3 j + i] is row i, column j. */
+
+/* Rotate columns p and q of G (and of V along) so that they are orthogonal; true where they were not. */
+INLINE mask orthogonalise(real *G, real *V, int p, int q) {
+  real *gp = G + 3 * p, *gq = G + 3 * q, *vp = V + 3 * p, *vq = V + 3 * q;
+  const real a = dot(gp, gp), b = dot(gq, gq), c = dot(gp, gq);
+  const mask turn = c * c > 1e-32 * a * b;
+  const real zeta = (b - a) / select(turn, 2 * c, splat(1));
+  real t = 1 / (absolute(zeta) + lane_sqrt(1 + zeta * zeta));
+  t = select(turn, select(zeta < 0, -t, t), splat(0));
+  const real cosine = 1 / lane_sqrt(1 + t * t), sine = cosine * t;
+  for (int i = 0; i < 3; ++i) {
+    const real g = gp[i], v = vp[i];
+    gp[i] = cosine * g - sine * gq[i];
+    gq[i] = sine * g + cosine * gq[i];
+    vp[i] = cosine * v - sine * vq[i];
+    vq[i] = sine * v + cosine * vq[i];
+  }
+  return turn;
+}
+
+/* Put the longer of columns p, q first: a rotation by a right angle, so det V stays 1. */
+INLINE void longer_first(real *G, real *V, int p, int q) {
+  const mask swap = dot(G + 3 * p, G + 3 * p) < dot(G + 3 * q, G + 3 * q);
+  for (int i = 0; i < 3; ++i) {
+    const real g = G[3 * p + i], v = V[3 * p + i];
+    G[3 * p + i] = select(swap, G[3 * q + i], g);
+    G[3 * q + i] = select(swap, -g, G[3 * q + i]);
+    V[3 * p + i] = select(swap, V[3 * q + i], v);
+    V[3 * q + i] = select(swap, -v, V[3 * q + i]);
+  }
+}
+
+INLINE void svd(const real *F, real *U, real *s, real *V) {
+  real G[9];
+  for (int i = 0; i < 9; ++i) {
+    G[i] = F[i];
+    V[i] = splat(i % 4 == 0);
+  }
+  for (int sweep = 0; sweep < 16; ++sweep) { /* three to five suffice */
+    mask turned = orthogonalise(G, V, 0, 1);
+    turned |= orthogonalise(G, V, 0, 2);
+    turned |= orthogonalise(G, V, 1, 2);
+    if (!any(turned)) break;
+  }
+  longer_first(G, V, 0, 1);
+  longer_first(G, V, 0, 2);
+  longer_first(G, V, 1, 2);
+
+  /* u0 along the longest column; u1 along the next, or any normal to u0 where that one vanishes. */
+  real *u0 = U, *u1 = U + 3, *u2 = U + 6;
+  s[0] = lane_sqrt(dot(G, G));
+  const mask point = s[0] == 0;
+  for (int i = 0; i < 3; ++i) u0[i] = select(point, splat(i == 0), G[i] / select(point, splat(1), s[0]));
+
+  const mask line = dot(G + 3, G + 3) == 0;
+  const real x = absolute(u0[0]), y = absolute(u0[1]), z = absolute(u0[2]);
+  const mask axis_x = (x <= y) & (x <= z), axis_y = ~axis_x & (y <= z);
+  const real axis[3] = {select(axis_x, splat(1), splat(0)), select(axis_y, splat(1), splat(0)),
+                        select(axis_x | axis_y, splat(0), splat(1))};
+  for (int i = 0; i < 3; ++i) u1[i] = select(line, axis[i], G[3 + i]);
+  const real along = dot(u0, u1);
+  for (int i = 0; i < 3; ++i) u1[i] -= along * u0[i];
+  const real length = lane_sqrt(dot(u1, u1));
+  for (int i = 0; i < 3; ++i) u1[i] /= length;
+  cross(u0, u1, u2);
+  s[1] = dot(u1, G + 3);
+  s[2] = dot(u2, G + 6);
+}

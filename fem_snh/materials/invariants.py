@@ -1,0 +1,29 @@
+"""The deformation measures an energy may be written in, as functions of the principal stretches.
+
+``I1``   = sum sigma_i, the trace of the stretch tensor S (polar decomposition F = R S)
+``I_C``  = sum sigma_i^2 = tr C
+``II_C`` = (I_C^2 - tr C^2)/2 = sum of (sigma_i sigma_j)^2, the second invariant of C
+``J``    = sigma_0 sigma_1 sigma_2 = det F
+"""
+
+from __future__ import annotations
+
+import sympy
+
+#: The signed principal stretches of the rotation-variant SVD (paper, eq. 2).
+SIGMA = sympy.symbols("s0 s1 s2", real=True)
+
+_s0, _s1, _s2 = SIGMA
+_I1, _J = sympy.symbols("I1 J", real=True)
+_I_C, _II_C = sympy.symbols("I_C II_C", nonnegative=True)
+
+#: Each invariant's symbol and its expression in the stretches.
+INVARIANTS: dict[sympy.Symbol, sympy.Expr] = {
+    _I1: _s0 + _s1 + _s2,
+    _I_C: _s0**2 + _s1**2 + _s2**2,
+    _II_C: (_s0 * _s1) ** 2 + (_s0 * _s2) ** 2 + (_s1 * _s2) ** 2,
+    _J: _s0 * _s1 * _s2,
+}
+
+#: What may stand in a material function's argument list, by name.
+MEASURES: dict[str, sympy.Symbol] = {str(m): m for m in (*INVARIANTS, *SIGMA)}
