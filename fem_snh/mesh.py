@@ -135,16 +135,19 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
 
 
 def scaled_jacobian(domain: Any) -> np.ndarray:
-    """(owned cells,) the worst over each cell's corners: 1 for a cube, <= 0 if inverted.
+    """(owned cells,) the worst over each cell's corners; <= 0 where a cell is inverted.
 
-    The determinant of the geometry's Jacobian over the product of its columns' lengths. It is
-    positive for left-handed cells, too, as long as the sign is the same all over the cell.
+    At a corner: the volume of the parallelepiped of its three edges over the product of their
+    lengths, 1 for a cube and 0.707 for a regular tetrahedron. Left-handed cells are sound, too,
+    as long as the sign is the same all over the cell.
     """
     corners = _dolfinx.reference_corners(_dolfinx.cell_name(domain))
-    gradients = _dolfinx.tabulate_geometry(domain, corners)
+    edges = corners - corners[:, None]  # from each corner to each
+    neighbours = np.sort(np.linalg.norm(edges, axis=2).argsort(axis=1)[:, 1:4], axis=1)
+    edges = np.take_along_axis(edges, neighbours[:, :, None], axis=1)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
-    jacobian = np.einsum("cni,pnj->cpij", x, gradients)
-    lengths = np.linalg.norm(jacobian, axis=2).prod(axis=2)
+    jacobian = np.einsum("cni,pnj->cpij", x, _dolfinx.tabulate_geometry(domain, corners))
+    lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
     scaled = np.linalg.det(jacobian) / np.maximum(lengths, np.finfo(float).tiny)
     return np.maximum(scaled.min(axis=1), -scaled.max(axis=1))
 
