@@ -15,6 +15,10 @@ from contextlib import contextmanager
 from inspect import signature
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
+
+from mpi4py import MPI
+from petsc4py import PETSc
 
 import basix
 import dolfinx
@@ -23,17 +27,10 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.io import VTKFile
-from mpi4py import MPI
-from petsc4py import PETSc
 
 version: str = dolfinx.__version__
 
 Array = np.ndarray
-
-
-def _cpp(thing: Any) -> Any:
-    """The C++ object behind a mesh, a space or a function (0.5 hides the mesh's in `_mesh`)."""
-    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))
 
 
 @contextmanager
@@ -74,15 +71,17 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
         element = ufl.VectorElement(
             ufl.FiniteElement("Lagrange", ufl_cell, degree, variant="equispaced")
         )
-    partitioner, options = dolfinx.mesh.create_cell_partitioner, {}
-    if "ghost_mode" in signature(dolfinx.mesh.create_mesh).parameters:  # 0.5
-        options = {"ghost_mode": dolfinx.mesh.GhostMode.none, "partitioner": partitioner()}
-    else:
-        options = {"partitioner": partitioner(dolfinx.mesh.GhostMode.none)}
-    # The order of the last two changed in 0.10, the name of the last in 0.6: go by position of x.
     names = list(signature(dolfinx.mesh.create_mesh).parameters)
-    last = (x, ufl.Mesh(element)) if names.index("x") == 2 else (ufl.Mesh(element), x)
-    return dolfinx.mesh.create_mesh(comm, np.ascontiguousarray(cells, np.int64), *last, **options)
+    none, options = dolfinx.mesh.GhostMode.none, {}
+    if "ghost_mode" in names:  # 0.5
+        options["ghost_mode"] = none
+    else:
+        options["partitioner"] = dolfinx.mesh.create_cell_partitioner(none)
+    geometry = [x, ufl.Mesh(element)]
+    if names.index("x") == 3:  # since 0.10
+        geometry.reverse()
+    cells = np.ascontiguousarray(cells, dtype=np.int64)
+    return dolfinx.mesh.create_mesh(comm, cells, *geometry, **options)
 
 
 def gmsh_permutation(cell: str, nodes: int) -> Array:
@@ -116,7 +115,7 @@ def input_vertices(domain: Any, dim: int) -> Array:
 
 
 def cell_name(domain: Any) -> str:
-    """"tetrahedron" or "hexahedron"."""
+    """ "tetrahedron" or "hexahedron"."""
     return str(domain.topology.cell_name())
 
 
@@ -163,7 +162,7 @@ def degree(V: Any) -> int:
 
 
 def node_dofs(V: Any) -> Array:
-    """(owned cells, nodes per cell) int32: local numbers of the nodes (blocks of V) of each cell."""
+    """(owned cells, nodes per cell) int32: the local nodes (blocks of V's dofs) of each cell."""
     return _rows(V.dofmap.list)[: num_owned(V.mesh)]
 
 
@@ -182,7 +181,7 @@ def local_to_global(V: Any) -> Array:
 
 
 def _gradients(cell: str, degree: int, points: Array) -> Array:
-    family = getattr(basix.ElementFamily, "P")
+    family = basix.ElementFamily.P
     element = basix.create_element(
         family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
     )
@@ -213,6 +212,13 @@ def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
     """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
     V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
+
+
+def boundary_measure(domain: Any, facets: Array) -> Any:
+    """The UFL measure over those of the facets (local numbers) that are on the boundary."""
+    facets = np.unique(np.asarray(facets, dtype=np.int32))
+    tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, facets, np.ones_like(facets))
+    return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
 # --- vectors, forms, assembly ------------------------------------------------------------------
@@ -259,7 +265,7 @@ def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> Non
 
 def assemble_scalar(compiled: Any) -> float:
     """The integral over all ranks. Collective."""
-    domain = getattr(compiled, "mesh")
+    domain = compiled.mesh
     return float(domain.comm.allreduce(fem.assemble_scalar(compiled), op=MPI.SUM))
 
 
@@ -280,7 +286,7 @@ def create_matrix(compiled: Any) -> PETSc.Mat:
 def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -> None:
     """Overwrite a matrix by a bilinear form; rows and columns of bcs are 1 on the diagonal."""
     matrix.zeroEntries()
-    assemble = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)
+    assemble: Any = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)
     assemble(matrix, compiled, list(bcs))
     matrix.assemble()
 
@@ -291,16 +297,36 @@ def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -
 class Writer:
     """Writes functions of one mesh at increasing times; see `vtk_writer`."""
 
-    def __init__(self, file: Any) -> None:
-        self._file = file
+    def __init__(self, file: Any, comm: MPI.Comm, path: Path) -> None:
+        self._file, self._comm, self._path = file, comm, path
 
     def write(self, functions: Sequence[Any], t: float) -> None:
-        """Write functions (Lagrange of one degree, and DG0) at time t. Collective."""
+        """Write functions (Lagrange ones of one degree first, then DG0) at time t. Collective.
+
+        The file can be read from then on, whatever becomes of the process.
+        """
         self._file.write_function(list(functions), t)
+        self._file.close()  # writes the .pvd, which nothing else does; more can be written after
+        if self._comm.rank == 0:
+            latest = ET.parse(self._path).findall(".//DataSet")[-1].attrib["file"]
+            _drop_repeated_pieces(self._path.parent / latest)
+
+
+def _drop_repeated_pieces(path: Path) -> None:
+    """0.5 lists each piece once a function: readers then see every cell as often."""
+    tree = ET.parse(path)
+    for grid in tree.getroot():
+        seen: set[str] = set()
+        for piece in grid.findall("Piece"):
+            source = piece.attrib["Source"]
+            if source in seen:
+                grid.remove(piece)
+            seen.add(source)
+    tree.write(path)
 
 
 @contextmanager
 def vtk_writer(comm: MPI.Comm, path: str | Path) -> Iterator[Writer]:
     """A .pvd (with .vtu/.pvtu pieces beside it) open for writing. Collective."""
     with VTKFile(comm, str(path), "w") as file:
-        yield Writer(file)
+        yield Writer(file, comm, Path(path))

@@ -11,11 +11,13 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, choose, nearest, on_root
@@ -119,7 +121,9 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
     Raises:
         BadInput: unknown source or parameter, or gmsh fails; on every rank.
     """
-    return _distribute(comm, f"geometry '{source}'", _generate, source, cell, parameters)
+    choose("cell", cell, sorted({kind for kind, *_ in _CELLS.values()}))
+    path = on_root(comm, source_path, source)
+    return _distribute(comm, f"geometry '{source}'", _generate, path, cell, parameters)
 
 
 def read(comm: MPI.Comm, path: str | Path) -> Mesh:
@@ -167,6 +171,7 @@ def _gmsh() -> Iterator[Any]:
     try:
         signal.signal(signal.SIGINT, handler)
         gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.onelab.clear()  # parameters outlive finalize
         yield gmsh
     finally:
         gmsh.finalize()
@@ -181,15 +186,15 @@ def source_path(source: str) -> Path:
     return known[choose("geometry", source, sorted(known))]
 
 
-def _generate(source: str, cell: str, parameters: dict[str, float]) -> _Input:
-    path = source_path(source)
-    choose("cell", cell, sorted({kind for kind, *_ in _CELLS.values()}))
+def _generate(path: Path, cell: str, parameters: dict[str, float]) -> _Input:
     with _gmsh() as gmsh:
         gmsh.open(str(path))  # once for the names of the parameters, once with their values
         known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != "tets"]
         gmsh.onelab.setNumber("tets", [float(cell == "tetrahedron")])
         for name, value in parameters.items():
-            choose(f"parameter of geometry '{source}'", name, known)
+            choose("parameter", name, known)
+            if not isfinite(value):
+                raise BadInput(f"{name} = {value}: must be a finite number")
             gmsh.onelab.setNumber(name, [float(value)])
         gmsh.clear()
         gmsh.open(str(path))

@@ -4,6 +4,9 @@ DefineConstant[
   cells = {15, Min 1, Step 1, Name "cells"}
   tets = {0, Choices{0, 1}, Name "tets"}
 ];
+If (!(cells >= 1) || cells != Floor(cells))
+  Error("cells = %g: must be a whole number, 1 or more", cells);
+EndIf
 
 Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 1, 0}; Point(4) = {0, 1, 0};
 Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};

@@ -17,6 +17,13 @@ DefineConstant[
   length = {1, Name "length"}
   tets = {0, Choices{0, 1}, Name "tets"}
 ];
+If (!(cells >= 3) || cells != Floor(cells))
+  Error("cells = %g: must be a whole number, 3 or more", cells);
+EndIf
+If (!(radius > 0) || !(length > 0))
+  Error("radius = %g, length = %g: must be positive", radius, length);
+EndIf
+
 layers = Floor(cells * length / (2 * radius) + 0.5);
 layers = layers < 1 ? 1 : layers;
 
