@@ -140,6 +140,17 @@ def geometry_degree(domain: Any) -> int:
     return int(cmap.degree)
 
 
+def coordinates(domain: Any) -> Any:
+    """The reference position X as a UFL vector."""
+    return ufl.SpatialCoordinate(domain)
+
+
+def num_exterior_facets(domain: Any) -> int:
+    """Facets of this rank's cells on the boundary of the whole mesh."""
+    domain.topology.create_connectivity(2, 3)
+    return len(dolfinx.mesh.exterior_facet_indices(domain.topology))
+
+
 # --- spaces and elements -----------------------------------------------------------------------
 
 
@@ -153,6 +164,20 @@ def function_space(
         if shape:
             return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
         return fem.FunctionSpace(domain, (family, degree))
+
+
+def function(V: Any, name: str) -> Any:
+    """A zero function on V."""
+    u = fem.Function(V)
+    u.name = name
+    return u
+
+
+def surface_measure(domain: Any, facets: Array) -> Any:
+    """The UFL measure of the exterior facets among these local ones."""
+    facets = np.unique(facets).astype(np.int32)
+    tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
+    return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
 def degree(V: Any) -> int:

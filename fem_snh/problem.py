@@ -1,0 +1,165 @@
+"""Mesh, element, material, terms and conditions as one minimisation problem of the displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.elements import Element
+from fem_snh.errors import BadInput
+from fem_snh.kernels.pointwise import Material
+from fem_snh.mesh import Mesh
+from fem_snh.terms import Elastic, Traction
+
+Array = npt.NDArray[Any]
+
+_AXES = ("x", "y", "z")
+
+
+class Problem:
+    """Find the displacement that minimises the energy at a given load. Collective.
+
+    Parameters
+    ----------
+    hold : conditions with ``group`` and ``components`` (of "x", "y", "z"): displacement zero.
+    move : conditions with ``group`` and ``displacement(X, load)``: (n, 3) points to (n, 3).
+    traction : loads with ``group`` and ``vector`` [Pa].
+
+    Attributes
+    ----------
+    u : the displacement, a dolfinx Function; ``x`` its ghosted PETSc vector.
+    A : the matrix that `jacobian` fills, its near null space the rigid motions.
+    terms : the energy terms the scene needs, and no others.
+    force_scale : E V^(2/3) [N], V the volume: the residual's norm is measured against it.
+
+    Raises BadInput on every rank for an element that does not fit the mesh or an unknown group.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        element: Element,
+        material: Material,
+        hold: Sequence[Any] = (),
+        move: Sequence[Any] = (),
+        traction: Sequence[Any] = (),
+    ) -> None:
+        if mesh.cell != element.cell:
+            raise BadInput(
+                f"element '{element.name}' needs {element.cell} cells; the mesh has {mesh.cell}s"
+            )
+        self.mesh, self.element, self.material, self.comm = mesh, element, material, mesh.domain.comm
+        self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
+        self.u = _dolfinx.function(self.V, "displacement")
+        self.x = _dolfinx.petsc_vec(self.u)
+        self.load = 0.0
+        self.elastic = Elastic(self.V, element, material)
+        self._traction = None
+        if traction:
+            self._traction = Traction(self.V, mesh, [(t.group, t.vector) for t in traction])
+        self.terms = [self.elastic, *([self._traction] if self._traction else [])]
+        self._condition(hold, move)
+        self.A = self.elastic.create_matrix()
+        self.A.setNearNullSpace(self._rigid_motions())
+        volume = self.comm.allreduce(self.elastic.fields(self.x)["volume"].sum())
+        self.force_scale = material.law.E * volume ** (2 / 3)
+
+    @property
+    def dofs(self) -> int:
+        """Degrees of freedom on all ranks, prescribed ones included."""
+        return int(self.x.getSize())
+
+    def _condition(self, hold: Sequence[Any], move: Sequence[Any]) -> None:
+        """Find the prescribed degrees of freedom."""
+        points = self.V.tabulate_dof_coordinates()
+        self._moved = []
+        for condition in (*hold, *move):
+            group = self.mesh.group(condition.group)
+            nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
+            components = getattr(condition, "components", _AXES)
+            axes = [_AXES.index(c) for c in components]
+            self.elastic.free[nodes[:, None], axes] = 0.0
+            if hasattr(condition, "displacement"):
+                self._moved.append((nodes, axes, condition, points[nodes]))
+        self._prescribed = np.flatnonzero(self.elastic.free.ravel() == 0)
+
+    def _rigid_motions(self) -> PETSc.NullSpace:
+        """The six rigid motions of the reference shape, for algebraic multigrid."""
+        owned, _ = _dolfinx.num_nodes(self.V)
+        X = self.V.tabulate_dof_coordinates()[:owned]
+        basis = []
+        for axis in range(3):
+            for motion in (np.eye(3)[[axis] * owned], np.cross(np.eye(3)[axis], X)):
+                vector = self.x.duplicate()
+                vector.array[:] = (motion * self.elastic.free[:owned]).ravel()
+                basis.append(vector)
+        for i, vector in enumerate(basis):
+            for other in basis[:i]:
+                vector.axpy(-vector.dot(other), other)
+            vector.normalize()
+        return PETSc.NullSpace().create(vectors=basis, comm=self.comm)
+
+    def set_load(self, load: float) -> None:
+        """Set the load, 0 to 1; boundary values and tractions follow."""
+        self.load = load
+        if self._traction:
+            self._traction.load = load
+
+    def prescribe(self, x: PETSc.Vec) -> None:
+        """Put the boundary values of the present load into ``x``, ghosts included."""
+        with x.localForm() as local:
+            values = local.array
+            values[self._prescribed] = 0.0
+            for nodes, axes, condition, points in self._moved:
+                displacement = condition.displacement(points, self.load)
+                values[3 * nodes[:, None] + axes] = displacement[:, axes]
+
+    def energy(self, x: PETSc.Vec) -> float:
+        """The energy of all terms [J]; +inf outside the material's domain."""
+        _forward(x)
+        return sum(term.energy(x) for term in self.terms)
+
+    def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """r = dE/du [N]; zero where the displacement is prescribed."""
+        self.gradient(x, r)
+        r.array[self._prescribed_owned] = 0.0
+
+    def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """r = dE/du [N] everywhere: at prescribed nodes, the reactions."""
+        _forward(x)
+        with r.localForm() as local:
+            local.set(0.0)
+        for term in self.terms:
+            term.add_residual(x, r)
+        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+
+    @property
+    def _prescribed_owned(self) -> Array:
+        return self._prescribed[self._prescribed < self.x.getLocalSize()]
+
+    def jacobian(self, x: PETSc.Vec, filter: str) -> int:
+        """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
+        _forward(x)
+        return self.elastic.jacobian(x, filter)
+
+    def measures(self, x: PETSc.Vec) -> dict[str, float]:
+        """Deformed over undeformed volume, and the smallest J at any quadrature point."""
+        _forward(x)
+        fields = self.elastic.fields(x)
+        sums = np.array([fields["deformed_volume"].sum(), fields["volume"].sum()])
+        deformed, volume = self.comm.allreduce(sums)
+        least = float(fields["min_J"].min(initial=np.inf))
+        return {
+            "volume_ratio": float(deformed / volume),
+            "min_J": float(self.comm.allreduce(least, op=MPI.MIN)),
+        }
+
+
+def _forward(x: PETSc.Vec) -> None:
+    x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)

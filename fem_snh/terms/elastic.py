@@ -1,0 +1,106 @@
+"""The elastic energy of a displacement: value, derivative and filtered second derivative.
+
+The compiled cell loops of `fem_snh.kernels` on a dolfinx space, into PETSc vectors and matrices.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.elements import Element
+from fem_snh.errors import choose, on_root
+from fem_snh.kernels import build
+from fem_snh.kernels.cells import CellLoops, Tables, c_source
+from fem_snh.kernels.pointwise import EIGENSOLVERS, FILTERS, Material
+from fem_snh.sparse import BlockMatrix
+
+Array = npt.NDArray[Any]
+
+
+def tables(V: Any, element: Element) -> Tables:
+    """Basis, geometry and quadrature of ``element`` on this rank's cells of the space V."""
+    domain = V.mesh
+    points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
+    return Tables(
+        _dolfinx.node_dofs(V),
+        _dolfinx.geometry_dofs(domain),
+        _dolfinx.geometry_x(domain),
+        _dolfinx.tabulate(V, points),
+        _dolfinx.tabulate_geometry(domain, points),
+        weights,
+    )
+
+
+class Elastic:
+    """The elastic energy of ``material`` on the space V [J], and its derivatives. Collective.
+
+    ``free`` (local nodes, 3) is 0 where the displacement is prescribed: rows and columns of the
+    Jacobian are zero there but for a positive diagonal. It is set before `create_matrix`.
+    """
+
+    name = "elastic"
+
+    def __init__(self, V: Any, element: Element, material: Material) -> None:
+        self.V, self.comm = V, V.mesh.comm
+        made = tables(V, element)
+        source = c_source(material.law, made)
+        path = on_root(self.comm, build.library, source)  # compiled once
+        self.loops = CellLoops(path, material.law, made)
+        self._nodes = made.nodes
+        self._owned, ghosts = _dolfinx.num_nodes(V)
+        self.free = np.ones((self._owned + ghosts, 3))
+        self._target: Any = None
+        self._diagonal: float | None = None
+
+    def create_matrix(self) -> PETSc.Mat:
+        """The matrix that `jacobian` fills, made once. Collective."""
+        global_nodes = _dolfinx.local_to_global(self.V)
+        self._blocks = BlockMatrix(self.comm, self._nodes, self._owned, global_nodes)
+        constrained = (self.free[self._nodes] == 0).any(axis=(1, 2)).astype(np.uint8)
+        self._arrays = [*self._blocks.strides, self._blocks.position, self.free, constrained]
+        self._target = self.loops.target(self._blocks.strides, *self._arrays[3:])
+        return self._blocks.petsc
+
+    def energy(self, u: PETSc.Vec) -> float:
+        """The integral of psi [J]; +inf where u is outside the energy's domain."""
+        with u.localForm() as local:
+            return self.comm.allreduce(self.loops.energy(local.array_r), op=MPI.SUM)
+
+    def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """r += dE/du [N], at ghost nodes too; u's ghosts must be current."""
+        with u.localForm() as local_u, r.localForm() as local_r:
+            self.loops.residual(local_u.array_r, local_r.array)
+
+    def jacobian(self, u: PETSc.Vec, filter: str = "exact", eigensolver: str = "jacobi") -> int:
+        """Fill the matrix with the filtered d2E/du2 [N/m]; the number of points filtered."""
+        which = FILTERS.index(choose("filter", filter, FILTERS))
+        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        with u.localForm() as local, self._blocks.values() as addresses:
+            for k, address in enumerate(addresses):
+                self._target.values[k] = self.loops.address(address)
+            negative = self.loops.jacobian(local.array_r, which, solver, self._target)
+        self._set_diagonal()
+        return int(self.comm.allreduce(negative))
+
+    def _set_diagonal(self) -> None:
+        """A typical stiffness on the diagonal of prescribed components."""
+        A = self._blocks.petsc
+        diagonal = A.getDiagonal()
+        held = self.free[: self._owned].ravel() == 0
+        if self._diagonal is None:
+            free = diagonal.array_r[~held]
+            total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
+            self._diagonal = float(total / max(count, 1)) or 1.0
+        diagonal.array[held] = self._diagonal
+        A.setDiagonal(diagonal)
+
+    def fields(self, u: PETSc.Vec) -> dict[str, Array]:
+        """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
+        with u.localForm() as local:
+            return self.loops.fields(local.array_r)
