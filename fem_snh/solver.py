@@ -1,0 +1,254 @@
+"""Projected Newton as a PETSc SNES: filter policy, forcing, line search, history.
+
+`ProjectedNewton` is a context for a SNES of type "python". It uses only what the SNES was given
+(function, Jacobian, objective, KSP), so monitors, converged reasons, ``-snes_view``, convergence
+tests and options work as for PETSc's own types.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+from fem_snh.errors import BadInput, choose
+
+POLICIES = ("exact", "clamp", "abs", "adaptive")
+
+#: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
+OPTIONS: dict[str, str | float] = {
+    "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive
+    "snes_adaptive_filter": "clamp",  # what adaptive falls back to: clamp | abs
+    "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
+    "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
+    "snes_armijo": 1e-4,  # sufficient decrease
+    "snes_min_step": 1e-10,  # shortest step of the line search
+}
+
+Reason = PETSc.SNES.ConvergedReason
+
+
+@dataclass
+class Iteration:
+    """One Newton iteration: what it met, and what it cost."""
+
+    residual: float  # ||residual||_2 before it [N]
+    energy: float  # before it [J]
+    filter: str = ""  # what was done to the Hessian
+    filtered_points: int = 0  # quadrature points with a negative eigenvalue
+    linear: int = 0  # Krylov iterations, all attempts
+    step: float = 0.0  # of the line search
+
+
+class ProjectedNewton:
+    """Newton's method on an energy, with Hessians filtered as a policy says.
+
+    exact     never filtered; a direction that is not downhill is a failure
+    clamp     negative eigenvalues -> 0 at every quadrature point (the paper)
+    abs       negative eigenvalues -> their absolute value
+    adaptive  exact while the linear solver finds no negative curvature, filtered when it does
+
+    Convergence: ||residual||_2 <= snes_scaled_tol * force_scale with force_scale = E V^(2/3), the
+    same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
+    ``-snes_rtol``, ``-snes_stol`` theirs, as PETSc defines them.
+
+    Linear solves are inexact (Eisenstat & Walker's second choice), line searches backtrack on the
+    energy. Where the energy no longer changes in floating point, Armijo's condition is put on the
+    slopes at both ends instead (Hager & Zhang 2005; Longva et al. 2023 for projected Newton).
+    """
+
+    def __init__(self, jacobian: Any, force_scale: float = 1.0) -> None:
+        """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered."""
+        self._fill = jacobian
+        self.force_scale = force_scale
+        self.options = dict(OPTIONS)
+        self.history: list[Iteration] = []
+        self.filter = "exact"
+
+    # --- what PETSc calls ------------------------------------------------------------------------
+
+    def setFromOptions(self, snes: PETSc.SNES) -> None:
+        database = PETSc.Options(snes.getOptionsPrefix())
+        for name, default in OPTIONS.items():
+            get = database.getString if isinstance(default, str) else database.getReal
+            self.options[name] = get(name, self.options[name])
+        choose("hessian", str(self.options["snes_hessian"]), POLICIES)
+        choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
+
+    def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            viewer.printfASCII("  projected Newton with energy line search\n")
+            for name, value in self.options.items():
+                viewer.printfASCII(f"  {name} = {value}\n")
+
+    def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
+        """The SNES's Jacobian callback: filtered as the current iteration asks."""
+        self.filtered_points = self._fill(x, self.filter)
+
+    def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
+        f = snes.getFunction()[0]
+        d, trial, f_trial = x.duplicate(), x.duplicate(), f.duplicate()
+        self.history = []
+        energy = snes.computeObjective(x)
+        if not _finite(energy):
+            snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
+            return
+        snes.computeFunction(x, f)
+        norm, previous, step_norm = f.norm(), None, 0.0
+        for its in range(snes.getTolerances()[3] + 1):
+            if self._test(snes, its, x.norm(), step_norm, norm):
+                return
+            now = Iteration(residual=norm, energy=energy)
+            self.history.append(now)
+            slope = self._direction(snes, x, f, d, now, previous)
+            if slope is None:
+                snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
+                return
+            found = self._search(snes, x, d, energy, slope, trial, f_trial)
+            if found is None:
+                snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
+                return
+            now.step, energy = found
+            trial.copy(x)
+            f_trial.copy(f)
+            previous, norm, step_norm = norm, f.norm(), now.step * d.norm()
+        snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
+
+    # --- its parts -------------------------------------------------------------------------------
+
+    def _test(self, snes: PETSc.SNES, its: int, x: float, step: float, norm: float) -> bool:
+        """Tell the SNES where it is; whether to stop, for PETSc's reasons or the scaled one."""
+        snes.setIterationNumber(its)
+        snes.setFunctionNorm(norm)
+        snes.logConvergenceHistory(norm)
+        reason = snes.callConvergenceTest(its, x, step, norm)
+        if norm <= float(self.options["snes_scaled_tol"]) * self.force_scale:
+            reason = Reason.CONVERGED_FNORM_ABS
+        snes.setConvergedReason(reason)
+        snes.monitor(its, norm)
+        return bool(reason)
+
+    def _direction(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        f: PETSc.Vec,
+        d: PETSc.Vec,
+        now: Iteration,
+        previous: float | None,
+    ) -> float | None:
+        """d = -H^-1 f by the policy's Hessian; its slope f.d < 0, or None if there is none."""
+        policy = str(self.options["snes_hessian"])
+        filters = [policy]
+        if policy == "adaptive":
+            filters = ["exact", str(self.options["snes_adaptive_filter"])]
+        for now.filter in filters:
+            self.filter = now.filter
+            A, P = snes.getJacobian()[:2]
+            snes.computeJacobian(x, A, P)
+            now.filtered_points = self.filtered_points
+            if now.filter == "exact" and not self.filtered_points:
+                now.filter = "none needed"
+            slope = self._linear(snes, A, P, f, d, now, previous)
+            if slope is not None:
+                return slope
+        return None
+
+    def _linear(
+        self,
+        snes: PETSc.SNES,
+        A: PETSc.Mat,
+        P: PETSc.Mat,
+        f: PETSc.Vec,
+        d: PETSc.Vec,
+        now: Iteration,
+        previous: float | None,
+    ) -> float | None:
+        """Solve A d = -f inexactly; f.d, or None if A showed a direction of negative curvature."""
+        ksp = snes.getKSP()
+        ksp.setOperators(A, P)
+        tolerance = ksp.getTolerances()[0]
+        if cap := float(self.options["snes_forcing_max"]):
+            ratio = 1.0 if previous is None else now.residual / previous
+            ksp.setTolerances(rtol=min(cap, max(tolerance, 0.9 * ratio**2)))
+        d.set(0.0)
+        ksp.solve(f, d)
+        ksp.setTolerances(rtol=tolerance)
+        d.scale(-1.0)
+        now.linear += ksp.getIterationNumber()
+        if ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT:
+            return None
+        slope = f.dot(d)
+        # PETSc's CG can miss an indefinite matrix: look at the curvature along d, too.
+        Ad = f.duplicate()
+        A.mult(d, Ad)
+        return slope if slope < 0 < Ad.dot(d) else None
+
+    def _search(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        d: PETSc.Vec,
+        energy: float,
+        slope: float,
+        trial: PETSc.Vec,
+        f_trial: PETSc.Vec,
+    ) -> tuple[float, float] | None:
+        """Backtrack from 1 to a step that lowers the energy: (step, energy there), or None.
+
+        ``trial`` and ``f_trial`` end as the state and the residual there.
+        """
+        c = float(self.options["snes_armijo"])
+        step = 1.0
+        while step >= float(self.options["snes_min_step"]):
+            d.copy(trial)
+            trial.aypx(step, x)
+            there = snes.computeObjective(trial)
+            change = there - energy
+            if not _finite(there):  # outside the domain
+                step *= 0.5
+                continue
+            if abs(change) <= 1e-12 * max(abs(energy), abs(there)):
+                snes.computeFunction(trial, f_trial)
+                if f_trial.dot(d) <= (2 * c - 1) * slope:
+                    return step, there
+            elif change <= c * step * slope:
+                snes.computeFunction(trial, f_trial)
+                return step, there
+            # The minimum of the parabola through both energies and the slope, kept sensible.
+            parabola = change - step * slope
+            best = -slope * step**2 / (2 * parabola) if parabola > 0 else 0.5 * step
+            step = min(0.5 * step, max(0.1 * step, best))
+        return None
+
+
+def _finite(value: float) -> bool:
+    return abs(value) < float("inf")  # False for NaN as well
+
+
+def create(problem: Any, hessian: str = "adaptive", prefix: str = "snh_") -> PETSc.SNES:
+    """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
+
+    Its defaults: CG with Jacobi, linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200
+    iterations. The context is ``snes.getPythonContext()``. Raises BadInput for a bad option.
+    """
+    context = ProjectedNewton(problem.jacobian, problem.force_scale)
+    context.options["snes_hessian"] = choose("hessian", hessian, POLICIES)
+    snes = PETSc.SNES().create(problem.comm)
+    snes.setOptionsPrefix(prefix)
+    snes.setType(PETSc.SNES.Type.PYTHON)
+    snes.setPythonContext(context)
+    snes.setObjective(lambda snes, x: problem.energy(x))
+    snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
+    snes.setJacobian(context.jacobian, problem.A)
+    snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)
+    ksp = snes.getKSP()
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    try:
+        snes.setFromOptions()
+    except PETSc.Error as error:
+        raise BadInput(f"PETSc rejects an option of the solver: {error}") from None
+    return snes
