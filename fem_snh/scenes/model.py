@@ -1,0 +1,233 @@
+"""What a scene may say: the same tables, with the same rules, for Python scenes and TOML files."""
+
+from __future__ import annotations
+
+from inspect import formatannotation
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+import numpy as np
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput, choose, nearest
+from fem_snh.scenes._table import Expect, Table
+
+HESSIANS = ("exact", "clamp", "abs", "adaptive")
+PREDICTORS = ("none", "extrapolate", "tangent")
+
+Text = Annotated[str, Field(min_length=1), Expect("a name")]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[Finite, Expect("a finite number")]
+Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
+Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
+GroupKey = Annotated[
+    Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
+    Expect("the name or number of a physical group"),
+]
+_FINITE = ConfigDict(allow_inf_nan=False)
+Axis = Literal["x", "y", "z"]
+Components = Annotated[
+    tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
+]
+Scalar = Annotated[bool, Field(strict=True)] | Annotated[int, Field(strict=True)] | Finite | str
+
+
+class Geometry(Table):
+    """A built-in geometry: a gmsh source under meshes/ and its parameters besides ``cells``."""
+
+    source: Text
+    parameters: Annotated[
+        dict[str, Annotated[int, Field(strict=True)] | Finite], Expect("a table of numbers")
+    ] = {}
+
+
+class MaterialChoice(Table):
+    """A material by name, its Young's modulus E [Pa] and Poisson's ratio, its shape parameters."""
+
+    model_config = ConfigDict(extra="allow")  # checked against the material's own, below
+
+    name: Annotated[str, Expect("the name of a material, see `fem-snh materials`")]
+    E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")]
+    nu: Annotated[
+        Finite,
+        Field(gt=-1, lt=0.5),
+        Expect("a number in (-1, 0.5); 0.5 itself is incompressible, try 0.499"),
+    ]
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The shape parameters that were given, e.g. ``{"barrier": True}``."""
+        return dict(self.model_extra or {})
+
+    @field_validator("name")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        from fem_snh.materials import names
+
+        return choose("material", name, names())
+
+    @model_validator(mode="after")
+    def _shape(self) -> MaterialChoice:
+        from fem_snh.materials import defaults, function
+
+        known = ["name", "E", "nu", *defaults(self.name)]
+        kinds = get_type_hints(function(self.name))
+        given = self.model_extra or {}
+        for key, value in given.items():
+            if key not in known:
+                raise BadInput(
+                    f"{self.name} has no shape parameter '{key}'{nearest(key, known)}: "
+                    f"choose from {', '.join(known)}"
+                )
+            kind = kinds.get(key, Any)
+            try:
+                given[key] = TypeAdapter(kind, config=_FINITE).validate_python(value)
+            except ValidationError:
+                accepted = formatannotation(kind).replace(" | ", " or ")
+                raise BadInput(f"{key} = {value!r}: expected {accepted}") from None
+        return self
+
+
+class Hold(Table):
+    """A physical group that stays where it is, in some components."""
+
+    group: GroupKey
+    components: Components = ("x", "y", "z")
+
+    def displacement(self, X: np.ndarray, load: float) -> np.ndarray:
+        """Zero: see `Move.displacement`."""
+        return np.zeros_like(X, dtype=float)
+
+
+class Rotate(Table):
+    """A rotation by ``angle`` [rad] at load 1, right-handed about ``axis`` through a point."""
+
+    axis: Vector
+    angle: Number
+    through: Vector = (0.0, 0.0, 0.0)
+
+    @field_validator("axis")
+    @classmethod
+    def _direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not np.linalg.norm(axis) > 0:
+            raise BadInput(f"{list(axis)} has no direction: expected a non-zero vector")
+        return axis
+
+
+class Move(Table):
+    """A physical group that moves rigidly: turned first, then shifted, both with the load."""
+
+    group: GroupKey
+    translate: Vector | None = None
+    rotate: Rotate | None = None
+    components: Components = ("x", "y", "z")
+
+    @model_validator(mode="after")
+    def _moves(self) -> Move:
+        if self.translate is None and self.rotate is None:
+            raise BadInput("a move needs 'translate', 'rotate' or both")
+        return self
+
+    def displacement(self, X: np.ndarray, load: float) -> np.ndarray:
+        """Displacements (n, 3) of the reference points X (n, 3) at a load: R X - X + load t."""
+        u = np.zeros_like(X, dtype=float)
+        if self.rotate is not None:
+            from scipy.spatial.transform import Rotation
+
+            axis = np.asarray(self.rotate.axis) / np.linalg.norm(self.rotate.axis)
+            arm = X - np.asarray(self.rotate.through)
+            u += Rotation.from_rotvec(load * self.rotate.angle * axis).apply(arm) - arm
+        if self.translate is not None:
+            u += load * np.asarray(self.translate)
+        return u
+
+
+class Traction(Table):
+    """A dead load [Pa, per reference area] on a surface group, growing with the load."""
+
+    group: GroupKey
+    vector: Vector
+
+
+Mesh = Annotated[
+    Annotated[Geometry, Tag("built-in")]
+    | Annotated[Path, Expect("a gmsh file or a built-in geometry"), Tag("file")],
+    Discriminator(lambda mesh: "built-in" if isinstance(mesh, dict | Geometry) else "file"),
+]
+
+
+class Scene(Table):
+    """One quasi-static experiment: everything `fem_snh.run` needs to know.
+
+    The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
+    ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``petsc`` holds PETSc
+    options without the leading dash, to go under the solver's prefix; a flag's value is None.
+    """
+
+    name: Text
+    mesh: Mesh
+    cells: Count | None = None
+    element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))]
+    hessian: str = "adaptive"
+    steps: Count = 1
+    material: MaterialChoice
+    hold: list[Hold] = []
+    move: list[Move] = []
+    traction: list[Traction] = []
+    predictor: str = "tangent"
+    petsc: Annotated[
+        dict[str, Scalar | None], Expect("a table of numbers, texts, true and false")
+    ] = {}
+    load_name: Text = "load"
+    load_range: Annotated[tuple[Finite, Finite], Expect("two finite numbers")] = (0.0, 1.0)
+
+    @field_validator("element")
+    @classmethod
+    def _element(cls, name: str) -> str:
+        return choose("element", name, ELEMENTS)
+
+    @field_validator("hessian")
+    @classmethod
+    def _hessian(cls, name: str) -> str:
+        return choose("hessian", name, HESSIANS)
+
+    @field_validator("predictor")
+    @classmethod
+    def _predictor(cls, name: str) -> str:
+        return choose("predictor", name, PREDICTORS)
+
+    @field_validator("petsc")
+    @classmethod
+    def _no_dash(cls, options: dict[str, Any]) -> dict[str, Any]:
+        return {key.lstrip("-"): value for key, value in options.items()}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        if isinstance(self.mesh, Geometry) and self.cells is None:
+            raise BadInput("missing key 'cells': expected a whole number, 1 or more")
+        if isinstance(self.mesh, Path) and self.cells is not None:
+            raise BadInput(
+                f"cells = {self.cells}: only a built-in geometry has it; the cells come from "
+                f"{self.mesh.name}"
+            )
+        taken = [(str(h.group), set(h.components), "held") for h in self.hold]
+        for move in self.move:
+            for group, components, how in taken:
+                both = components & set(move.components)
+                if group == str(move.group) and both:
+                    raise BadInput(
+                        f"group '{group}' is both {how} and moved in {', '.join(sorted(both))}: "
+                        "take it out of one, or give each its own 'components'"
+                    )
+            taken.append((str(move.group), set(move.components), "moved"))
+        return self
