@@ -1,0 +1,105 @@
+"""Options as the commands share them: one parser whose mistakes are BadInput, one set of values."""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from typing import Any, NoReturn
+
+from fem_snh.errors import BadInput, nearest
+
+# What a scene lets the command line say directly: key, placeholder, help.
+SCENE_OPTIONS = (
+    ("material", "NAME", "energy density; `fem-snh materials` lists them"),
+    ("E", "X", "Young's modulus [Pa]"),
+    ("nu", "X", "Poisson's ratio, in (-1, 0.5)"),
+    ("cells", "N", "resolution of a built-in geometry"),
+    ("element", "E", "Q1, Q2 (hexahedra), P1 or P2 (tetrahedra)"),
+    ("hessian", "H", "exact, clamp, abs or adaptive"),
+    ("steps", "N", "load steps"),
+    ("predictor", "P", "start of a step: none, extrapolate or tangent"),
+)
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse without abbreviations and exits: every mistake is a BadInput in one line."""
+
+    def __init__(self, command: str, description: str, epilog: str = "") -> None:
+        super().__init__(
+            prog=f"fem-snh {command}",
+            description=description,
+            epilog=epilog,
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(f"{self.prog.split()[-1]}: {message.removeprefix('argument ')}")
+
+    def parse(self, argv: list[str]) -> argparse.Namespace:
+        """Like parse_args, but an unknown option names the nearest known one."""
+        options = [name for name in self._option_string_actions if name.startswith("--")]
+        joined: list[str] = []
+        for word in argv:  # argparse takes -1e-3 and -inf for options
+            if joined and joined[-1] in options and word.startswith("-") and _is_number(word):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        args, rest = self.parse_known_args(joined)
+        for word in [w for w in rest if w.startswith("-")] or rest:
+            name = word.partition("=")[0]
+            if word.startswith("-"):
+                self.error(
+                    f"unknown option {name}{nearest(name, options)}: "
+                    f"choose from {', '.join(sorted(options))}; PETSc's go after --"
+                )
+            self.error(f"unexpected '{word}': one {'scene' if 'scene' in args else 'name'} at most")
+        return args
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def value(text: str) -> Any:
+    """What a value on the command line means, as in a TOML file; a bare word is a text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    return float(text) if _is_number(text) else text
+
+
+def assignments(pairs: list[str]) -> dict[str, str]:
+    """The ``key=value`` words of --set, values still as text."""
+    found = {}
+    for pair in pairs:
+        key, equals, right = pair.partition("=")
+        if not (equals and key.strip() and right.strip()):
+            raise BadInput(f"--set {pair}: expected key=value, e.g. --set material.barrier=true")
+        found[key.strip()] = right.strip()
+    return found
+
+
+def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:
+    """The words before ``--``, and PETSc's options after it: ``-key value`` or a flag ``-key``."""
+    if "--" not in argv:
+        return argv, {}
+    at = argv.index("--")
+    options: dict[str, str | None] = {}
+    key = ""
+    for word in argv[at + 1 :]:
+        if word.startswith("-") and not _is_number(word):
+            key = word.lstrip("-")
+            options[key] = None
+        elif key and options[key] is None:
+            options[key] = word
+        else:
+            raise BadInput(f"'{word}' after --: expected PETSc options, e.g. -- -ksp_rtol 1e-6")
+    return argv[:at], options

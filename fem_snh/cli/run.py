@@ -1,0 +1,69 @@
+"""``fem-snh run``: one scene, on however many ranks."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, split_petsc, value
+from fem_snh.errors import BadInput, on_root
+
+
+def run(argv: list[str]) -> int:
+    """Solve; 0 if every step converged, 1 if not."""
+    from fem_snh import scenes
+
+    parser = Parser("run", "Solve a scene, or a scene file of your own.", scene_list())
+    parser.add_argument("scene", metavar="SCENE|FILE.toml", nargs="?")
+    for key, placeholder, help in SCENE_OPTIONS:
+        parser.add_argument(f"--{key}", metavar=placeholder, type=value, help=help)
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="any other key of the scene: angle=1.57, material.barrier=true",
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write run.json, tables, fields")
+    parser.add_argument("--overwrite", action="store_true", help="even if DIR holds a run already")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    if not argv:
+        print("fem-snh run SCENE|FILE.toml [options]\n\n" + scene_list())
+        return 0
+    words, petsc = split_petsc(argv)
+    args = parser.parse(words)
+    if args.scene is None:
+        raise BadInput(
+            f"which scene? choose from {', '.join(scenes.names())}, or give a .toml file"
+        )
+    overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    overrides |= {key: value(word) for key, word in assignments(args.set).items()}
+    if petsc:
+        overrides["petsc"] = petsc
+
+    from mpi4py import MPI
+
+    from fem_snh.run import run as solve
+
+    comm = MPI.COMM_WORLD
+    # One rank reads the files: the others may not see them, and must not differ in what they find.
+    scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
+    result = solve(
+        scene, out=args.out, overwrite=args.overwrite, comm=comm, progress=not args.quiet
+    )
+    return 0 if result.converged else 1
+
+
+def scene_list() -> str:
+    """The built-in scenes with what is their own, as they are now."""
+    from fem_snh import scenes
+
+    rows = ["scenes:"]
+    for name in scenes.names():
+        own = [f"{key}={_short(default)}" for key, default in scenes.own_parameters(name).items()]
+        rows += [f"  {name:<9}{scenes.describe(name)}", f"  {'':<9}--set {', '.join(own)}"]
+    return "\n".join([*rows, "", "PETSc's options go last, after --: -- -ksp_rtol 1e-6 -snes_view"])
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,113 @@
+"""Runs in processes of their own: started with a log, ended as a whole with all their ranks."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from fem_snh.errors import BadInput
+
+# Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
+_SHARING = {
+    "OMP_NUM_THREADS": "1",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_hwloc_default_binding_policy": "none",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+}
+_ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+_GRACE = 5.0  # seconds between the request to end and the end
+
+
+def environment() -> dict[str, str]:
+    """This process's environment for a child that starts its own MPI.
+
+    If we are a rank ourselves, what our launcher told us is taken out: a child that inherits it
+    believes to be our rank, and hangs.
+    """
+    env = dict(os.environ)
+    if "OMPI_COMM_WORLD_SIZE" in env or "PMIX_RANK" in env or "PMI_RANK" in env:
+        ours = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
+        kept = {*_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's own
+        env = {key: v for key, v in env.items() if not key.startswith(ours) or key in kept}
+    if os.geteuid() == 0:
+        env = _ROOT | env
+    return _SHARING | env
+
+
+def program(ranks: int) -> list[str]:
+    """The words that start ``fem-snh`` on this many ranks. BadInput without mpirun."""
+    python = [sys.executable, "-m", "fem_snh"]
+    if ranks == 1:
+        return python
+    mpirun = shutil.which("mpirun")
+    if mpirun is None:
+        raise BadInput(f"ranks = {ranks}: there is no mpirun on the PATH; install one, or use 1")
+    return [mpirun, "-n", str(ranks), *python]
+
+
+class Child:
+    """A running command whose output goes to a log file.
+
+    Attributes:
+        timed_out: whether it was ended because ``timeout`` seconds were over.
+        seconds: how long it has run, or ran until it was seen to have ended.
+    """
+
+    def __init__(self, command: list[str], log: Path, timeout: float | None = None) -> None:
+        self.timeout = timeout
+        self.timed_out = False
+        self.seconds = 0.0
+        self._start = time.monotonic()
+        with log.open("w") as file:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env=environment(),
+                start_new_session=True,
+            )
+
+    def poll(self) -> int | None:
+        """The exit code (negative: a signal), or None while it runs; ends it at its timeout."""
+        code = self._process.poll()
+        if code is None or not self.seconds:
+            self.seconds = time.monotonic() - self._start
+        if code is None and self.timeout and self.seconds > self.timeout:
+            self.timed_out = True
+            self.end()
+            code = self._process.wait()
+        return code
+
+    def end(self) -> None:
+        """Ask, wait a little, then kill: the launcher and every rank it started."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(_GRACE)
+            except subprocess.TimeoutExpired:
+                pass
+        for pid in _session(self._process.pid):
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        self._process.wait()
+
+
+def _session(leader: int) -> Iterator[int]:
+    """The processes of a session; mpirun puts its ranks into groups of their own, but not out."""
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            after_name = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has just ended
+        if int(after_name[3]) == leader:
+            yield int(stat.parent.name)

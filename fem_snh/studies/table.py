@@ -1,0 +1,94 @@
+"""The table of a study as a CSV file that is whole after every row, whenever the writer dies."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ASKED = "scene material E nu element cells hessian predictor steps".split()
+FOUND = (
+    "converged status load newton clamped linear energy volume_ratio min_J residual "
+    "seconds num_cells dofs"
+).split()
+
+
+class Table:
+    """Rows by point in a CSV file. Only one process may write it."""
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self.path, self.columns = path, list(columns)
+        self._write(self.rows() if path.exists() else [])
+
+    def rows(self) -> list[dict[str, str]]:
+        """The rows as text; a last line that was cut off is left out."""
+        whole = self.path.read_text(encoding="utf-8")
+        whole = whole[: whole.rfind("\n") + 1]
+        return list(csv.DictReader(io.StringIO(whole)))
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add one row and see it on the disk; what is not a column is left out."""
+        with self.path.open("a", encoding="utf-8", newline="") as file:
+            file.write(self._line(row))
+            file.flush()
+            os.fsync(file.fileno())
+
+    def drop(self, points: Iterable[str]) -> None:
+        """Take the rows of these points out."""
+        gone = set(points)
+        self._write([row for row in self.rows() if row["point"] not in gone])
+
+    def _write(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        lines = [self._line(dict(zip(self.columns, self.columns, strict=True)))]
+        write_whole(self.path, "".join(lines + [self._line(row) for row in rows]))
+
+    def _line(self, row: Mapping[str, Any]) -> str:
+        line = io.StringIO()
+        csv.DictWriter(line, self.columns, restval="", extrasaction="ignore").writerow(row)
+        return line.getvalue().replace("\r\n", "\n")
+
+
+def write_whole(path: Path, content: str) -> None:
+    """Put a file in place in one go: a reader sees the old one or the new one."""
+    beside = path.with_name(path.name + ".new")
+    beside.write_text(content, encoding="utf-8")
+    os.replace(beside, path)
+
+
+def found(folder: Path, code: int) -> dict[str, Any]:
+    """What a run left in its folder, as the columns FOUND; ``code`` is its exit code.
+
+    Iterations are summed over all steps, whatever became of them; energy, volume and the like are
+    those of the last step that converged.
+    """
+    try:
+        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        record = {}
+    steps = record.get("steps", [])
+    good = [step for step in steps if step.get("converged")]
+    row = {
+        key: sum(step.get(key) or 0 for step in steps) for key in ("newton", "clamped", "linear")
+    }
+    row |= {key: good[-1].get(key) for key in ("load", "energy", "volume_ratio") if good}
+    row |= {key: good[-1].get(key) for key in ("min_J", "residual") if good}
+    row["converged"] = code == 0 and record.get("converged") is True
+    row["status"] = record.get("status") if code in (0, 1) else None
+    row["status"] = row["status"] or _last_words(folder / "log.txt", code)
+    row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
+    row["seconds"] = record.get("seconds", {}).get("total")
+    return row
+
+
+def _last_words(log: Path, code: int) -> str:
+    """Why a run ended that could not say so in its run.json."""
+    reason = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
+    lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    told = [line for line in lines if "fem-snh: error: " in line]
+    if told:
+        return told[-1].partition("fem-snh: error: ")[2]
+    return f"{reason}: {lines[-1][:200]}" if lines else reason
