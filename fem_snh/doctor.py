@@ -1,0 +1,216 @@
+"""Is everything there? A quick check before a solve, and `fem-snh doctor`'s table.
+
+Only the standard library and fem_snh.errors are needed to import this module: it has to work where
+other things do not. The table tries each thing in a process of its own, since a broken MPI or VTK
+does not raise an exception but kills the process.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib import import_module
+
+from fem_snh.errors import BadInput
+
+SETUP = "run `make setup`, then .venv/bin/fem-snh"
+#: What a solve imports; pictures and sweeps ask for theirs when they need them.
+NEEDED = "numpy scipy sympy cffi pydantic rich mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
+#: What pip installs (pyproject.toml), besides pyvista, which has a row of its own.
+PACKAGES = "cffi numpy pandas pydantic rich scipy sympy matplotlib".split()
+
+
+def check() -> None:
+    """Raise BadInput, naming what is missing and what would do, if a solve cannot work here.
+
+    Imports what a solve imports anyway, so it costs a solve nothing. Same outcome on every rank.
+    """
+    for name in NEEDED:
+        try:
+            import_module(name)
+        except Exception as error:  # also a library that is missing, or numpy's ABI: ValueError
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise BadInput(f"{sys.executable} cannot import {name} ({why}): {SETUP}") from None
+    from petsc4py import PETSc
+
+    if PETSc.ScalarType().dtype.kind != "f":
+        raise BadInput(
+            "this PETSc computes with complex numbers: install python3-dolfinx-real and unset "
+            "PETSC_DIR, or set it to a PETSc of real numbers"
+        )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One row: what was looked at, its state (ok | slow | missing), what was found, what to do."""
+
+    what: str
+    state: str
+    found: str
+    remedy: str = ""
+
+
+def _environment() -> dict[str, str]:
+    """The environment without what a launcher told this rank: a child is a run of its own."""
+    told = ("OMPI_COMM_", "OMPI_UNIVERSE", "OMPI_FIRST", "PMIX_", "PMI_")
+    return {k: v for k, v in os.environ.items() if not k.startswith(told)}
+
+
+def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
+    """Run ``command``; whether it succeeded, and the last line it wrote (or why there is none)."""
+    try:
+        done = subprocess.run(
+            command,
+            env=_environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            stdin=subprocess.DEVNULL,
+        )
+    except FileNotFoundError:
+        return False, f"no {command[0]} on the PATH"
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {timeout:g} s"
+    ok = done.returncode == 0
+    lines = (done.stdout if ok else done.stderr or done.stdout).splitlines()
+    said = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
+    last = said[-1].strip() if said else f"exit code {done.returncode}"
+    return ok, last if ok else re.sub(r"^[\w.]*(Error|BadInput): ", "", last)
+
+
+def _probe(what: str, code: str, remedy: str) -> Callable[[], Finding]:
+    """A row from a Python program that prints what it found, or fails."""
+
+    def look() -> Finding:
+        ok, found = _run([sys.executable, "-c", code])
+        return Finding(what, "ok" if ok else "missing", found, "" if ok else remedy)
+
+    return look
+
+
+def _python() -> Finding:
+    version = ".".join(map(str, sys.version_info[:3]))
+    ok = sys.version_info >= (3, 11)
+    return Finding(
+        "Python",
+        "ok" if ok else "missing",
+        f"{version}, {sys.executable}",
+        "" if ok else f"3.11 or newer is needed: {SETUP}",
+    )
+
+
+def _blas() -> Finding:
+    """Which BLAS PETSc has loaded: direct solvers are ten times slower on the reference one."""
+    code = (
+        "from petsc4py import PETSc\nimport re\n"
+        "maps = {l.split()[-1] for l in open('/proc/self/maps')}\n"
+        "names = [m for m in sorted(maps) if re.search(r'blas|mkl_rt|blis|flexiblas|atlas', m)]\n"
+        "print(next((n for n in names if 'gsl' not in n), 'unknown'))"
+    )
+    ok, found = _run([sys.executable, "-c", code])
+    if not ok:
+        return Finding("BLAS", "missing", found, SETUP)
+    if "/blas/libblas" in found:
+        return Finding("BLAS", "slow", f"{found}, the reference", "install libopenblas0-serial")
+    return Finding("BLAS", "ok", found)
+
+
+def _ranks() -> Finding:
+    code = "from mpi4py import MPI; print(MPI.COMM_WORLD.size, 'ranks start')"
+    ok, found = _run(["mpirun", "-n", "2", sys.executable, "-c", code])
+    if ok and found.startswith("2 "):
+        return Finding("MPI ranks", "ok", found)
+    if ok:
+        return Finding("MPI ranks", "missing", f"mpirun -n 2: {found}", "mpirun is another MPI's")
+    remedy = "see what `mpirun -n 2 hostname` says"
+    if "PATH" in found:
+        remedy = "install openmpi-bin"
+    elif "slots" in found:
+        remedy = "set OMPI_MCA_rmaps_base_oversubscribe=1"
+    elif os.geteuid() == 0 and "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM" not in os.environ:
+        found = "Open MPI refuses to run as root"
+        remedy = "set OMPI_ALLOW_RUN_AS_ROOT=1 and OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
+    return Finding("MPI ranks", "missing", found, remedy)
+
+
+_COMPILES = """
+import os, tempfile
+from fem_snh.kernels import build
+with tempfile.TemporaryDirectory() as folder:
+    os.environ["FEM_SNH_CACHE"] = folder
+    build.library("int answer(void) { return 42; }")
+print(build.compiler())
+"""
+_WRITES = """
+import tempfile
+from fem_snh.kernels import build
+build.cache_folder().mkdir(parents=True, exist_ok=True)
+tempfile.TemporaryFile(dir=build.cache_folder()).close()
+print(build.cache_folder())
+"""
+
+
+def _rows() -> list[Callable[[], Finding]]:
+    mpi = "m = MPI.Get_library_version().split(',')[0].split(chr(10))[0]; print(v, 'on', m)"
+    packages = (
+        "from importlib import import_module; from importlib.metadata import version; "
+        f"names = {PACKAGES}; [import_module(n) for n in names]; "
+        "print(', '.join(f'{n} {version(n)}' for n in names))"
+    )
+    return [
+        _python,
+        _probe("dolfinx", "import dolfinx; print(dolfinx.__version__)", SETUP),
+        _probe(
+            "PETSc",
+            "from petsc4py import PETSc; kind = PETSc.ScalarType().dtype; assert kind.kind == 'f', "
+            "f'{kind} numbers'; print(*PETSc.Sys.getVersion(), sep='.', end=f', {kind}')",
+            "real numbers are needed: install python3-dolfinx-real, unset PETSC_DIR",
+        ),
+        _probe("petsc4py", "import petsc4py as p; print(p.__version__)", SETUP),
+        _probe(
+            "mpi4py", f"import mpi4py; v = mpi4py.__version__; from mpi4py import MPI; {mpi}", SETUP
+        ),
+        _ranks,
+        _blas,
+        _probe("gmsh", "import gmsh; print(gmsh.__version__)", SETUP),
+        _probe(
+            "pyvista",
+            "import pyvista, vtk; print(f'{pyvista.__version__}, VTK {vtk.VTK_VERSION}')",
+            SETUP,
+        ),
+        _probe("packages", packages, SETUP),
+        _probe("compiler", _COMPILES, ""),  # its error says what to do
+        _probe("cache folder", _WRITES, "set FEM_SNH_CACHE to a folder that can be written"),
+    ]
+
+
+def examine() -> list[Finding]:
+    """Look at everything; one Finding for each row of the table."""
+    with ThreadPoolExecutor(max_workers=4) as pool:
+        return list(pool.map(lambda look: look(), _rows()))
+
+
+def main() -> int:
+    """Print the table; 0 if all is there, 2 if something is missing. Rank 0 alone speaks."""
+    if os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) != "0":
+        return 0
+    findings = examine()
+    cells = [(f.what, f.state, f"{f.found}: {f.remedy}" if f.remedy else f.found) for f in findings]
+    try:
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+    except ImportError:
+        print(*(f"{what:13} {state:8} {found}" for what, state, found in cells), sep="\n")
+    else:
+        colour = {"ok": "green", "slow": "yellow", "missing": "red"}
+        table = Table("", "state", "found, and what to do", box=None)
+        for what, state, found in cells:
+            table.add_row(what, Text(state, colour[state]), Text(found))
+        Console(soft_wrap=True).print(table)
+    return 2 if any(f.state == "missing" for f in findings) else 0

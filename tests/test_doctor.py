@@ -1,0 +1,74 @@
+"""The check before a solve and the doctor's table, here and where things are missing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+
+from fem_snh import doctor
+from fem_snh.errors import BadInput
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.mpi
+def test_check_passes_here(comm: MPI.Intracomm) -> None:
+    doctor.check()
+    comm.barrier()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["dolfinx", "gmsh", "pydantic"])
+def test_check_names_what_is_missing(
+    name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(BadInput, match=f"cannot import {name} .*make setup") as caught:
+        doctor.check()
+    assert "\n" not in str(caught.value)
+    assert len(set(comm.allgather(str(caught.value)))) == 1
+
+
+def test_check_names_another_python() -> None:
+    """Without site-packages, as a Python has that is not Debian's: one line, nothing imported."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+        "from fem_snh.doctor import check\n"
+        "from fem_snh.errors import BadInput\n"
+        "try: check()\n"
+        "except BadInput as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True)
+    assert "cannot import numpy" in done.stdout and "make setup" in done.stdout, done.stderr
+
+
+def test_table_is_all_there(capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    for name in ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"):
+        monkeypatch.setenv(name, "1")
+    assert doctor.main() == 0, capsys.readouterr().out
+    shown = capsys.readouterr().out
+    for row in ("Python", "dolfinx", "PETSc", "MPI ranks", "BLAS", "compiler", "cache folder"):
+        assert row in shown
+    assert "missing" not in shown
+
+
+def test_table_says_what_to_do(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    mpirun = tmp_path / "mpirun"
+    mpirun.write_text("#!/bin/sh\necho 'not enough slots' >&2; exit 1\n")
+    mpirun.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setenv("FEM_SNH_CACHE", str(mpirun / "not-a-folder"))
+    assert doctor.main() == 2
+    shown = capsys.readouterr().out
+    assert shown.count("missing") == 3
+    for remedy in ("set CC", "set FEM_SNH_CACHE", "oversubscribe"):
+        assert remedy in shown
