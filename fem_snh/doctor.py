@@ -209,8 +209,9 @@ def main() -> int:
         print(*(f"{what:13} {state:8} {found}" for what, state, found in cells), sep="\n")
     else:
         colour = {"ok": "green", "slow": "yellow", "missing": "red"}
-        table = Table("", "state", "found, and what to do", box=None)
+        table = Table("", "state", box=None)
+        table.add_column("found, and what to do", overflow="fold")
         for what, state, found in cells:
             table.add_row(what, Text(state, colour[state]), Text(found))
-        Console(soft_wrap=True).print(table)
+        Console().print(table)
     return 2 if any(f.state == "missing" for f in findings) else 0

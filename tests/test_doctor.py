@@ -65,6 +65,7 @@ def test_table_says_what_to_do(
     mpirun.write_text("#!/bin/sh\necho 'not enough slots' >&2; exit 1\n")
     mpirun.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("COLUMNS", "300")
     monkeypatch.setenv("CC", "no-such-compiler")
     monkeypatch.setenv("FEM_SNH_CACHE", str(mpirun / "not-a-folder"))
     assert doctor.main() == 2
