@@ -1,0 +1,140 @@
+"""A sweep: iterations, volume and time against Poisson's ratio, as small multiples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from fem_snh.errors import BadInput
+from fem_snh.plots.looks import failure, legend, legend_entry, style, subplots, thousands
+from fem_snh.render import one_line, pretty
+
+# Columns worth a graph, with their axis labels.
+MEASURES = {
+    "newton": "Newton iterations",
+    "linear": "linear iterations",
+    "volume_ratio": "volume change [%]",
+    "seconds": "time [s]",
+}
+
+
+def read_sweep(path: Path) -> pd.DataFrame:
+    """A sweep's table: what was asked, converged, what was found; BadInput if it is none.
+
+    volume_ratio becomes the volume change in %; what a failed point does not know is NaN.
+    """
+    try:
+        table = pd.read_csv(path)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
+        raise BadInput(f"{path}: cannot be read as CSV: {one_line(error)}") from None
+    missing = [c for c in ("nu", "material", "converged", *MEASURES) if c not in table]
+    if missing:
+        raise BadInput(f"{path}: not the table of a sweep: has no column {', '.join(missing)}")
+    try:
+        for column in ("nu", *MEASURES):
+            table[column] = pd.to_numeric(table[column])
+    except ValueError as error:
+        raise BadInput(f"{path}: column {column}: {one_line(error)}") from None
+    table["converged"] = table["converged"].astype(str).str.lower() == "true"
+    table["volume_ratio"] = 100 * (table["volume_ratio"] - 1)
+    nothing_done = ~table["converged"] & (table["newton"] == 0)
+    table.loc[nothing_done, ["newton", "linear"]] = float("nan")
+    table = table[table["nu"] < 0.5].copy()  # other values have no place on the axis
+    if table[list(MEASURES)].isna().all(axis=None):
+        raise BadInput(f"{path}: holds no result yet")
+    return table
+
+
+def sweep_figure(table: pd.DataFrame) -> Figure:
+    """Small multiples against nu, a line per material and whatever else was varied.
+
+    If nu was not varied, the first number that was is taken instead. A failed point is a cross: at
+    its value if it has one, else above the panel.
+    """
+    varied = varied_columns(table)
+    numbers = [c for c in varied if pd.api.types.is_numeric_dtype(table[c])]
+    axis = numbers[0] if numbers and table["nu"].nunique() == 1 else "nu"
+    # nu goes to 1/2: 1/2 - nu on a logarithmic axis, incompressible to the right.
+    place = (0.5 - table["nu"]) if axis == "nu" else table[axis].astype(float)
+    table = table.assign(place=place).sort_values(axis)
+    figure, axes = subplots(len(MEASURES))
+    lost = False
+    for index, (name, rows) in enumerate(_series(table, [c for c in varied if c != axis])):
+        for ax, measure in zip(axes, MEASURES, strict=True):
+            value = rows[measure]
+            line = value.where(rows["converged"])
+            ax.plot(rows["place"], line, label=name, **style(index, len(rows)))
+            ax.plot(rows["place"], value.where(~rows["converged"]), **failure(index))
+            lost |= _cross_above(ax, rows["place"][~rows["converged"] & value.isna()], index)
+    ticks = table.drop_duplicates(axis)[[axis, "place"]]
+    for ax, (measure, label) in zip(axes, MEASURES.items(), strict=True):
+        ax.set_ylabel(label)
+        ax.set_xlabel(r"Poisson's ratio $\nu$" if axis == "nu" else axis)
+        _place_ticks(ax, ticks["place"].tolist(), [f"{v:.6g}" for v in ticks[axis]], axis == "nu")
+        _scale(ax, measure, table[measure])
+    if not table["converged"].all():
+        legend_entry(axes[0], "not converged" + " (above: no result)" * lost, "x")
+    legend(figure, axes[0])
+    if "scene" in table and table["scene"].nunique() == 1:
+        same = [] if axis == "nu" else [rf"$\nu$ = {table['nu'].iloc[0]:g}"]
+        figure.suptitle("  ·  ".join([str(table["scene"].iloc[0]), *same]), fontsize=11)
+    return figure
+
+
+def varied_columns(table: pd.DataFrame) -> list[str]:
+    """What was asked for (left of ``converged``) with more than one value, but material and nu."""
+    asked = table.columns[: table.columns.get_loc("converged")]
+    skip = ("point", "material", "nu", *MEASURES)
+    return [c for c in asked if c not in skip and table[c].nunique(dropna=False) > 1]
+
+
+def _series(table: pd.DataFrame, varied: list[str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    for key, rows in table.groupby(["material", *varied], sort=False, dropna=False):
+        material, *rest = key
+        extra = [_told(name, value) for name, value in zip(varied, rest, strict=True)]
+        yield ", ".join([pretty(str(material)), *extra]), rows
+
+
+def _told(name: str, value: Any) -> str:
+    return value if isinstance(value, str) else f"{name} {value}"
+
+
+def _cross_above(ax: Axes, places: pd.Series, index: int) -> bool:
+    """Crosses above the panel, a line of them for each series; whether there are any."""
+    if places.empty:
+        return False
+    taken = sum(line.get_gid() == "lost" for line in ax.lines)
+    above = {"transform": ax.get_xaxis_transform(), "clip_on": False, "in_layout": False}
+    height = 1.02 + 0.04 * taken
+    ax.plot(places, [height] * len(places), gid="lost", **above, **failure(index))
+    ax.set_title(" ", fontsize=8 * (taken + 1.5))  # room for them
+    return True
+
+
+def _place_ticks(ax: Axes, places: list[float], labels: list[str], towards_half: bool) -> None:
+    if towards_half:
+        ax.set_xscale("log")
+        ax.set_xlim(2 * max(places), min(places) / 2)
+    ax.xaxis.set_major_locator(FixedLocator(places))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xticklabels(labels, rotation=45 if len(labels) > 5 else 0)
+
+
+def _scale(ax: Axes, measure: str, values: pd.Series) -> None:
+    """Zero on the axis, unless the values need a logarithmic one."""
+    positive = values[values > 0]
+    if measure == "volume_ratio":
+        ax.axhline(0, lw=0.8, color="0.6", zorder=1)
+    elif len(positive) and positive.max() > 30 * positive.min():
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(thousands))
+    else:
+        ax.set_ylim(bottom=0)

@@ -1,0 +1,220 @@
+"""Pictures of the deformed body from a run folder, coloured by J or another field.
+
+Drawing happens in a process of its own (``fem_snh.render.drawing``): without a display OpenGL can
+abort the whole process, and only another one can tell that to the user in one line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fem_snh.errors import BadInput, choose
+
+FIELDS = ("J", "displacement", "energy_density", "min_eigenvalue")
+INSTALL = (
+    "install libegl1 (apt install libegl1) or Xvfb (apt install xvfb), and VTK >= 9.4 from PyPI"
+)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One load: the files that hold its fields, and what is written above its picture."""
+
+    files: list[str]
+    label: str
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that the drawing process needs to know."""
+
+    field: str
+    title: str
+    panels: list[Panel]
+    out: str
+
+
+def main(
+    folder: Path,
+    out: Path | None = None,
+    loads: Sequence[float] | None = None,
+    field: str = "J",
+) -> Path:
+    """Draw the body of run ``folder`` at ``loads`` (in 0..1), side by side, and return the PNG.
+
+    By default every load step if there are at most four, otherwise those at 1/3, 2/3 and the end.
+    ``out`` defaults to ``folder/<field>.png``. BadInput if the folder's files are missing or
+    unreadable, a load was not stored, or nothing here can draw.
+    """
+    folder = Path(folder)
+    choose("field", field, FIELDS)
+    record = read_record(folder)
+    stored = stored_loads(folder / "fields.pvd")
+    out = Path(out) if out is not None else folder / f"{field}.png"
+    chosen = choose_loads(sorted(stored), loads)
+    panels = [Panel([str(f) for f in stored[t]], panel_label(record, t)) for t in chosen]
+    draw_elsewhere(Job(field, title(record), panels, str(out)))
+    return out
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The content of ``folder/run.json``; BadInput if there is none or it is no run's record."""
+    path = folder / "run.json"
+    try:
+        record = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise BadInput(
+            f"{folder}: no run.json here: give the folder of a run (--out DIR)"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
+    try:
+        float(record["material"]["nu"]), str(record["material"]["name"]), record["scene"]
+        [float(step["load"]) for step in record["steps"]]
+    except (KeyError, TypeError, ValueError):
+        raise BadInput(
+            f"{path}: not the record of a run: needs scene, material (name, nu), steps (load, ..)"
+        ) from None
+    return record
+
+
+def stored_loads(pvd: Path) -> dict[float, list[Path]]:
+    """Load -> its .vtu pieces, each once, from a collection that dolfinx's VTKFile wrote.
+
+    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5
+    repeats the pieces once per field; each is wanted once.
+    """
+    found: dict[float, list[Path]] = {}
+    for data in _elements(pvd, "DataSet"):
+        file = pvd.parent / data.get("file", "")
+        pieces = [file]
+        if file.suffix == ".pvtu":
+            pieces = [file.parent / p.get("Source", "") for p in _elements(file, "Piece")]
+        missing = [p for p in pieces if not p.is_file()]
+        if missing:
+            raise BadInput(f"{missing[0]}: missing, but {file.name} refers to it")
+        found.setdefault(float(data.get("timestep", "nan")), []).extend(pieces)
+    if not found:
+        raise BadInput(f"{pvd}: holds no fields")
+    return {load: list(dict.fromkeys(pieces)) for load, pieces in found.items()}
+
+
+def _elements(path: Path, tag: str) -> list[ET.Element]:
+    try:
+        return list(ET.parse(path).iter(tag))
+    except FileNotFoundError:
+        raise BadInput(f"{path}: missing: the run has stored no fields") from None
+    except (OSError, ET.ParseError) as error:
+        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
+
+
+def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
+    """The stored loads to show; BadInput if a wanted one was not stored."""
+    if wanted:
+        for load in wanted:
+            if not any(math.isclose(load, s, abs_tol=1e-6) for s in stored):
+                raise BadInput(f"no fields at load {load:g}: stored are {_listed(stored)}")
+        return [min(stored, key=lambda s: abs(s - load)) for load in wanted]
+    steps = [s for s in stored if s > 0] or stored
+    if len(steps) <= 4:
+        return steps
+    return [steps[round(i * len(steps) / 3) - 1] for i in (1, 2, 3)]
+
+
+def _listed(loads: list[float]) -> str:
+    return ", ".join(f"{load:g}" for load in loads)
+
+
+def title(record: dict[str, Any]) -> str:
+    """Scene, material, nu, element and number of cells, in one line."""
+    material = record["material"]
+    parts = [str(record["scene"]), pretty(material["name"]), rf"$\nu$ = {material['nu']:g}"]
+    if "cells" in record and "element" in record:
+        parts.append(f"{record['cells']:,} {record['element']} cells".replace(",", "\u2009"))
+    return "  ·  ".join(parts)
+
+
+def panel_label(record: dict[str, Any], load: float) -> str:
+    """What the load is called, its value, and that step's volume change and smallest J."""
+    low, high = record.get("load_range", (0.0, 1.0))
+    label = f"{record.get('load_name', 'load')} {number(low + load * (high - low))}"
+    steps = [s for s in record["steps"] if math.isclose(s["load"], load, abs_tol=1e-6)]
+    if not steps:
+        return label
+    step = steps[-1]
+    if step.get("volume_ratio") is not None:
+        label += f"  ·  volume {100 * (step['volume_ratio'] - 1):+.2f} %"
+    if step.get("min_J") is not None:
+        label += f"  ·  min J {step['min_J']:.2f}"
+    return label if step.get("converged", True) else label + "  ·  not converged"
+
+
+def number(x: float) -> str:
+    """``x`` for a label: as a fraction of pi where it is one, else to three digits."""
+    turn = Fraction(x / math.pi).limit_denominator(12)
+    if turn == 0 or not math.isclose(x, turn * math.pi, rel_tol=1e-9):
+        return f"{x:.3g}"
+    top = {1: "π", -1: "-π"}.get(turn.numerator, f"{turn.numerator}π")
+    return top if turn.denominator == 1 else f"{top}/{turn.denominator}"
+
+
+def pretty(name: str) -> str:
+    """A registry name as people write it: ``stable_neo_hookean`` -> ``stable Neo-Hookean``."""
+    return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
+
+
+def one_line(error: object) -> str:
+    """The first line of an error's message."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def draw_elsewhere(job: Job) -> None:
+    """Draw in a new process with whatever OpenGL works here; BadInput if none does."""
+    for package in ("pyvista", "matplotlib"):
+        if find_spec(package) is None:
+            raise BadInput(f"render needs {package}: pip install {package}")
+    request, message = json.dumps(asdict(job)), ""
+    for prefix, settings in _ways_to_draw():
+        env = {**os.environ, "PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg", **settings}
+        command = [*prefix, sys.executable, "-m", "fem_snh.render.drawing"]
+        try:
+            worker = subprocess.run(
+                command, input=request, env=env, capture_output=True, text=True, timeout=900
+            )
+        except subprocess.TimeoutExpired:  # as with a display that does not answer
+            message = "the drawing process hung"
+            continue
+        if worker.returncode == 0:
+            return
+        message = (worker.stderr.strip() or "the drawing process died").splitlines()[-1]
+        if worker.returncode == 2:  # the drawing process has said what is wrong with the files
+            raise BadInput(message)
+    raise BadInput(f"nothing here draws off screen: {INSTALL}; last error: {message[:200]}")
+
+
+def _ways_to_draw() -> list[tuple[list[str], dict[str, str]]]:
+    """Command prefix and environment of each way to OpenGL, the most likely one first.
+
+    VTK >= 9.4 takes the named window class; older builds know one class and ignore the variable.
+    """
+    ways: list[tuple[list[str], dict[str, str]]] = [
+        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}),
+        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"}),
+    ]
+    if os.environ.get("DISPLAY"):
+        ways.append(([], {}))
+    if shutil.which("xvfb-run"):
+        ways.append((["xvfb-run", "-a"], {}))
+    return ways

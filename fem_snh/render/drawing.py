@@ -1,0 +1,181 @@
+"""Draw the panels of ``render`` with PyVista and set them with matplotlib: ``render``'s worker.
+
+Run as ``python -m fem_snh.render.drawing`` with a job (render.Job as JSON) on standard input. Exit
+code 2: the last line on standard error says what is wrong with the files. Anything else but 0:
+this process could not draw.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from fem_snh.errors import BadInput
+from fem_snh.render.surfaces import Body, body
+
+WIDTH = 1600  # pixels, as are the heights of the title, of a panel's label and of the colour bar
+TOP, LABEL, FOOT = 90, 50, 130
+TALLEST = 1200  # of a panel
+DPI = 200
+NAMES = {
+    "J": "J  (volume ratio)",
+    "displacement": "|u|  (displacement)",
+    "energy_density": "energy density [Pa]",
+    "min_eigenvalue": "smallest eigenvalue of the Hessian [Pa]",
+}
+
+
+def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
+    """Colour map, range and which ends of the bar are open, shared by all panels.
+
+    The range leaves out the outermost percent on either side; J is centred at 1, so that white-grey
+    is "volume kept", and an eigenvalue that changes sign is centred at 0.
+    """
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise BadInput(f"'{field}' has no finite value")
+    low, high = np.percentile(values, [1, 99])
+    centre = 1.0 if field == "J" else 0.0 if low < 0 < high else None
+    if centre is not None:
+        half = nice(max(high - centre, centre - low, 1e-3))
+        half = min(half, 1.0) if field == "J" else half  # below J = 0 cells are inverted
+        low, high = centre - half, centre + half
+    elif high <= low:
+        high = low + max(abs(low), 1.0) * 1e-3
+    under, over = values.min() < low, values.max() > high
+    extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
+    return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
+
+
+def nice(x: float) -> float:
+    """The next of 1, 1.5, 2, 3, 4, 5, 6, 8, 10 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return next(m for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= x * (1 - 1e-9)) * power
+
+
+@dataclass
+class View:
+    """A parallel projection that shows all panels at one scale; sizes in model units."""
+
+    centre: np.ndarray
+    towards: np.ndarray
+    width: float
+    height: float
+
+
+def view(bodies: list[Body]) -> View:
+    """From the front, right and above; more from the side for a body that is long in x or y."""
+    points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
+    size = np.ptp(points, axis=0)
+    towards = np.array([0.62, -1.0, 0.55])
+    if size.max() > 2 * np.median(size) and size.argmax() != 2:
+        towards = np.array([[0.32, -1.0, 0.15], [1.0, 0.32, 0.15]][size.argmax()])
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(towards, right), towards])
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height = (high - low)[:2] * 1.04
+    return View((low + high) / 2 @ axes, towards, width, height)
+
+
+def shot(
+    item: Body, where: View, field: str, cmap: str, norm: Normalize, pixels: int
+) -> np.ndarray:
+    """One panel as an RGB array (height, pixels, 3), drawn at twice the size and averaged."""
+    shape = [2 * pixels, 2 * round(pixels * where.height / where.width)]
+    plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
+    plotter.background_color = "white"
+    for side, up, strength in ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3)):  # key and fill, from the camera
+        light = pv.Light(light_type="camera light", intensity=strength)
+        light.position = (side, up, 1.0)
+        plotter.add_light(light)
+    plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    plotter.add_mesh(
+        item.surface,
+        scalars=field,
+        cmap=cmap,
+        clim=(norm.vmin, norm.vmax),
+        show_scalar_bar=False,
+        smooth_shading=True,
+        split_sharp_edges=True,
+        feature_angle=35,
+        ambient=0.5,
+        diffuse=0.8,
+        specular=0.08,
+        specular_power=15,
+    )
+    if item.edges is not None:
+        # A little nearer than the faces they bound; the projection is parallel, so nothing shifts.
+        edges = item.edges.translate(list(2e-3 * where.width * where.towards))
+        plotter.add_mesh(edges, color="black", opacity=0.3, line_width=pixels / 350, lighting=False)
+    plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
+    if item.ghost.n_cells:  # a round body has no sharp edge
+        plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=pixels / 300, lighting=False)
+    camera = plotter.camera
+    camera.SetParallelProjection(True)
+    distance = 10 * (where.width + where.height)
+    camera.focal_point = where.centre
+    camera.position = where.centre + distance * where.towards
+    camera.up = (0.0, 0.0, 1.0)
+    camera.parallel_scale = where.height / 2
+    plotter.renderer.ResetCameraClippingRange()
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    if image is None or np.all(image == image[0, 0]):
+        raise RuntimeError("OpenGL drew an empty picture")
+    halved = np.mean([image[i::2, j::2] for i in (0, 1) for j in (0, 1)], axis=0)
+    # Shades nobody can tell apart made equal: half the file.
+    return np.minimum(4 * np.round(halved / 4), 255).astype(np.uint8)
+
+
+def draw(job: dict[str, Any]) -> None:
+    """Draw a render.Job: panels in a row, or one below the other if the body is long."""
+    field = job["field"]
+    bodies = [body(panel["files"], field) for panel in job["panels"]]
+    cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
+    where = view(bodies)
+    count = len(bodies)
+    columns = 1 if where.width > 2 * where.height else count if count <= 3 else (count + 1) // 2
+    rows = -(-count // columns)
+    wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
+    wide = min(wide, round(TALLEST * where.width / where.height))
+    images = [shot(item, where, field, cmap, norm, wide) for item in bodies]
+    tall = images[0].shape[0]
+    height = TOP + rows * (LABEL + tall) + FOOT
+    figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
+    figure.text(0.5, 1 - TOP / 2 / height, job["title"], ha="center", va="center", fontsize=11)
+    for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
+        row, column = divmod(i, columns)
+        left = (WIDTH - columns * wide) // 2 + column * wide
+        low = height - TOP - (row + 1) * (LABEL + tall)
+        figure.figimage(image, left, low)
+        x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
+        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=8.5)
+    bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
+    figure.colorbar(ScalarMappable(norm, cmap), bar, orientation="horizontal", extend=extend)
+    bar.tick_params(labelsize=8)
+    bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
+    try:
+        Path(job["out"]).parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(job["out"], dpi=DPI, pil_kwargs={"optimize": True})
+    except OSError as error:
+        raise BadInput(f"{job['out']}: cannot be written: {error.strerror}") from None
+
+
+if __name__ == "__main__":
+    try:
+        draw(json.load(sys.stdin))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

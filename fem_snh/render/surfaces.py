@@ -1,0 +1,96 @@
+"""What is drawn: surfaces and element edges from the fields that dolfinx's VTKFile wrote."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
+
+from fem_snh.errors import BadInput
+
+EDGES_UP_TO = 6000  # boundary faces; finer meshes would be all lines
+
+
+def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
+    """One grid from the pieces of all ranks: no ghost cells, no doubled points."""
+    pieces = []
+    for file in files:
+        try:
+            piece: Any = pv.read(file)
+        except Exception as error:  # VTK's readers raise whatever they like
+            raise BadInput(f"{file}: cannot be read: {error}") from None
+        for name in ("displacement", field):
+            if name not in piece.array_names:
+                raise BadInput(f"{file}: has no '{name}', only {', '.join(piece.array_names)}")
+        ghost = piece.cell_data.get("vtkGhostType")
+        if ghost is not None and np.any(ghost):
+            piece = piece.extract_cells(np.asarray(ghost) == 0)
+        for name in set(piece.array_names) - {"displacement", field}:
+            piece.point_data.pop(name, None)
+            piece.cell_data.pop(name, None)
+        pieces.append(piece)
+    if len(pieces) == 1:
+        return pieces[0]
+    grid: Any = pv.merge(pieces, merge_points=False)
+    # Ranks compute shared points to different last bits, so equal is not enough.
+    return grid.clean(tolerance=1e-9 * grid.length, produce_merge_map=False)
+
+
+def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
+    """Surface of the grid; ``level`` > 0 divides every face into 4^level to follow its curves."""
+    surface = vtkDataSetSurfaceFilter()
+    surface.SetInputDataObject(grid)
+    surface.SetNonlinearSubdivisionLevel(level)
+    surface.Update()
+    return pv.wrap(surface.GetOutput())
+
+
+def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
+    """Element edges on a subdivided surface: lines not shared by two triangles of one face.
+
+    The surface filter puts the triangles of one face next to each other, equally many for each.
+    """
+    triangles = surface.regular_faces
+    face = np.arange(len(triangles)) // (len(triangles) // faces)
+    sides = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    )
+    keyed = np.column_stack([sides, np.tile(face, 3)])
+    once, count = np.unique(keyed, axis=0, return_counts=True)
+    lines = np.unique(once[count == 1, :2], axis=0)
+    cells = np.column_stack([np.full(len(lines), 2), lines])
+    return pv.PolyData(surface.points, lines=cells.ravel())
+
+
+@dataclass
+class Body:
+    """What one panel shows."""
+
+    surface: pv.PolyData
+    edges: pv.PolyData | None
+    rest: pv.PolyData
+    ghost: pv.PolyData
+    values: np.ndarray
+
+
+def body(files: list[str], field: str) -> Body:
+    """Surface, element edges, outline at rest and values (one per cell or point) of one load."""
+    grid = read_grid(files, field)
+    if not np.all(np.isfinite(grid["displacement"])):
+        raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
+    faces = boundary(grid, 0).n_cells
+    level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
+    rest = boundary(grid, min(level, 1))
+    surface = boundary(grid.warp_by_vector("displacement"), level)
+    edges = face_edges(surface, faces) if faces <= EDGES_UP_TO else None
+    ghost = rest.extract_feature_edges(
+        feature_angle=35, manifold_edges=False, non_manifold_edges=False
+    )
+    values = np.asarray(surface[field], dtype=float)
+    if values.ndim == 2:
+        values = np.linalg.norm(values, axis=1)
+    surface[field] = values
+    return Body(surface, edges, rest, ghost, values)

@@ -1,0 +1,322 @@
+"""Pictures: what dolfinx writes is read back whole, drawn, and every mistake is one line."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import dolfinx
+import matplotlib.image
+import numpy as np
+import pytest
+import ufl
+
+from fem_snh import _dolfinx, plots, render
+from fem_snh.errors import BadInput, on_root
+from fem_snh.plots.runs import run_figure
+from fem_snh.plots.sweeps import read_sweep, sweep_figure
+from fem_snh.render import drawing, surfaces
+
+CELLS = 3  # along an edge of the cube
+
+
+def record(loads: tuple[float, ...] = (0.5, 1.0), **changes: Any) -> dict[str, Any]:
+    """A run.json as a run leaves it."""
+    steps = [
+        {"load": t, "converged": True, "newton": 10 + i, "linear": 100 * (i + 1),
+         "volume_ratio": 1 + 0.04 * t, "min_J": 0.9, "seconds": 1.0}
+        for i, t in enumerate(loads)
+    ]  # fmt: skip
+    return {
+        "scene": "twist",
+        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.49},
+        "element": "Q1", "hessian": "adaptive", "cells": 27, "steps": steps,
+        "load_name": "angle", "load_range": [0.0, math.pi],
+    } | changes  # fmt: skip
+
+
+def write_record(folder: Path, content: dict[str, Any]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "run.json").write_text(json.dumps(content))
+    return folder
+
+
+def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
+    """A run folder with the fields of a twisted unit cube, by dolfinx. Collective."""
+    cell = {"Q": dolfinx.mesh.CellType.hexahedron, "P": dolfinx.mesh.CellType.tetrahedron}
+    domain = dolfinx.mesh.create_unit_cube(comm, CELLS, CELLS, CELLS, cell[element[0]])
+    u = dolfinx.fem.Function(_dolfinx.function_space(domain, int(element[1]), (3,)))
+    u.name = "displacement"
+    per_cell = _dolfinx.function_space(domain, 0, (), "DG")
+    fields = {name: dolfinx.fem.Function(per_cell, name=name) for name in render.FIELDS[:1]}
+    fields |= {name: dolfinx.fem.Function(per_cell, name=name) for name in render.FIELDS[2:]}
+    J = ufl.det(ufl.Identity(3) + ufl.grad(u))
+
+    with _dolfinx.vtk_writer(comm, folder / "fields.pvd") as file:
+        for t in (0.0, 0.5, 1.0):
+
+            def twist(x: np.ndarray, t: float = t) -> np.ndarray:
+                angle, a, b = math.pi * t * x[2], x[0] - 0.5, x[1] - 0.5
+                c, s = np.cos(angle), np.sin(angle)
+                return np.array([c * a - s * b - a, s * a + c * b - b, 0 * a])
+
+            u.interpolate(twist)
+            for field in fields.values():
+                _dolfinx.interpolate(field, J)
+            file.write([u, *fields.values()], t)
+    on_root(comm, write_record, folder, record(element=element))
+    return folder
+
+
+@pytest.fixture
+def twisted(comm: MPI.Intracomm, folder: Path) -> Path:
+    return write_run(comm, folder, "Q1")
+
+
+def lines(figure: Any, panel: int) -> dict[str, Any]:
+    return {line.get_label(): line for line in figure.axes[panel].lines}
+
+
+# --- what dolfinx wrote -----------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element, cells", [("Q1", 27), ("Q2", 27), ("P1", 162), ("P2", 162)])
+def test_fields_are_read_whole_and_once(comm, folder, element, cells):
+    write_run(comm, folder, element)
+    stored = render.stored_loads(folder / "fields.pvd")
+    assert sorted(stored) == [0.0, 0.5, 1.0]
+    grid = surfaces.read_grid([str(f) for f in stored[1.0]], "J")
+    assert grid.n_cells == cells == len(grid["J"])
+    per_edge = CELLS * int(element[1]) + 1
+    assert grid.n_points == per_edge**3
+    top = np.isclose(grid.points[:, 2], 1)
+    a, b = (grid.points[top, :2] - 0.5).T
+    assert np.allclose(grid["displacement"][top, :2].T, [-2 * a, -2 * b], atol=1e-12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element, faces, edges", [("Q1", 54, 108), ("P2", 108, 162)])
+def test_surface_is_closed_and_follows_the_curved_cells(comm, folder, element, faces, edges):
+    write_run(comm, folder, element)
+    files = [str(f) for f in render.stored_loads(folder / "fields.pvd")[0.5]]
+    item = surfaces.body(files, "J")
+    assert item.surface.n_open_edges == 0
+    assert surfaces.boundary(surfaces.read_grid(files, "J"), 0).n_cells == faces
+    # each element edge is cut in as many pieces as the faces are
+    pieces = item.edges.n_cells / edges
+    assert pieces in (2, 4, 8)
+    assert len(item.values) == item.surface.n_cells
+    # the outline at rest is that of the cube: 12 edges of length 1
+    rest = item.ghost.compute_cell_sizes(length=True, area=False, volume=False)
+    assert sum(rest["Length"]) == pytest.approx(12)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_render_draws_every_load(comm, folder, element):
+    write_run(comm, folder, element)
+    out = on_root(comm, render.main, folder, None, None)
+    assert out == folder / "J.png"
+    image = matplotlib.image.imread(out)
+    assert image.shape[1] == 1600
+    assert out.stat().st_size < 600_000
+    body = np.ptp(image[..., :3], axis=2) + (image[..., 0] < 0.9) > 0
+    for half in (body[200:-200, :800], body[200:-200, 800:]):  # two panels
+        assert half.mean() > 0.2
+
+
+@pytest.mark.parametrize("field", ["displacement", "min_eigenvalue"])
+def test_render_other_fields_and_chosen_loads(twisted, field):
+    out = render.main(twisted, twisted / "pictures" / "a.png", loads=[1.0], field=field)
+    assert matplotlib.image.imread(out).shape[1] == 1600
+
+
+def test_render_of_long_bodies_stacks_the_panels(twisted, monkeypatch):
+    grid = surfaces.read_grid(
+        [str(f) for f in render.stored_loads(twisted / "fields.pvd")[0.5]], "J"
+    )
+    for axis, stacked in ((0, True), (1, True), (2, False)):
+        grid.points[:, axis] *= 4
+        surface = surfaces.boundary(grid, 1)
+        item = surfaces.Body(surface, None, surface, surface, surface["J"])
+        where = drawing.view([item])
+        assert (where.width > 2 * where.height) == stacked
+        grid.points[:, axis] /= 4
+
+
+def test_colours_of_J_are_centred_at_one_and_robust():
+    values = np.concatenate([np.linspace(0.95, 1.02, 1000), [40.0]])
+    cmap, norm, extend = drawing.colours("J", values)
+    assert (cmap, norm.vmin, norm.vmax, extend) == ("coolwarm", 0.95, 1.05, "max")
+    assert drawing.colours("J", np.array([-9.0, 1.0]))[1].vmin == 0
+    assert drawing.colours("energy_density", np.zeros(9))[0] == "viridis"
+    with pytest.raises(BadInput, match="no finite value"):
+        drawing.colours("J", np.array([np.nan]))
+
+
+def test_labels():
+    assert [render.number(math.pi * x) for x in (1, 0.5, -1.5, 2)] == ["π", "π/2", "-3π/2", "2π"]
+    assert [render.number(x) for x in (0, 3.4, 1.8000000001)] == ["0", "3.4", "1.8"]
+    label = render.panel_label(record(), 0.5)
+    assert label == "angle π/2  ·  volume +2.00 %  ·  min J 0.90"
+    assert render.panel_label(record(), 0.0) == "angle 0"
+    assert "stable Neo-Hookean" in render.title(record())
+
+
+def test_default_loads():
+    assert render.choose_loads([0.0, 0.5, 1.0], None) == [0.5, 1.0]
+    assert render.choose_loads([0.0], None) == [0.0]
+    twelve = [i / 12 for i in range(13)]
+    assert render.choose_loads(twelve, None) == [4 / 12, 8 / 12, 1.0]
+    with pytest.raises(BadInput, match=r"no fields at load 0\.7: stored are 0, 0\.5"):
+        render.choose_loads([0.0, 0.5], [0.7])
+
+
+# --- graphs -----------------------------------------------------------------------------------
+
+
+def test_run_figure_shows_steps_failures_and_the_paper():
+    one = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two["material"] = {"name": "fixed_corotational", "nu": 0.49}
+    two["steps"][1] |= {"converged": False, "volume_ratio": None}
+    figure = run_figure([one, two], newton=True)
+    assert [ax.get_ylabel().split()[0] for ax in figure.axes] == ["volume", "linear", "Newton"]
+    assert figure.axes[0].get_xlabel() == "stretch"
+    volume = lines(figure, 0)
+    assert np.allclose(volume["stable Neo-Hookean"].get_data(), [[1, 2.2, 3.4], [0, 2, 4]])
+    assert np.allclose(volume["fixed corotational"].get_data(), [[1, 2.2], [0, 2]])
+    assert np.allclose(lines(figure, 1)["stable Neo-Hookean"].get_data(), [[2.2, 3.4], [100, 200]])
+    assert {"Smith et al. 2018", "not converged"} <= volume.keys()
+    marks = [float(line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "D"
+             and len(line.get_ydata()) == 1]  # fmt: skip
+    assert marks == [4.3, 4.5]
+
+
+@pytest.mark.parametrize("change", [{"scene": "own"}, {"load_range": [1.0, 2.0]}])
+def test_the_paper_is_shown_beside_its_own_experiment_only(change):
+    run = record(scene="stretch", load_name="stretch", load_range=[1.0, 3.4]) | change
+    assert "Smith et al. 2018" not in lines(run_figure([run]), 0)
+
+
+def test_legend_tells_runs_apart():
+    runs = [record(hessian="clamp"), record(hessian="adaptive")]
+    names = [name for name in lines(run_figure(runs), 0) if not name.startswith("_")]
+    assert names == ["stable Neo-Hookean, clamp Hessian", "stable Neo-Hookean, adaptive Hessian"]
+
+
+def test_plot_runs(tmp_path):
+    a, b = (write_record(tmp_path / name, record()) for name in "ab")
+    assert plots.main([a]) == a / "history.png"
+    assert plots.main([a, b]) == tmp_path / "comparison.png"
+    out = plots.main([a], tmp_path / "new" / "x.pdf")
+    assert out.read_bytes().startswith(b"%PDF")
+
+
+HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
+ROWS = """\
+a,twist,stable_neo_hookean,0.3,clamp,5,True,10,100,1.02,1
+b,twist,stable_neo_hookean,0.49,clamp,5,True,20,900,1.01,2
+c,twist,neo_hookean,0.3,clamp,5,True,12,120,1.03,1
+d,twist,neo_hookean,0.49,clamp,5,False,0,0,,2
+e,twist,neo_hookean,0.5,clamp,5,False,0,0,,2
+"""
+
+
+def test_plot_sweep(tmp_path):
+    table = tmp_path / "sweep.csv"
+    table.write_text(HEAD + ROWS)
+    assert plots.main([table]) == plots.main([tmp_path]) == tmp_path / "sweep.png"
+    figure = sweep_figure(read_sweep(table))
+    assert len(figure.axes) == 4
+    shown = lines(figure, 0)
+    assert np.allclose(shown["stable Neo-Hookean"].get_data(), [[0.2, 0.01], [10, 20]])
+    assert "not converged (above: no result)" in shown
+    left, right = figure.axes[0].get_xlim()
+    assert left > right and [t.get_text() for t in figure.axes[0].get_xticklabels()] == [
+        "0.3",
+        "0.49",
+    ]
+
+
+def test_sweep_of_something_else_than_nu(tmp_path):
+    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
+    (tmp_path / "sweep.csv").write_text(HEAD + rows)
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == "cells"
+
+
+# --- mistakes ---------------------------------------------------------------------------------
+
+
+def bad(function: Any, *args: Any) -> str:
+    with pytest.raises(BadInput) as caught:
+        function(*args)
+    message = str(caught.value)
+    assert message and "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("content", [None, "", "{", "[]", '{"scene": 1}', '{"steps": 3}'])
+def test_bad_run_json(tmp_path, content):
+    if content is not None:
+        (tmp_path / "run.json").write_text(content)
+    for function in (render.main, lambda folder: plots.main([folder])):
+        assert "run.json" in bad(function, tmp_path)
+
+
+def test_render_bad_files(twisted):
+    assert "did you mean 'displacement'" in bad(render.main, twisted, None, None, "displacment")
+    assert "stored are 0, 0.5, 1" in bad(render.main, twisted, None, [0.3])
+    blocked = twisted / "run.json" / "x.png"
+    assert "cannot be written" in bad(render.main, twisted, blocked, [1.0])
+    piece = render.stored_loads(twisted / "fields.pvd")[1.0][0]
+    piece.write_text(piece.read_text()[:300])
+    assert piece.name in bad(render.main, twisted, None, [1.0])
+    piece.unlink()
+    assert f"{piece}: missing" in bad(render.main, twisted, None, [1.0])
+    (twisted / "fields.pvd").write_text("<VTKFile>")
+    assert "fields.pvd" in bad(render.main, twisted)
+    (twisted / "fields.pvd").unlink()
+    assert "fields.pvd" in bad(render.main, twisted)
+
+
+def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
+    monkeypatch.setattr(render, "_ways_to_draw", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
+    assert "libegl1" in bad(render.main, twisted)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
+)
+def test_bad_sweep(tmp_path, content):
+    table = tmp_path / "sweep.csv"
+    table.write_text(content)
+    assert str(table) in bad(plots.main, [table])
+
+
+def test_plot_bad_arguments(tmp_path):
+    run = write_record(tmp_path / "a", record())
+    assert "nothing to plot" in bad(plots.main, [])
+    assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
+    assert "one sweep" in bad(plots.main, [run, tmp_path / "x.csv"])
+    assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
+    assert "cannot be written" in bad(plots.main, [run], run / "run.json" / "a.png")
+    assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])
+    broken = record()
+    del broken["steps"][0]["linear"]
+    del broken["steps"][1]["linear"]
+    assert "linear" in bad(plots.main, [write_record(tmp_path / "c", broken)])
+
+
+def test_pictures_do_not_need_the_solver():
+    code = "import fem_snh.plots, fem_snh.render, sys; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(said.stdout.split())
