@@ -6,9 +6,11 @@ RANKS ?= 2
 
 # One thread per rank: the ranks are the parallelism.
 export OMP_NUM_THREADS ?= 1
-# More ranks than cores is allowed (Open MPI 4, then 5 and later).
+# Open MPI counts cores, not hardware threads, and wants one per rank (names of 4, then of 5).
+ifeq ($(shell lscpu -p=CORE,SOCKET | grep -v '^\#' | sort -u | wc -l),1)
 export OMPI_MCA_rmaps_base_oversubscribe ?= 1
 export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
+endif
 # Open MPI refuses to run as root, as one is in a container, unless told twice.
 ifeq ($(shell id -u),0)
 export OMPI_ALLOW_RUN_AS_ROOT := 1
