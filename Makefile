@@ -7,7 +7,7 @@ RANKS ?= 2
 # One thread per rank: the ranks are the parallelism.
 export OMP_NUM_THREADS ?= 1
 # Open MPI counts cores, not hardware threads, and wants one per rank (names of 4, then of 5).
-ifeq ($(shell lscpu -p=CORE,SOCKET | grep -v '^\#' | sort -u | wc -l),1)
+ifeq ($(shell lscpu -p=CORE,SOCKET | grep '^[0-9]' | sort -u | wc -l),1)
 export OMPI_MCA_rmaps_base_oversubscribe ?= 1
 export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
 endif
