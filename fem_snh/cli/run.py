@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, split_petsc, value
+from fem_snh.doctor import check
 from fem_snh.errors import BadInput, on_root
 
 
@@ -43,11 +44,12 @@ def run(argv: list[str]) -> int:
 
     from mpi4py import MPI
 
-    from fem_snh.run import run as solve
-
     comm = MPI.COMM_WORLD
     # One rank reads the files: the others may not see them, and must not differ in what they find.
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
+    check()
+    from fem_snh.run import run as solve
+
     result = solve(
         scene, out=args.out, overwrite=args.overwrite, comm=comm, progress=not args.quiet
     )

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from fem_snh.errors import BadInput
@@ -32,13 +31,17 @@ def environment() -> dict[str, str]:
     believes to be our rank, and hangs.
     """
     env = dict(os.environ)
-    if "OMPI_COMM_WORLD_SIZE" in env or "PMIX_RANK" in env or "PMI_RANK" in env:
+    if _is_rank():
         ours = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
         kept = {*_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's own
         env = {key: v for key, v in env.items() if not key.startswith(ours) or key in kept}
     if os.geteuid() == 0:
         env = _ROOT | env
     return _SHARING | env
+
+
+def _is_rank() -> bool:
+    return any(key in os.environ for key in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"))
 
 
 def program(ranks: int) -> list[str]:
@@ -74,6 +77,8 @@ class Child:
                 env=environment(),
                 start_new_session=True,
             )
+        if _is_rank():  # we are bound to a core or so: our children need not share it
+            os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
     def poll(self) -> int | None:
         """The exit code (negative: a signal), or None while it runs; ends it at its timeout."""
@@ -94,20 +99,25 @@ class Child:
                 self._process.wait(_GRACE)
             except subprocess.TimeoutExpired:
                 pass
-        for pid in _session(self._process.pid):
-            try:
-                os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
+        late = time.monotonic() + _GRACE
+        while (left := _session(self._process.pid)) and time.monotonic() < late:
+            for pid in left:
+                try:
+                    os.kill(pid, signal.SIGKILL)
+                except ProcessLookupError:
+                    pass
+            time.sleep(0.01)
         self._process.wait()
 
 
-def _session(leader: int) -> Iterator[int]:
-    """The processes of a session; mpirun puts its ranks into groups of their own, but not out."""
+def _session(leader: int) -> list[int]:
+    """The living processes of a session: mpirun gives its ranks groups of their own, but in it."""
+    found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
-            after_name = stat.read_text().rpartition(")")[2].split()
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
         except OSError:
             continue  # it has just ended
-        if int(after_name[3]) == leader:
-            yield int(stat.parent.name)
+        if int(session) == leader and state not in "ZX":
+            found.append(int(stat.parent.name))
+    return found
