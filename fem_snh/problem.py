@@ -36,7 +36,8 @@ class Problem:
     u : the displacement, a dolfinx Function; ``x`` its ghosted PETSc vector.
     A : the matrix that `jacobian` fills, its near null space the rigid motions.
     terms : the energy terms the scene needs, and no others.
-    force_scale : E V^(2/3) [N], V the volume: the residual's norm is measured against it.
+    length : V^(1/3) [m], V the reference volume.
+    force_scale : E V^(2/3) [N]: the residual's norm is measured against it.
 
     Raises BadInput on every rank for an element that does not fit the mesh or an unknown group.
     """
@@ -68,7 +69,8 @@ class Problem:
         self.A = self.elastic.create_matrix()
         self.A.setNearNullSpace(self._rigid_motions())
         volume = self.comm.allreduce(self.elastic.fields(self.x)["volume"].sum())
-        self.force_scale = material.law.E * volume ** (2 / 3)
+        self.length = float(volume) ** (1 / 3)
+        self.force_scale = material.law.E * self.length**2
 
     @property
     def dofs(self) -> int:

@@ -1,4 +1,4 @@
-"""Projected Newton as a PETSc SNES: filter policy, forcing, line search, history.
+"""Projected Newton as a PETSc SNES: filter policy, forcing, convergence, history.
 
 `ProjectedNewton` is a context for a SNES of type "python". It uses only what the SNES was given
 (function, Jacobian, objective, KSP), so monitors, converged reasons, ``-snes_view``, convergence
@@ -7,12 +7,14 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import choose
+from fem_snh.solver.linesearch import LineSearch
 
 POLICIES = ("exact", "clamp", "abs", "adaptive")
 
@@ -53,9 +55,8 @@ class ProjectedNewton:
     same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
     ``-snes_rtol``, ``-snes_stol`` theirs, as PETSc defines them.
 
-    Linear solves are inexact (Eisenstat & Walker's second choice), line searches backtrack on the
-    energy. Where the energy no longer changes in floating point, Armijo's condition is put on the
-    slopes at both ends instead (Hager & Zhang 2005; Longva et al. 2023 for projected Newton).
+    Linear solves are inexact: their relative tolerance is 0.9 (||r_k|| / ||r_k-1||)^2, Eisenstat &
+    Walker's second choice, between ``-ksp_rtol`` and ``snes_forcing_max``. See `LineSearch`.
     """
 
     def __init__(self, jacobian: Any, force_scale: float = 1.0) -> None:
@@ -88,10 +89,17 @@ class ProjectedNewton:
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         f = snes.getFunction()[0]
-        d, trial, f_trial = x.duplicate(), x.duplicate(), f.duplicate()
+        d = x.duplicate()
+        line = LineSearch(
+            snes,
+            x.duplicate(),
+            f.duplicate(),
+            float(self.options["snes_armijo"]),
+            float(self.options["snes_min_step"]),
+        )
         self.history = []
         energy = snes.computeObjective(x)
-        if not _finite(energy):
+        if not isfinite(energy):
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
         snes.computeFunction(x, f)
@@ -105,13 +113,13 @@ class ProjectedNewton:
             if slope is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
                 return
-            found = self._search(snes, x, d, energy, slope, trial, f_trial)
+            found = line.search(x, d, energy, slope)
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
             now.step, energy = found
-            trial.copy(x)
-            f_trial.copy(f)
+            line.trial.copy(x)
+            line.f_trial.copy(f)
             previous, norm, step_norm = norm, f.norm(), now.step * d.norm()
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
@@ -184,71 +192,3 @@ class ProjectedNewton:
         Ad = f.duplicate()
         A.mult(d, Ad)
         return slope if slope < 0 < Ad.dot(d) else None
-
-    def _search(
-        self,
-        snes: PETSc.SNES,
-        x: PETSc.Vec,
-        d: PETSc.Vec,
-        energy: float,
-        slope: float,
-        trial: PETSc.Vec,
-        f_trial: PETSc.Vec,
-    ) -> tuple[float, float] | None:
-        """Backtrack from 1 to a step that lowers the energy: (step, energy there), or None.
-
-        ``trial`` and ``f_trial`` end as the state and the residual there.
-        """
-        c = float(self.options["snes_armijo"])
-        step = 1.0
-        while step >= float(self.options["snes_min_step"]):
-            d.copy(trial)
-            trial.aypx(step, x)
-            there = snes.computeObjective(trial)
-            change = there - energy
-            if not _finite(there):  # outside the domain
-                step *= 0.5
-                continue
-            if abs(change) <= 1e-12 * max(abs(energy), abs(there)):
-                snes.computeFunction(trial, f_trial)
-                if f_trial.dot(d) <= (2 * c - 1) * slope:
-                    return step, there
-            elif change <= c * step * slope:
-                snes.computeFunction(trial, f_trial)
-                return step, there
-            # The minimum of the parabola through both energies and the slope, kept sensible.
-            parabola = change - step * slope
-            best = -slope * step**2 / (2 * parabola) if parabola > 0 else 0.5 * step
-            step = min(0.5 * step, max(0.1 * step, best))
-        return None
-
-
-def _finite(value: float) -> bool:
-    return abs(value) < float("inf")  # False for NaN as well
-
-
-def create(problem: Any, hessian: str = "adaptive", prefix: str = "snh_") -> PETSc.SNES:
-    """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
-
-    Its defaults: CG with Jacobi, linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200
-    iterations. The context is ``snes.getPythonContext()``. Raises BadInput for a bad option.
-    """
-    context = ProjectedNewton(problem.jacobian, problem.force_scale)
-    context.options["snes_hessian"] = choose("hessian", hessian, POLICIES)
-    snes = PETSc.SNES().create(problem.comm)
-    snes.setOptionsPrefix(prefix)
-    snes.setType(PETSc.SNES.Type.PYTHON)
-    snes.setPythonContext(context)
-    snes.setObjective(lambda snes, x: problem.energy(x))
-    snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
-    snes.setJacobian(context.jacobian, problem.A)
-    snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)
-    ksp = snes.getKSP()
-    ksp.setType(PETSc.KSP.Type.CG)
-    ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-    try:
-        snes.setFromOptions()
-    except PETSc.Error as error:
-        raise BadInput(f"PETSc rejects an option of the solver: {error}") from None
-    return snes

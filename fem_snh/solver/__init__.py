@@ -1,0 +1,57 @@
+"""Newton's method with projected Hessians, as a PETSc SNES.
+
+`create` configures it for a problem, `ProjectedNewton` is its context, `LineSearch` and `Predictor`
+are its parts. ``-snes_view``, monitors, converged reasons and options work as for PETSc's own types.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+from fem_snh.errors import BadInput, choose
+from fem_snh.solver.linesearch import LineSearch
+from fem_snh.solver.newton import POLICIES, Iteration, ProjectedNewton
+from fem_snh.solver.predictor import PREDICTORS, Predictor
+
+__all__ = [
+    "POLICIES", "PREDICTORS", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
+    "reason",
+]  # fmt: skip
+
+PREFIX = "snh_"
+
+
+def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
+    """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
+
+    Defaults: CG with Jacobi, linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200
+    iterations. Raises BadInput for an option's bad value.
+    """
+    context = ProjectedNewton(problem.jacobian, problem.force_scale)
+    context.options["snes_hessian"] = choose("hessian", hessian, POLICIES)
+    snes = PETSc.SNES().create(problem.comm)
+    snes.setOptionsPrefix(prefix)
+    snes.setType(PETSc.SNES.Type.PYTHON)
+    snes.setPythonContext(context)
+    snes.setObjective(lambda snes, x: problem.energy(x))
+    snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
+    snes.setJacobian(context.jacobian, problem.A)
+    snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)
+    ksp = snes.getKSP()
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    try:
+        snes.setFromOptions()
+    except PETSc.Error as error:
+        raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
+    return snes
+
+
+def reason(snes: PETSc.SNES) -> str:
+    """Why the last solve ended, by PETSc's name: "CONVERGED_FNORM_ABS", "DIVERGED_LINE_SEARCH"..."""
+    code = snes.getConvergedReason()
+    names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+    return names.get(code, str(code))

@@ -1,0 +1,82 @@
+"""A backtracking line search on the energy that survives rounding, infinity and stiff Hessians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+from petsc4py import PETSc
+
+#: Relative change of the energy below which its sign is rounding.
+_NOISE = 1e-12
+#: A full step is lengthened where the slope at its end is still this fraction of that at its start.
+_STEEP = 0.3
+
+
+@dataclass
+class LineSearch:
+    """Finds a step along d that lowers the energy; ``trial`` and ``f_trial`` hold state, residual.
+
+    Backtracks to the minimum of the parabola through both energies and the slope (between a tenth
+    and half of the step); by halves where the energy is infinite. Where the energy no longer
+    changes in floating point, Armijo's condition is put on the slopes at both ends instead (Hager &
+    Zhang 2005, eq. 4.1; Longva et al. 2023 for projected Newton).
+
+    A filtered Hessian is too stiff, so a full step may end where the energy still falls steeply: one
+    secant step on the slope then goes on, up to three times as far. It costs an energy and a
+    residual, and saves most of the linearly convergent iterations of clamp and abs near a solution
+    with negative eigenvalues.
+    """
+
+    snes: PETSc.SNES
+    trial: PETSc.Vec
+    f_trial: PETSc.Vec
+    armijo: float = 1e-4
+    min_step: float = 1e-10
+
+    def search(
+        self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float
+    ) -> tuple[float, float] | None:
+        """From ``x`` with ``energy`` and ``slope`` = f.d < 0: (step, energy there), or None."""
+        step = 1.0
+        while step >= self.min_step:
+            there = self._energy(x, d, step)
+            change = there - energy
+            if not isfinite(there):
+                step *= 0.5
+                continue
+            flat = abs(change) <= _NOISE * max(abs(energy), abs(there))
+            if flat or change <= self.armijo * step * slope:
+                end = self._slope(d)
+                if not flat or end <= (2 * self.armijo - 1) * slope:
+                    if step == 1.0 and slope < end < _STEEP * slope:
+                        return self._lengthen(x, d, there, slope, end)
+                    return step, there
+            parabola = change - step * slope
+            best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
+            step = min(0.5 * step, max(0.1 * step, best))
+        return None
+
+    def _lengthen(
+        self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float, end: float
+    ) -> tuple[float, float]:
+        """From a full step with ``energy`` and slope ``end``: the better of it and a longer one."""
+        kept, f_kept = self.trial.copy(), self.f_trial.copy()
+        longer = min(3.0, slope / (slope - end))
+        there = self._energy(x, d, longer)
+        if isfinite(there) and there <= energy and abs(self._slope(d)) < abs(end):
+            return longer, there
+        kept.copy(self.trial)
+        f_kept.copy(self.f_trial)
+        return 1.0, energy
+
+    def _energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
+        """Put x + step d into ``trial``; the energy there."""
+        d.copy(self.trial)
+        self.trial.aypx(step, x)
+        return float(self.snes.computeObjective(self.trial))
+
+    def _slope(self, d: PETSc.Vec) -> float:
+        """Put the residual at ``trial`` into ``f_trial``; the energy's slope along d there."""
+        self.snes.computeFunction(self.trial, self.f_trial)
+        return float(self.f_trial.dot(d))
