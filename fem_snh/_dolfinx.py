@@ -44,12 +44,12 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _rows(dofmap: Any) -> Array:
-    """A dofmap as a (cells, n) array: an adjacency list in 0.5, an array since 0.7."""
-    if isinstance(dofmap, np.ndarray):
-        return dofmap
-    rows = max(len(dofmap.offsets) - 1, 0)
-    return np.asarray(dofmap.array).reshape(rows, -1 if rows else 0)
+def _rows(table: Any, width: int) -> Array:
+    """A dofmap or connectivity as a (rows, width) array, also if this rank has no rows.
+
+    Connectivities are adjacency lists, as dofmaps were in 0.5 (arrays since 0.7).
+    """
+    return np.asarray(getattr(table, "array", table)).reshape(-1, width)
 
 
 # --- meshes ------------------------------------------------------------------------------------
@@ -103,15 +103,16 @@ def input_cells(domain: Any) -> Array:
 def input_vertices(domain: Any, dim: int) -> Array:
     """(local entities, vertices each) input node numbers of the vertices of each entity."""
     topology = domain.topology
-    for d in (dim, topology.dim):
+    for d in (dim, 3):
         topology.create_entities(d)
         topology.create_connectivity(d, 0)
-    cells = _rows(topology.connectivity(topology.dim, 0))
-    nodes = _rows(domain.geometry.dofmap)[:, : cells.shape[1]]  # the vertices come first
+    corners = [d + 1 if cell_name(domain) == "tetrahedron" else 2**d for d in range(4)]
+    cells = _rows(topology.connectivity(3, 0), corners[3])
+    nodes = _geometry_rows(domain)[:, : corners[3]]  # the vertices come first
     index_map = topology.index_map(0)
     number = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     number[cells] = np.asarray(domain.geometry.input_global_indices)[nodes]
-    return number[_rows(topology.connectivity(dim, 0))]
+    return number[_rows(topology.connectivity(dim, 0), corners[dim])]
 
 
 def cell_name(domain: Any) -> str:
@@ -126,7 +127,7 @@ def reference_corners(cell: str) -> Array:
 
 def geometry_dofs(domain: Any) -> Array:
     """(owned cells, nodes per cell) int32: each cell's rows of `geometry_x`."""
-    return _rows(domain.geometry.dofmap)[: num_owned(domain)]
+    return _geometry_rows(domain)[: num_owned(domain)]
 
 
 def geometry_x(domain: Any) -> Array:
@@ -136,8 +137,12 @@ def geometry_x(domain: Any) -> Array:
 
 def geometry_degree(domain: Any) -> int:
     """1 or 2."""
-    cmap = getattr(domain.geometry, "cmap", None) or domain.geometry.cmaps[0]
-    return int(cmap.degree)
+    return int(domain.geometry.cmap.degree)
+
+
+def _geometry_rows(domain: Any) -> Array:
+    nodes = domain.geometry.cmap.create_dof_layout().num_dofs
+    return _rows(domain.geometry.dofmap, nodes)
 
 
 def coordinates(domain: Any) -> Any:
@@ -188,7 +193,7 @@ def degree(V: Any) -> int:
 
 def node_dofs(V: Any) -> Array:
     """(owned cells, nodes per cell) int32: the local nodes (blocks of V's dofs) of each cell."""
-    return _rows(V.dofmap.list)[: num_owned(V.mesh)]
+    return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
 
 
 def num_nodes(V: Any) -> tuple[int, int]:

@@ -1,0 +1,310 @@
+"""Generated meshes and .msh files: what is in them, and that every rank finds its groups."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from fem_snh import _dolfinx, mesh
+from fem_snh.errors import BadInput
+
+pytestmark = pytest.mark.mpi
+CELLS = ["hexahedron", "tetrahedron"]
+
+
+def volume(m: mesh.Mesh) -> float:
+    """By our own quadrature, which checks the tabulated geometry, too."""
+    points, weights = _dolfinx.quadrature(m.cell, 4)
+    x = _dolfinx.geometry_x(m.domain)[_dolfinx.geometry_dofs(m.domain)]
+    gradients = _dolfinx.tabulate_geometry(m.domain, points)
+    jacobian = np.einsum("cni,pnj->cpij", x, gradients)
+    return m.domain.comm.allreduce(float((abs(np.linalg.det(jacobian)) @ weights).sum()))
+
+
+def area(m: mesh.Mesh, name: str) -> float:
+    one = 1 + 0 * _dolfinx.coordinates(m.domain)[0]
+    measure = _dolfinx.boundary_measure(m.domain, m.group(name).entities)
+    return _dolfinx.assemble_scalar(_dolfinx.form(one * measure))
+
+
+def held_points(m: mesh.Mesh, name: str, degree: int) -> np.ndarray:
+    """(n, 3) the sorted points of a group's nodes, each once, from all ranks."""
+    V = _dolfinx.function_space(m.domain, degree, (3,))
+    group = m.group(name)
+    nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
+    points = V.tabulate_dof_coordinates()[nodes[nodes < _dolfinx.num_nodes(V)[0]]]
+    points = np.concatenate(m.domain.comm.allgather(points))
+    return np.array(sorted(points.round(9).tolist())).reshape(-1, 3)
+
+
+# --- what the sources generate -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_cube_is_the_unit_cube_with_its_six_faces(comm, cell):
+    n = 3
+    m = mesh.generate(comm, "cube", cell, cells=n)
+    per_cube, per_square = (1, 1) if cell == "hexahedron" else (6, 2)
+    assert (m.cell, m.num_cells) == (cell, per_cube * n**3)
+    assert volume(m) == pytest.approx(1, abs=1e-12)
+    assert {g.name: (g.dim, g.count) for g in m.groups} == {
+        "corners": (0, 8),
+        "body": (3, per_cube * n**3),
+        **dict.fromkeys(
+            ["left", "right", "bottom", "top", "front", "back"], (2, per_square * n**2)
+        ),
+    }
+    faces = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1)}
+    for name, (axis, value) in {**faces, "bottom": (2, 0), "top": (2, 1)}.items():
+        assert area(m, name) == pytest.approx(1, abs=1e-12)
+        for degree in (1, 2):
+            points = held_points(m, name, degree)
+            assert len(points) == (degree * n + 1) ** 2
+            assert np.allclose(points[:, axis], value)
+    assert held_points(m, "corners", 2).tolist() == [
+        [i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)
+    ]
+    assert len(held_points(m, "body", 2)) == (2 * n + 1) ** 3
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_faces_of_neighbouring_cells_conform(comm, cell):
+    m = mesh.generate(comm, "cylinder", cell, cells=5)
+    m.domain.topology.create_connectivity(2, 3)
+    boundary = sum(g.count for g in m.groups if g.dim == 2)
+    assert comm.allreduce(_dolfinx.num_exterior_facets(m.domain)) == boundary
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_cylinder_converges_in_second_order_and_its_cells_keep_their_shape(comm, cell):
+    radius, length = 0.4, 1.3
+    exact = np.pi * radius**2 * length
+    errors = []
+    for cells in (5, 10, 20):
+        m = mesh.generate(comm, "cylinder", cell, cells=cells, radius=radius, length=length)
+        errors.append(exact - volume(m))
+        worst = comm.allreduce(mesh.scaled_jacobian(m.domain).min(initial=1), op=MPI.MIN)
+        assert worst > (0.82 if cell == "hexahedron" else 0.16)
+    # A core of 3/5 of the cells gives 12/5 cells chords on the circle.
+    assert np.allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2, atol=0.05)
+    assert area(m, "left") == pytest.approx(np.pi * radius**2, rel=0.01)
+    assert area(m, "right") == pytest.approx(area(m, "left"), rel=1e-12)
+    assert area(m, "side") == pytest.approx(2 * np.pi * radius * length, rel=0.01)
+    assert np.allclose(held_points(m, "right", 1)[:, 0], length)
+
+
+def test_a_parameter_does_not_outlive_its_call(comm):
+    mesh.generate(comm, "cylinder", "hexahedron", cells=4, length=3)
+    m = mesh.generate(comm, "cylinder", "hexahedron", cells=4)
+    assert held_points(m, "right", 1)[:, 0].max() == 1
+
+
+# --- files -------------------------------------------------------------------------------------
+
+# A box of two volumes, meshed with 2 cells along each edge of each; groups that overlap, have
+# gaps in their numbers, no names, or the same number in two dimensions.
+BOX = """
+Point(1) = {0, 0, 0};
+line[] = Extrude {0, 1, 0} { Point{1}; Layers{2}; Recombine; };
+base[] = Extrude {0, 0, 1} { Line{line[1]}; Layers{2}; RECOMBINE };
+one[] = Extrude {1, 0, 0} { Surface{base[1]}; Layers{2}; RECOMBINE };
+two[] = Extrude {1, 0, 0} { Surface{one[0]}; Layers{2}; RECOMBINE };
+Point(100) = {5, 5, 5};
+Physical Volume("all", 7) = {one[1], two[1]};
+Physical Volume("second", 3) = {two[1]};
+Physical Surface("start", 3) = {base[1]};
+Physical Surface("middle") = {one[0]};
+Physical Surface("both ends", 20) = {base[1], two[0]};
+Physical Curve("edge") = {line[1]};
+Physical Point(42) = {1};
+Physical Point("astray") = {100};
+"""
+
+
+@contextmanager
+def gmsh_model(script: str, folder):
+    """gmsh with a script's geometry, on rank 0 (others get None and must skip the body)."""
+    import gmsh
+
+    (folder / "script.geo").write_text(script + "\n")  # gmsh skips a last line without it
+    gmsh.initialize(readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        gmsh.open(str(folder / "script.geo"))
+        yield gmsh
+    finally:
+        gmsh.finalize()
+
+
+def write_msh(comm, folder, script: str, version=4.1, order=1, binary=False, dim=3):
+    """The mesh of a gmsh script as a .msh file, written by rank 0."""
+    path = folder / "mesh.msh"
+    if comm.rank == 0:
+        with gmsh_model(script, folder) as gmsh:
+            gmsh.model.mesh.generate(dim)
+            gmsh.model.mesh.setOrder(order)
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            gmsh.option.setNumber("Mesh.Binary", binary)
+            gmsh.write(str(path))
+    comm.barrier()
+    return path
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_msh_files_keep_cells_and_overlapping_groups_of_any_dimension(
+    comm, folder, cell, order, version
+):
+    recombine = "Recombine;" if cell == "hexahedron" else ""
+    script = BOX.replace("RECOMBINE", recombine)
+    m = mesh.read(comm, write_msh(comm, folder, script, version, order, binary=order == 2))
+    per_cube, per_square = (1, 1) if cell == "hexahedron" else (6, 2)
+    assert (m.cell, m.num_cells) == (cell, 16 * per_cube)
+    assert volume(m) == pytest.approx(2, abs=1e-12)
+    assert _dolfinx.geometry_degree(m.domain) == order
+    assert {(g.name, g.dim): g.count for g in m.groups} == {
+        ("all", 3): 16 * per_cube,
+        ("second", 3): 8 * per_cube,
+        ("start", 2): 4 * per_square,
+        ("middle", 2): 4 * per_square,
+        ("both ends", 2): 8 * per_square,
+        ("edge", 1): 2,
+        ("42", 0): 1,
+        ("astray", 0): 0,
+    }
+    for degree in (1, 2):
+        n = 2 * degree + 1
+        assert len(held_points(m, "start", degree)) == n**2
+        assert len(held_points(m, "both ends", degree)) == 2 * n**2
+        assert len(held_points(m, "second", degree)) == n**3
+        assert np.allclose(held_points(m, "middle", degree)[:, 0], 1)
+        edge = np.linspace(0, 1, n)
+        assert np.allclose(held_points(m, "edge", degree), [[0, y, 0] for y in edge])
+        assert held_points(m, "42", degree).tolist() == [[0, 0, 0]]
+
+
+def test_order_2_meshes_are_curved(comm, folder):
+    disc = "SetFactory('OpenCASCADE'); Cylinder(1) = {0, 0, 0, 1, 0, 0, 1};"
+    disc = disc.replace("'", '"') + "Mesh.MeshSizeMax = 0.6; Physical Volume(1) = {1};"
+    straight = np.pi - volume(mesh.read(comm, write_msh(comm, folder, disc, order=1)))
+    curved = np.pi - volume(mesh.read(comm, write_msh(comm, folder, disc, order=2)))
+    assert 0 < 20 * abs(curved) < straight
+
+
+def test_each_entity_is_owned_once_and_known_wherever_it_is(comm):
+    """On every rank, a facet is in the group if and only if its vertices lie on the face."""
+    m = mesh.generate(comm, "cube", "tetrahedron", cells=3)
+    facets = _dolfinx.input_vertices(m.domain, 2)
+    x = np.full((facets.max(initial=0) + 1, 3), np.nan)
+    cells = _dolfinx.geometry_dofs(m.domain)
+    x[_dolfinx.input_vertices(m.domain, 3)] = _dolfinx.geometry_x(m.domain)[cells]
+    expected = np.flatnonzero((x[facets][:, :, 0] < 1e-12).all(axis=1))
+    assert m.group("left").entities.tolist() == expected.tolist()
+
+
+# --- what users get wrong ----------------------------------------------------------------------
+
+
+def test_groups_are_named_by_name_number_or_dimension(comm, folder):
+    m = mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", "")))
+    assert m.group("start") is m.group("surface:start")
+    assert m.group(42) is m.group("42")
+    assert m.group(7) is m.group("all")
+    with pytest.raises(BadInput, match=r"did you mean 'middle'.*curve:edge, surface:start"):
+        m.group("midle")
+    with pytest.raises(BadInput, match="'surface:start' or 'volume:second'"):
+        m.group(3)
+    with pytest.raises(BadInput, match="'astray' has no part in the mesh"):
+        m.group("astray")
+
+
+@pytest.mark.parametrize(
+    ("source", "cell", "parameters", "message"),
+    [
+        ("cylindre", "hexahedron", {}, "unknown geometry 'cylindre' .*'cylinder'.*cube, cylinder"),
+        ("cube", "prism", {}, "unknown cell 'prism'.* hexahedron, tetrahedron"),
+        ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels' .*'cells'"),
+        ("cube", "hexahedron", {"tets": 1}, "unknown parameter 'tets'"),
+        ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: must be a whole number"),
+        ("cylinder", "hexahedron", {"cells": 2.5}, "cells = 2.5: must be a whole number, 3"),
+        ("cylinder", "tetrahedron", {"radius": -1}, "radius = -1.*must be positive"),
+        ("cylinder", "tetrahedron", {"length": float("nan")}, "length = nan: .* finite"),
+    ],
+)
+def test_bad_geometries_are_one_line_on_every_rank(comm, source, cell, parameters, message):
+    with pytest.raises(BadInput, match=message) as caught:
+        mesh.generate(comm, source, cell, **parameters)
+    assert "\n" not in str(caught.value)
+    assert mesh.generate(comm, "cube", "hexahedron", cells=1).num_cells == 1  # gmsh is fine again
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"", "not a gmsh .msh file"),
+        (b"SystemCall 'touch gotcha';", "not a gmsh .msh file"),
+        (bytes(range(256)) * 9, "not a gmsh .msh file"),
+        (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 2 3\n", "gmsh: .*nodes"),
+        (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "no volume cells"),
+    ],
+)
+def test_bad_files_are_one_line_on_every_rank(comm, folder, capfd, content, message):
+    path = folder / "bad.msh"
+    if comm.rank == 0 and content is not None:
+        path.write_bytes(content)
+    comm.barrier()
+    with pytest.raises(BadInput, match=message) as caught:
+        mesh.read(comm, path)
+    assert "bad.msh" in str(caught.value) and "\n" not in str(caught.value)
+    assert not (folder / "gotcha").exists()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_meshes_of_surfaces_are_refused(comm, folder):
+    with pytest.raises(BadInput, match="no volume cells: mesh in 3 dimensions"):
+        mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), dim=2))
+
+
+def test_prisms_and_mixed_cells_are_refused(comm, folder):
+    prisms = """Point(1) = {0, 0, 0}; line[] = Extrude {1, 0, 0} { Point{1}; Layers{1}; };
+        base[] = Extrude {0, 1, 0} { Line{line[1]}; Layers{1}; };
+        Extrude {0, 0, 1} { Surface{base[1]}; Layers{1}; Recombine; }"""
+    with pytest.raises(BadInput, match="has cells Prism 6: all must be tetra"):
+        mesh.read(comm, write_msh(comm, folder, prisms))
+    mixed = BOX.replace("RECOMBINE", "Recombine;") + (
+        "Point(200) = {0, 0, 3}; l[] = Extrude {1, 0, 0} { Point{200}; Layers{1}; };"
+        "s[] = Extrude {0, 1, 0} { Line{l[1]}; Layers{1}; };"
+        "v[] = Extrude {0, 0, 1} { Surface{s[1]}; Layers{1}; }; Physical Volume(9) = {v[1]};"
+    )
+    with pytest.raises(BadInput, match="has cells Tetrahedron 4 and Hexahedron 8"):
+        mesh.read(comm, write_msh(comm, folder, mixed))
+
+
+def test_inverted_cells_are_refused(comm, folder):
+    path = folder / "inverted.msh"
+    if comm.rank == 0:
+        # A hexahedron whose top is turned by half a turn against its bottom.
+        x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (1, 1, 1), (0, 1, 1), (0, 0, 1), (1, 0, 1)]
+        nodes = "".join(f"{i} {a} {b} {c}\n" for i, (a, b, c) in enumerate(x, 1))
+        path.write_text(
+            f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n8\n{nodes}$EndNodes\n"
+            "$Elements\n1\n1 5 2 1 1 1 2 3 4 5 6 7 8\n$EndElements\n"
+        )
+    comm.barrier()
+    with pytest.raises(BadInput, match="has 1 inverted or degenerate cells of 1"):
+        mesh.read(comm, path)
+
+
+def test_gmsh_is_silent_and_leaves_control_c_alone(comm, capfd):
+    import signal
+
+    before = signal.getsignal(signal.SIGINT)
+    mesh.generate(comm, "cube", "tetrahedron", cells=2)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert capfd.readouterr() == ("", "")
