@@ -185,6 +185,11 @@ def surface_measure(domain: Any, facets: Array) -> Any:
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
+def function(V: Any, name: str) -> Any:
+    """A zero function on V; the name is what output files call it."""
+    return fem.Function(V, name=name)
+
+
 def degree(V: Any) -> int:
     """The polynomial degree of V's element."""
     element = V.ufl_element()

@@ -1,0 +1,153 @@
+"""The shim gives the same on every dolfinx: layouts, assembly, output that readers agree with."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+
+from fem_snh import _dolfinx, mesh
+
+ELEMENTS = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
+mpi = pytest.mark.mpi
+
+
+@pytest.fixture(params=ELEMENTS, ids=["Q1", "P1", "Q2", "P2"])
+def space(request, comm):
+    """A vector space on the cylinder, whose cells are no cubes."""
+    cell, degree = request.param
+    m = mesh.generate(comm, "cylinder", cell, cells=4)
+    return _dolfinx.function_space(m.domain, degree, (3,))
+
+
+def quadratic(x):
+    """A vector field within degree 2 that no two nodes of a cell can swap unnoticed."""
+    return np.stack([x[0] * x[1] + x[2], x[1] * x[2] - x[0], x[2] * x[2] + 2 * x[1]])
+
+
+def linear(x):
+    return np.stack([x[0] - 2 * x[1], 3 * x[2] + x[1], x[0] + x[2]])
+
+
+def gathered(comm, array):
+    return np.concatenate(comm.allgather(array))
+
+
+@mpi
+def test_own_loop_over_cells_gives_dolfinx_integrals(comm, space):
+    """A field's gradient by node_dofs, tabulate and the geometry's twins, against a form."""
+    field = quadratic if _dolfinx.degree(space) == 2 else linear
+    u = _dolfinx.function(space, "u")
+    u.interpolate(field)
+    domain = space.mesh
+    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), 6)
+    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    jacobian = np.einsum("cni,pnj->cpij", x, _dolfinx.tabulate_geometry(domain, points))
+    gradient = np.einsum(
+        "pnj,cpji->cpni", _dolfinx.tabulate(space, points), np.linalg.inv(jacobian)
+    )
+    with _dolfinx.petsc_vec(u).localForm() as local:
+        values = local.array_r.reshape(-1, 3)[_dolfinx.node_dofs(space)]
+    assert sum(_dolfinx.num_nodes(space)) * 3 == u.x.array.size
+    grad = np.einsum("cni,cpnj->cpij", values, gradient)
+    volumes = abs(np.linalg.det(jacobian)) * weights
+    weight = np.random.default_rng(1).normal(size=(3, 3))
+    own = comm.allreduce(float(np.einsum("cpij,ij,cp->", grad, weight, volumes)))
+    integrand = ufl.inner(ufl.grad(u), ufl.as_matrix(weight.tolist()))
+    form = _dolfinx.form(integrand * ufl.dx(metadata={"quadrature_degree": 6}))
+    assert own == pytest.approx(_dolfinx.assemble_scalar(form), rel=1e-12)
+
+
+@mpi
+def test_nodes_are_numbered_once_over_the_ranks(comm, space):
+    owned, ghosts = _dolfinx.num_nodes(space)
+    numbers = _dolfinx.local_to_global(space)
+    assert (numbers.dtype, len(numbers)) == (np.int64, owned + ghosts)
+    total = space.dofmap.index_map.size_global
+    assert np.array_equal(np.sort(gathered(comm, numbers[:owned])), np.arange(total))
+    dofs = _dolfinx.node_dofs(space)
+    assert dofs.dtype == np.int32 and len(dofs) == len(_dolfinx.geometry_dofs(space.mesh))
+    assert comm.allreduce(len(dofs)) == comm.allreduce(_dolfinx.num_owned(space.mesh))
+    assert np.array_equal(np.unique(dofs), np.arange(owned + ghosts))
+
+
+@mpi
+def test_vectors_and_matrices(comm, space):
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    options = {"cffi_extra_compile_args": ["-O2"]}
+    mass = _dolfinx.form(ufl.inner(u, v) * ufl.dx, options)
+    load = _dolfinx.form(v[0] * ufl.dx, options)
+    matrix, vector = _dolfinx.create_matrix(mass), _dolfinx.create_vector(space)
+    assert matrix.getBlockSize() == vector.getBlockSize() == 3
+    for _ in range(2):  # the second time overwrites
+        _dolfinx.assemble_matrix(matrix, mass)
+        _dolfinx.assemble_vector(vector, load)
+    one = _dolfinx.create_vector(space)
+    one.setArray(np.tile([1.0, 0, 0], one.getLocalSize() // 3))
+    product = matrix.createVecLeft()
+    matrix.mult(one, product)
+    product.axpy(-1, vector)
+    assert product.norm() < 1e-14
+    assert vector.sum() == pytest.approx(one.dot(vector), rel=1e-12)
+    with vector.localForm() as local:
+        assert local.getSize() == 3 * sum(_dolfinx.num_nodes(space))
+
+
+@mpi
+def test_interpolating_an_expression(comm, space):
+    u = _dolfinx.function(space, "u")
+    x = _dolfinx.coordinates(space.mesh)
+    _dolfinx.interpolate(u, 2 * x)
+    expected = _dolfinx.function(space, "u")
+    expected.interpolate(lambda x: 2 * x)
+    assert np.allclose(u.x.array, expected.x.array, atol=1e-14)
+
+
+@mpi
+def test_pvd_files_read_back_in_pyvista(comm, folder, space):
+    pyvista = pytest.importorskip("pyvista")
+    domain, degree = space.mesh, _dolfinx.degree(space)
+    field = quadratic if degree == 2 else linear
+    u = _dolfinx.function(space, "displacement")
+    scalars = [
+        _dolfinx.function(_dolfinx.function_space(domain, 0, (), "DG"), name)
+        for name in ("J", "energy_density")
+    ]
+    path = folder / "fields.pvd"
+    with _dolfinx.vtk_writer(comm, path) as writer:
+        for number, t in enumerate((0.0, 0.5, 1.0)):
+            u.interpolate(lambda x, t=t: t * field(x))
+            for i, scalar in enumerate(scalars):
+                scalar.interpolate(lambda x, t=t, i=i: t + x[i])
+            writer.write([u, *scalars], t)
+            comm.barrier()  # the file is complete after every write, not only when closed
+            reader = pyvista.get_reader(str(path))
+            assert reader.time_values == [0.0, 0.5, 1.0][: number + 1]
+            comm.barrier()
+    reader.set_active_time_value(1.0)
+    grid = reader.read().combine()
+    assert grid.n_cells == comm.allreduce(_dolfinx.num_owned(domain))  # each once
+    assert grid.point_data["displacement"] == pytest.approx(field(grid.points.T).T, abs=1e-12)
+    middle = grid.cell_centers().points
+    assert grid.cell_data["energy_density"] == pytest.approx(1 + middle[:, 1], abs=1e-12)
+    # Inside the cells, where a wrong order of the nodes would show.
+    inside = pyvista.PolyData(np.random.default_rng(0).uniform(0.2, 0.3, (50, 3)))
+    sampled = inside.sample(grid)
+    assert sampled["displacement"] == pytest.approx(field(inside.points.T).T, abs=1e-6)
+
+
+def test_only_the_shim_knows_dolfinx():
+    """No other module of the package imports dolfinx, basix, FFCx or a PETSc part of them."""
+    package = Path(_dolfinx.__file__).parent
+    known = {"dolfinx", "basix", "ffcx"}
+    for path in sorted(package.rglob("*.py")):
+        if path.name == "_dolfinx.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            found = {name.split(".")[0] for name in names} & known
+            assert not found, f"{path.relative_to(package)} imports {found}"
