@@ -172,7 +172,7 @@ def function_space(
 
 
 def function(V: Any, name: str) -> Any:
-    """A zero function on V."""
+    """A zero function on V; output files call it by its name."""
     u = fem.Function(V)
     u.name = name
     return u
@@ -183,11 +183,6 @@ def surface_measure(domain: Any, facets: Array) -> Any:
     facets = np.unique(facets).astype(np.int32)
     tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
-
-
-def function(V: Any, name: str) -> Any:
-    """A zero function on V; the name is what output files call it."""
-    return fem.Function(V, name=name)
 
 
 def degree(V: Any) -> int:
@@ -247,13 +242,6 @@ def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
     """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
     V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
-
-
-def boundary_measure(domain: Any, facets: Array) -> Any:
-    """The UFL measure over those of the facets (local numbers) that are on the boundary."""
-    facets = np.unique(np.asarray(facets, dtype=np.int32))
-    tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, facets, np.ones_like(facets))
-    return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
 # --- vectors, forms, assembly ------------------------------------------------------------------

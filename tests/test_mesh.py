@@ -27,7 +27,7 @@ def volume(m: mesh.Mesh) -> float:
 
 def area(m: mesh.Mesh, name: str) -> float:
     one = 1 + 0 * _dolfinx.coordinates(m.domain)[0]
-    measure = _dolfinx.boundary_measure(m.domain, m.group(name).entities)
+    measure = _dolfinx.surface_measure(m.domain, m.group(name).entities)
     return _dolfinx.assemble_scalar(_dolfinx.form(one * measure))
 
 
