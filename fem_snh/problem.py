@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import wraps
+from time import perf_counter
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,22 @@ Array = npt.NDArray[Any]
 
 _AXES = ("x", "y", "z")
 
+T = TypeVar("T")
+
+
+def _timed(method: Callable[..., T]) -> Callable[..., T]:
+    """Count a method's time as assembly."""
+
+    @wraps(method)
+    def timed(self: Problem, *arguments: Any) -> T:
+        start = perf_counter()
+        try:
+            return method(self, *arguments)
+        finally:
+            self.seconds["assemble"] += perf_counter() - start
+
+    return timed
+
 
 class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
@@ -37,6 +55,7 @@ class Problem:
     A : the matrix that `jacobian` fills, its near null space the rigid motions.
     terms : the energy terms the scene needs, and no others.
     length : V^(1/3) [m], V the reference volume.
+    seconds : spent in compilation ("jit") and in evaluations ("assemble").
     force_scale : E V^(2/3) [N]: the residual's norm is measured against it.
 
     Raises BadInput on every rank for an element that does not fit the mesh or an unknown group.
@@ -70,6 +89,7 @@ class Problem:
         self.A.setNearNullSpace(self._rigid_motions())
         volume = self.comm.allreduce(self.elastic.fields(self.x)["volume"].sum())
         self.length = float(volume) ** (1 / 3)
+        self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.law.E * self.length**2
 
     @property
@@ -122,6 +142,7 @@ class Problem:
                 displacement = condition.displacement(points, self.load)
                 values[3 * nodes[:, None] + axes] = displacement[:, axes]
 
+    @_timed
     def energy(self, x: PETSc.Vec) -> float:
         """The energy of all terms [J]; +inf outside the material's domain."""
         _forward(x)
@@ -132,6 +153,7 @@ class Problem:
         self.gradient(x, r)
         r.array[self._prescribed_owned] = 0.0
 
+    @_timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """r = dE/du [N] everywhere: at prescribed nodes, the reactions."""
         _forward(x)
@@ -145,6 +167,7 @@ class Problem:
     def _prescribed_owned(self) -> Array:
         return self._prescribed[self._prescribed < self.x.getLocalSize()]
 
+    @_timed
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
         _forward(x)

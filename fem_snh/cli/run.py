@@ -48,7 +48,7 @@ def run(argv: list[str]) -> int:
     # One rank reads the files: the others may not see them, and must not differ in what they find.
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
     check()
-    from fem_snh.run import run as solve
+    from fem_snh.runs import run as solve
 
     result = solve(
         scene, out=args.out, overwrite=args.overwrite, comm=comm, progress=not args.quiet

@@ -16,8 +16,10 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 from fem_snh.errors import BadInput, choose, nearest
@@ -64,3 +66,13 @@ def energy(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Energy:
                 f"it takes E, nu and {accepted}"
             )
     return Energy(function(name), E=E, nu=nu, shape=known | shape)
+
+
+class _Callable(ModuleType):
+    """`fem_snh.materials` is a package, and `fem_snh.materials()` its list of names."""
+
+    def __call__(self) -> list[str]:
+        return names()
+
+
+sys.modules[__name__].__class__ = _Callable

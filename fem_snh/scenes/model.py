@@ -184,7 +184,7 @@ class Scene(Table):
     hold: list[Hold] = []
     move: list[Move] = []
     traction: list[Traction] = []
-    predictor: str = "tangent"
+    predictor: str = "extrapolate"
     petsc: Annotated[
         dict[str, Scalar | None], Expect("a table of numbers, texts, true and false")
     ] = {}

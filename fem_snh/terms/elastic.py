@@ -5,6 +5,7 @@ The compiled cell loops of `fem_snh.kernels` on a dolfinx space, into PETSc vect
 
 from __future__ import annotations
 
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,9 @@ class Elastic:
         self.V, self.comm = V, V.mesh.comm
         made = tables(V, element)
         source = c_source(material.law, made)
+        start = perf_counter()
         path = on_root(self.comm, build.library, source)  # compiled once
+        self.jit_seconds = perf_counter() - start
         self.loops = CellLoops(path, material.law, made)
         self._nodes = made.nodes
         self._owned, ghosts = _dolfinx.num_nodes(V)

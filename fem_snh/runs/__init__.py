@@ -1,0 +1,156 @@
+"""A scene and its options in, a `Result` out: load stepping, output, progress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import elements, scenes, solver
+from fem_snh import mesh as meshes
+from fem_snh.kernels.pointwise import material
+from fem_snh.problem import Problem
+from fem_snh.runs.folder import Folder, describe
+from fem_snh.runs.progress import Progress
+from fem_snh.runs.stepping import Stepper, interruptible
+
+__all__ = ["Result", "run"]
+
+
+@dataclass
+class Result:
+    """What a run computed.
+
+    ``record`` is run.json's content; ``steps`` its rows, one per attempted load increment; ``u`` the
+    displacement (a dolfinx Function) at the last load that converged; ``problem`` everything else.
+    """
+
+    converged: bool
+    status: str
+    record: dict[str, Any]
+    problem: Problem = field(repr=False)
+    out: Path | None = None
+
+    @property
+    def steps(self) -> list[dict[str, Any]]:
+        return list(self.record["steps"])
+
+    @property
+    def u(self) -> Any:
+        return self.problem.u
+
+
+def run(
+    scene: str | Path | scenes.Scene,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    progress: bool = True,
+    **overrides: Any,
+) -> Result:
+    """Solve a scene by load steps. Collective.
+
+    Parameters
+    ----------
+    scene : a built-in scene's name, a .toml file, or a `fem_snh.scenes.Scene`.
+    out : folder for run.json and steps.csv (written after every step) and fields.pvd. A folder
+        that already holds a run is refused, unless ``overwrite``.
+    progress : print a line per step on rank 0.
+    overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian, steps,
+        predictor, petsc (a dict of PETSc options), and a scene's own parameters.
+
+    A step that fails is rolled back and halved, down to 1/64; when that fails too the run ends with
+    ``converged`` False and keeps what it has. Raises BadInput, on every rank.
+    """
+    began = perf_counter()
+    scene = scenes.load(scene, **overrides)
+    folder = Folder(comm, Path(out), overwrite) if out is not None else None
+    show = Progress(progress and comm.rank == 0)
+    seconds = {}
+    with petsc_options(solver.PREFIX, scene.petsc):
+        element = elements.element(scene.element)
+        chosen = scene.material
+        law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
+        start = perf_counter()
+        domain = make_mesh(comm, scene, element)
+        seconds["mesh"] = perf_counter() - start
+        start = perf_counter()
+        problem = Problem(domain, element, law, scene.hold, scene.move, scene.traction)
+        snes = solver.create(problem, scene.hessian)
+        seconds["jit"] = problem.seconds["jit"]
+        seconds["setup"] = perf_counter() - start - seconds["jit"]
+        record = describe(scene, problem, snes)
+        show.start(record)
+        stepper = Stepper(problem, snes, scene.steps, scene.predictor)
+        writer = folder.fields(problem) if folder else None
+        output = 0.0
+
+        def keep(status: str, fields: bool = False) -> None:
+            """Bring the record up to date and write it."""
+            nonlocal output
+            now = perf_counter()
+            if writer and fields:
+                writer.write(problem)
+            assemble = problem.seconds["assemble"]
+            record["status"] = status
+            record["converged"] = status == "converged"
+            record["seconds"] = seconds | {
+                "assemble": assemble,
+                "solve": stepper.seconds - assemble,
+                "output": output,
+                "total": now - began,
+            }
+            if folder:
+                folder.write(record)
+            output += perf_counter() - now
+
+        with interruptible():
+            try:
+                keep("running", fields=True)
+                for step in stepper:
+                    record["steps"].append(step)
+                    show.step(step)
+                    keep("running", fields=step["converged"])
+                status = "converged" if stepper.done else stepper.failure()
+            except KeyboardInterrupt:
+                if comm.rank == 0:  # the other ranks may be anywhere: nothing collective here
+                    keep("interrupted")
+                raise
+            finally:
+                if writer:
+                    writer.close()
+        keep(status)
+        show.end(record, folder.path if folder else None)
+    return Result(stepper.done, status, record, problem, folder.path if folder else None)
+
+
+def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:
+    """The scene's mesh, generated or read. Collective."""
+    if isinstance(scene.mesh, Path):
+        return meshes.read(comm, scene.mesh)
+    cells = {} if scene.cells is None else {"cells": scene.cells}
+    return meshes.generate(comm, scene.mesh.source, element.cell, **cells, **scene.mesh.parameters)
+
+
+@contextmanager
+def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[None]:
+    """Put a scene's options into PETSc's database under ``prefix``, and take them out again.
+
+    What is already there (the command line of a program that gave it to PETSc) wins.
+    """
+    database = PETSc.Options(prefix)
+    mine = {key: value for key, value in options.items() if not database.hasName(key)}
+    for key, value in mine.items():
+        database.setValue(key, value)
+    try:
+        yield
+    finally:
+        for key in mine:
+            database.delValue(key)

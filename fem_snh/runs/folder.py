@@ -1,0 +1,163 @@
+"""A run's folder: run.json and steps.csv, atomically; fields.pvd with its pieces."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import resource
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput, on_root
+from fem_snh.problem import Problem
+from fem_snh.scenes import Scene
+
+COLUMNS = (
+    "load", "converged", "reason", "newton", "clamped", "linear", "residual", "energy",
+    "volume_ratio", "min_J", "seconds",
+)  # fmt: skip
+
+
+def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
+    """run.json's content before the first step. Collective."""
+    law = problem.material.law
+    mu, lam = problem.material.lame
+    own = {str(c): v for c, v in zip(law.constants, law.values, strict=True)}
+    return {
+        "scene": scene.name,
+        "material": {
+            "name": law.name,
+            "E": law.E,
+            "nu": law.nu,
+            "mu_lame": mu,
+            "lambda_lame": lam,
+            "parameters": own | law.shape,
+        },
+        "element": scene.element,
+        "hessian": scene.hessian,
+        "terms": [term.name for term in problem.terms],
+        "cells": problem.mesh.num_cells,
+        "dofs": problem.dofs,
+        "ranks": problem.comm.size,
+        "load_name": scene.load_name,
+        "load_range": list(scene.load_range),
+        "linear_solver": f"{snes.getKSP().getType()}+{snes.getKSP().getPC().getType()}",
+        "tolerance": snes.getPythonContext().options["snes_scaled_tol"] * problem.force_scale,
+        "converged": False,
+        "status": "running",
+        "steps": [],
+        "seconds": {},
+        "peak_memory_mb": 0.0,
+        "versions": {
+            "fem_snh": _version(),
+            "dolfinx": _dolfinx.version,
+            "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+            "python": platform.python_version(),
+        },
+    }
+
+
+class Folder:
+    """Makes or reuses ``path``; BadInput on every rank if it cannot. Rank 0 writes."""
+
+    def __init__(self, comm: MPI.Comm, path: Path, overwrite: bool) -> None:
+        self.comm, self.path = comm, path
+        on_root(comm, self._prepare, overwrite)
+
+    def _prepare(self, overwrite: bool) -> None:
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            old = [*self.path.glob("fields*"), self.path / "steps.csv", self.path / "run.json"]
+            if (self.path / "run.json").exists() and not overwrite:
+                raise BadInput(
+                    f"{self.path} already holds a run: give --overwrite or another --out"
+                )
+            for file in old:
+                file.unlink(missing_ok=True)
+            _replace(self.path / "run.json", "{}\n")
+        except OSError as error:
+            raise BadInput(
+                f"output folder {self.path} cannot be written ({error.strerror}): choose another"
+            ) from None
+
+    def write(self, record: dict[str, Any]) -> None:
+        """Write run.json and steps.csv; each is old or new, never half. Not collective."""
+        if self.comm.rank:
+            return
+        record["peak_memory_mb"] = peak_memory_mb() * self.comm.size
+        table = io.StringIO()
+        rows = csv.DictWriter(table, COLUMNS, lineterminator="\n")
+        rows.writeheader()
+        rows.writerows(record["steps"])
+        _replace(self.path / "steps.csv", table.getvalue())
+        _replace(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
+
+    def fields(self, problem: Problem) -> Fields:
+        return Fields(self.path / "fields.pvd", problem)
+
+
+class Fields:
+    """Writes displacement, J, energy density and smallest eigenvalue to a .pvd. Collective."""
+
+    def __init__(self, path: Path, problem: Problem) -> None:
+        constant = _dolfinx.function_space(problem.mesh.domain, 0, family="DG")
+        names = ("J", "energy_density", "min_eigenvalue")
+        self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
+        self._dofs = _dolfinx.node_dofs(constant)[:, 0]
+        self._open = _dolfinx.vtk_writer(problem.comm, path)
+        self._writer = self._open.__enter__()
+
+    def write(self, problem: Problem) -> None:
+        """Append the present state, at time = load. J and energy are means over each cell."""
+        fields = problem.elastic.fields(problem.x)
+        values = {
+            "J": fields["deformed_volume"] / fields["volume"],
+            "energy_density": fields["energy"] / fields["volume"],
+            "min_eigenvalue": fields["min_eigenvalue"],
+        }
+        for name, function in self._cellwise.items():
+            function.x.array[self._dofs] = values[name]
+        self._writer.write([problem.u, *self._cellwise.values()], problem.load)
+
+    def close(self) -> None:
+        self._open.__exit__(None, None, None)
+
+
+def peak_memory_mb() -> float:
+    """This process's largest resident set so far [MiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file beside ``path`` and move it there in one step."""
+    new = path.with_name(f".{path.name}.new")
+    new.write_text(text)
+    os.replace(new, path)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinity or NaN: they become null; numpy numbers become Python's."""
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("fem_snh")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,36 @@
+"""A line per step on the terminal, from rank 0."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+
+class Progress:
+    """Says what is being solved, how each step went, and where the output is."""
+
+    def __init__(self, enabled: bool) -> None:
+        self._console = Console(quiet=not enabled, highlight=False, soft_wrap=True)
+
+    def start(self, record: dict[str, Any]) -> None:
+        m = record["material"]
+        self._console.print(
+            f"[bold]{record['scene']}[/]: {m['name']}, E = {m['E']:g}, nu = {m['nu']:g}; "
+            f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} degrees of freedom; "
+            f"{record['hessian']} Hessian; {record['ranks']} rank(s)"
+        )
+
+    def step(self, row: dict[str, Any]) -> None:
+        mark = "[green]ok[/]  " if row["converged"] else "[red]fail[/]"
+        self._console.print(
+            f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton ({row['clamped']} filtered), "
+            f"{row['linear']:6d} linear, residual {row['residual']:.1e}, "
+            f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}, "
+            f"{row['seconds']:.2f} s" + ("" if row["converged"] else f"  {row['reason']}, halved")
+        )
+
+    def end(self, record: dict[str, Any], out: Path | None) -> None:
+        where = f"; {out}/run.json, steps.csv, fields.pvd" if out else ""
+        self._console.print(f"  {record['status']} in {record['seconds']['total']:.1f} s{where}")

@@ -1,0 +1,105 @@
+"""The load from 0 to 1: prediction, solution, halving, rollback."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any
+
+from petsc4py import PETSc
+
+from fem_snh import solver
+from fem_snh.problem import Problem
+
+#: A step is halved at most this many times.
+_HALVINGS = 6
+
+
+class Stepper:
+    """Iterates over attempted load increments, yielding a row of run.json for each.
+
+    Every multiple of 1/steps is reached. A step that fails is rolled back and halved; after a
+    success the next one doubles again.
+    """
+
+    def __init__(self, problem: Problem, snes: PETSc.SNES, steps: int, predictor: str) -> None:
+        self.problem, self.snes, self.steps = problem, snes, steps
+        self.predictor = solver.Predictor(problem, snes, predictor)
+        self.done = False
+        self.seconds = 0.0
+        self._last: dict[str, Any] = {}
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        load, shortest = 0.0, 2.0**-_HALVINGS / self.steps
+        for k in range(1, self.steps + 1):
+            target = k / self.steps
+            size = target - load
+            while load < target:
+                # The last part of a halved step must end at the target to the last digit.
+                to = target if size >= (target - load) * (1 - 1e-12) else load + size
+                row = self._attempt(load, to)
+                yield row
+                if row["converged"]:
+                    load, size = to, 2 * size
+                elif size > shortest * 1.5:
+                    size = (to - load) / 2
+                else:
+                    return
+        self.done = True
+
+    def failure(self) -> str:
+        """Why it ended before load 1."""
+        return (
+            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal one "
+            f"still fails ({self._last['reason']})"
+        )
+
+    def _attempt(self, load: float, to: float) -> dict[str, Any]:
+        """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
+        problem, start = self.problem, perf_counter()
+        kept = problem.x.copy()
+        predicted = self.predictor.predict(to)
+        self.snes.solve(None, problem.x)
+        converged = self.snes.getConvergedReason() > 0
+        history = self.snes.getPythonContext().history
+        residual = self.snes.getFunctionNorm()
+        if converged:
+            self.predictor.accept()
+        else:
+            kept.copy(problem.x)
+            problem.set_load(load)
+        self.seconds += perf_counter() - start
+        self._last = {
+            "load": to,
+            "converged": converged,
+            "reason": solver.reason(self.snes),
+            # the tangent predictor is a linear solve with a Hessian of its own
+            "newton": len(history) + (predicted > 0),
+            "clamped": sum(i.filter in ("clamp", "abs") for i in history),
+            "linear": predicted + sum(i.linear for i in history),
+            "residual": residual,
+            "energy": problem.energy(problem.x),
+            **problem.measures(problem.x),
+            "seconds": perf_counter() - start,
+        }
+        return self._last
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """SIGTERM, which mpirun sends on Ctrl-C, ends a run as Ctrl-C does."""
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
