@@ -70,7 +70,9 @@ def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
             for field in fields.values():
                 _dolfinx.interpolate(field, J)
             file.write([u, *fields.values()], t)
+    del file  # dolfinx's destructor writes the .pvd once more
     on_root(comm, write_record, folder, record(element=element))
+    comm.barrier()  # all ranks' pieces are there
     return folder
 
 
