@@ -72,11 +72,9 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
             ufl.FiniteElement("Lagrange", ufl_cell, degree, variant="equispaced")
         )
     names = list(signature(dolfinx.mesh.create_mesh).parameters)
-    none, options = dolfinx.mesh.GhostMode.none, {}
-    if "ghost_mode" in names:  # 0.5
-        options["ghost_mode"] = none
-    else:
-        options["partitioner"] = dolfinx.mesh.create_cell_partitioner(none)
+    options = {}
+    if "ghost_mode" in names:  # 0.5; later versions make no ghost cells unless asked to
+        options["ghost_mode"] = dolfinx.mesh.GhostMode.none
     geometry = [x, ufl.Mesh(element)]
     if names.index("x") == 3:  # since 0.10
         geometry.reverse()
@@ -137,12 +135,18 @@ def geometry_x(domain: Any) -> Array:
 
 def geometry_degree(domain: Any) -> int:
     """1 or 2."""
-    return int(domain.geometry.cmap.degree)
+    return int(_only(domain.geometry, "cmap").degree)
 
 
 def _geometry_rows(domain: Any) -> Array:
-    nodes = domain.geometry.cmap.create_dof_layout().num_dofs
-    return _rows(domain.geometry.dofmap, nodes)
+    nodes = _only(domain.geometry, "cmap").create_dof_layout().num_dofs
+    return _rows(_only(domain.geometry, "dofmap"), nodes)
+
+
+def _only(geometry: Any, name: str) -> Any:
+    """geometry.name, of which 0.11 has a list called names: one for each kind of cell."""
+    several = getattr(geometry, name + "s", None)
+    return several[0] if isinstance(several, list) else getattr(geometry, name)
 
 
 def coordinates(domain: Any) -> Any:
