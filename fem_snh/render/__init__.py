@@ -198,10 +198,12 @@ def draw_elsewhere(job: Job) -> None:
             continue
         if worker.returncode == 0:
             return
-        message = (worker.stderr.strip() or "the drawing process died").splitlines()[-1]
+        said = (worker.stderr.strip() or "no word").splitlines()[-1]
         if worker.returncode == 2:  # the drawing process has said what is wrong with the files
-            raise BadInput(message)
-    raise BadInput(f"nothing here draws off screen: {INSTALL}; last error: {message[:200]}")
+            raise BadInput(said)
+        died = worker.returncode < 0
+        message = f"killed by signal {-worker.returncode}" if died else said[:200]
+    raise BadInput(f"cannot draw without a display ({message}): {INSTALL}")
 
 
 def _ways_to_draw() -> list[tuple[list[str], dict[str, str]]]:

@@ -44,7 +44,8 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     if not len(values):
         raise BadInput(f"'{field}' has no finite value")
     low, high = np.percentile(values, [1, 99])
-    centre = 1.0 if field == "J" else 0.0 if low < 0 < high else None
+    signed = field == "min_eigenvalue" and low < 0 < high
+    centre = 1.0 if field == "J" else 0.0 if signed else None
     if centre is not None:
         half = nice(max(high - centre, centre - low, 1e-3))
         half = min(half, 1.0) if field == "J" else half  # below J = 0 cells are inverted
