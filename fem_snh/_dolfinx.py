@@ -244,7 +244,7 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
 
 def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
     """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
-    V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
+    V.mesh.topology.create_connectivity(dim, 3)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
 
 
