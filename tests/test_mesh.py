@@ -248,13 +248,15 @@ def test_bad_geometries_are_one_line_on_every_rank(comm, source, cell, parameter
     [
         (None, "cannot be read: No such file"),
         (b"", "not a gmsh .msh file"),
-        (b"SystemCall 'touch gotcha';", "not a gmsh .msh file"),
+        (b'SystemCall "touch gotcha";\n', "not a gmsh .msh file"),
+        (b'$Nodes\nSystemCall "touch gotcha";\n', "not a gmsh .msh file"),
         (bytes(range(256)) * 9, "not a gmsh .msh file"),
         (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 2 3\n", "gmsh: .*nodes"),
         (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "no volume cells"),
     ],
 )
-def test_bad_files_are_one_line_on_every_rank(comm, folder, capfd, content, message):
+def test_bad_files_are_one_line_on_every_rank(comm, folder, capfd, monkeypatch, content, message):
+    monkeypatch.chdir(folder)
     path = folder / "bad.msh"
     if comm.rank == 0 and content is not None:
         path.write_bytes(content)
