@@ -180,7 +180,7 @@ void fields_cells(const Cells *c, const double *u, double *fields) {
     FOR_EACH_POINT
       real psi, e[9], Q[9], U[9], V[9], cofactor[3];
       energy_point(c->constants, F, &psi);
-      eigenvalues_point(c->constants, F, JACOBI, e, Q, U, V);
+      eigenvalues_point(c->constants, F, CUBIC, e, Q, U, V);
       cross(F + 3, F + 6, cofactor);
       const real J = dot(F, cofactor);
       out[0] += weight;

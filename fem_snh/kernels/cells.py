@@ -105,7 +105,7 @@ class CellLoops:
         return int(call(self._cells, self.pointer(u), filter, eigensolver, target))
 
     def fields(self, u: Array) -> dict[str, Array]:
-        """Each of FIELDS per cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
+        """Each of FIELDS per cell: volumes [m^3], min J, energy [J], smallest eigenvalue [Pa]."""
         out = np.empty((self.num_cells, len(FIELDS)))
         self._lib.fields_cells(self._cells, self.pointer(u), self.pointer(out))
         return dict(zip(FIELDS, out.T, strict=True))

@@ -31,6 +31,7 @@ _BLOCK = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _COUPLED = ((1, 2), (0, 2), (0, 1))
 #: The parts of the C source, in order; the generated code goes before "point.h".
 _BEFORE, _AFTER = ("lanes.h", "svd.h", "eigen3.h"), ("point.h", "point_api.h")
+_TOOLS = (*_BEFORE, "tools_api.h")
 
 
 class _Printer(C99CodePrinter):  # type: ignore[misc]
@@ -87,7 +88,7 @@ class _Generator:
     def __init__(self, energy: Energy) -> None:
         self.energy = energy
         self.of_stretches = bool(set(energy.measures) & set(SIGMA))
-        #: First and second derivatives of psi in its measures: (symbol, expression), zeros left out.
+        #: First and second derivatives of psi in its measures; zeros are left out.
         self.first: dict[sympy.Symbol, sympy.Symbol] = {}
         self.second: dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol] = {}
         self.derivatives: dict[sympy.Symbol, sympy.Expr] = {}
@@ -133,11 +134,12 @@ class _Generator:
         )
         return "\n".join([cofactor, *(lines[m] for m in self.energy.measures)])
 
-    def inside(self) -> str:
-        """C for the mask of lanes where psi is finite."""
+    def inside(self, results: Iterable[str]) -> str:
+        """C for the mask of lanes in the domain of psi, and in that of floating point."""
         printer = _Printer()
         tests = [f"({printer.doprint(x)} > 0)" for x in self.energy.domain]
-        return f"const mask inside = {' & '.join(tests)};" if tests else ""
+        size = " + ".join(f"absolute({r})" for r in results)
+        return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"
 
     def function(
         self,
@@ -149,16 +151,15 @@ class _Generator:
     ) -> str:
         """One C function: constants, measures, the derivatives it needs, results.
 
-        Where psi is infinite the results are ``outside``: no NaN leaves a kernel.
+        Where psi is infinite, or one of them overflows, they are ``outside``: never NaN.
         """
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
         body = [self.constants(), self.measures_of(source)]
         if needed:
             body.append(_statements(needed, self.energy.constants, "d_"))
         body.append(_statements(results, self.energy.constants, "r_"))
-        if inside := self.inside():
-            body.append(f"  {inside}")
-            body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
+        body.append(f"  {self.inside(results)}")
+        body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
         return f"INLINE void {head} {{\n" + "\n".join(body) + "\n}\n"
 
     def energy_function(self, source: str) -> str:
@@ -207,9 +208,7 @@ class _Generator:
         return sympy.sympify(total)
 
     def hessian_function(self) -> str:
-        results = {
-            f"A[{n}]": self.curvature(SIGMA[i], SIGMA[j]) for n, (i, j) in enumerate(_BLOCK)
-        }
+        results = {f"A[{n}]": self.curvature(SIGMA[i], SIGMA[j]) for n, (i, j) in enumerate(_BLOCK)}
         for i, (j, k) in enumerate(_COUPLED):
             twist, flip = self.pair(SIGMA[i], SIGMA[j], SIGMA[k])
             results |= {f"twist[{i}]": twist, f"flip[{i}]": flip}
@@ -240,6 +239,12 @@ class _Generator:
         if self.d(_I1) != 0:
             twist += 2 * self.d(_I1) * sympy.Function("inverse_sum")(sj, sk)
         return twist, flip
+
+
+def tools() -> str:
+    """The C source of what knows no material: the SVD and the eigensolvers."""
+    folder = files(__package__)
+    return "\n".join(["#include <math.h>", *((folder / name).read_text() for name in _TOOLS)])
 
 
 def source(energy: Energy, before: Sequence[str] = (), after: Sequence[str] = ()) -> str:

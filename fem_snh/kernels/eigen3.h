@@ -1,9 +1,21 @@
 /* Eigenpairs of symmetric 3x3 matrices A = {a00, a11, a22, a01, a02, a12}: values e in descending
  * order, vectors in the columns of Q (Q[3 k + i] is component i of vector k).
  *
- * Two ways: cyclic Jacobi (the default: accurate for every matrix) and the paper's cubic (eq. 42 and
- * 66: the characteristic polynomial of the scaling block, solved as in eq. 33). tests/test_eigen3.py
- * compares them; docs/eigensolver.md holds the table. */
+ * Two ways: cyclic Jacobi, and the characteristic cubic (eq. 42 and 66: of the scaling block, solved
+ * as in eq. 33) made safe. Both err by a few roundings of the norm for every finite matrix; the cubic
+ * is several times faster, Jacobi also keeps the digits of small eigenvalues of graded positive
+ * definite matrices. tests/test_eigen3.py compares them; docs/eigensolver.md holds the table. */
+
+enum { CUBIC, JACOBI };
+
+/* A scaled by a power of two to a sum of absolute values in [1, 2), zero where it is not finite. */
+INLINE void scale_block(const real *A, real *B, real *up) {
+  real size = splat(0), down;
+  for (int i = 0; i < 6; ++i) size += absolute(A[i]);
+  const mask finite = size < INFINITY;
+  power_of_two(size, up, &down);
+  for (int i = 0; i < 6; ++i) B[i] = select(finite, A[i] * down, splat(0));
+}
 
 INLINE void order_pair(real *e, real *Q, int p, int q) {
   const mask swap = e[p] < e[q];
@@ -17,18 +29,14 @@ INLINE void order_pair(real *e, real *Q, int p, int q) {
   }
 }
 
-INLINE void order_descending(real *e, real *Q) {
-  order_pair(e, Q, 0, 1);
-  order_pair(e, Q, 0, 2);
-  order_pair(e, Q, 1, 2);
-}
-
-/* One Jacobi rotation that zeroes apq; r is the third index. True where it was not yet zero. */
+/* One Jacobi rotation that zeroes apq; r is the third index. True where it was not yet zero: beside
+ * the two diagonal entries, not beside the norm, so that a graded matrix keeps its digits. */
 INLINE mask rotate_pair(real *app, real *aqq, real *apq, real *arp, real *arq, real *qp, real *qq) {
-  const mask turn = absolute(*apq) > 1e-16 * lane_sqrt(absolute(*app)) * lane_sqrt(absolute(*aqq));
-  const real theta = (*aqq - *app) / select(turn, 2 * *apq, splat(1));
-  real t = 1 / (absolute(theta) + lane_sqrt(1 + theta * theta));
-  t = select(turn, select(theta < 0, -t, t), splat(0));
+  const mask turn = *apq * *apq > 1e-32 * absolute(*app * *aqq);
+  if (!any(turn)) return turn;
+  const real d = *aqq - *app;
+  const real tangent = 2 * *apq / (absolute(d) + lane_sqrt(d * d + 4 * *apq * *apq));
+  const real t = select(turn, select(d < 0, -tangent, tangent), splat(0));
   const real cosine = 1 / lane_sqrt(1 + t * t), sine = cosine * t;
   *app -= t * *apq;
   *aqq += t * *apq;
@@ -45,21 +53,29 @@ INLINE mask rotate_pair(real *app, real *aqq, real *apq, real *arp, real *arq, r
 }
 
 INLINE void eigen3_jacobi(const real *A, real *e, real *Q) {
-  real a01 = A[3], a02 = A[4], a12 = A[5];
-  for (int k = 0; k < 3; ++k) e[k] = A[k];
+  real B[6], up;
+  scale_block(A, B, &up);
   for (int i = 0; i < 9; ++i) Q[i] = splat(i % 4 == 0);
-  for (int sweep = 0; sweep < 16; ++sweep) {
-    mask turned = rotate_pair(&e[0], &e[1], &a01, &a02, &a12, Q, Q + 3);
-    turned |= rotate_pair(&e[0], &e[2], &a02, &a01, &a12, Q, Q + 6);
-    turned |= rotate_pair(&e[1], &e[2], &a12, &a01, &a02, Q + 3, Q + 6);
+  for (int sweep = 0; sweep < 16; ++sweep) { /* five suffice */
+    mask turned = rotate_pair(&B[0], &B[1], &B[3], &B[4], &B[5], Q, Q + 3);
+    turned |= rotate_pair(&B[0], &B[2], &B[4], &B[3], &B[5], Q, Q + 6);
+    turned |= rotate_pair(&B[1], &B[2], &B[5], &B[3], &B[4], Q + 3, Q + 6);
     if (!any(turned)) break;
   }
-  order_descending(e, Q);
+  for (int k = 0; k < 3; ++k) e[k] = B[k] * up;
+  order_pair(e, Q, 0, 1);
+  order_pair(e, Q, 0, 2);
+  order_pair(e, Q, 1, 2);
 }
 
-/* A unit vector that A - e I maps to zero: the longest cross product of two of its rows. False where
- * all three vanish (a repeated eigenvalue: any vector will do). */
-INLINE mask null_vector(const real *A, real e, real scale, real *v) {
+/* A v . w */
+INLINE real bilinear(const real *A, const real *v, const real *w) {
+  return (A[0] * v[0] + A[3] * v[1] + A[4] * v[2]) * w[0] + (A[3] * v[0] + A[1] * v[1] + A[5] * v[2]) * w[1] +
+         (A[4] * v[0] + A[5] * v[1] + A[2] * v[2]) * w[2];
+}
+
+/* The unit vector of the simple eigenvalue e of A: the longest cross product of two rows of A - e I. */
+INLINE void null_vector(const real *A, real e, real *v) {
   const real r0[3] = {A[0] - e, A[3], A[4]}, r1[3] = {A[3], A[1] - e, A[5]}, r2[3] = {A[4], A[5], A[2] - e};
   real c[9], n[3];
   cross(r0, r1, c);
@@ -68,53 +84,63 @@ INLINE mask null_vector(const real *A, real e, real scale, real *v) {
   for (int k = 0; k < 3; ++k) n[k] = dot(c + 3 * k, c + 3 * k);
   const mask first = (n[0] >= n[1]) & (n[0] >= n[2]), second = ~first & (n[1] >= n[2]);
   const real norm = lane_sqrt(select(first, n[0], select(second, n[1], n[2])));
-  const mask found = norm > 1e-14 * scale * scale;
-  for (int i = 0; i < 3; ++i)
-    v[i] = select(first, c[i], select(second, c[3 + i], c[6 + i])) / select(found, norm, splat(1));
-  return found;
+  for (int i = 0; i < 3; ++i) v[i] = select(first, c[i], select(second, c[3 + i], c[6 + i])) / norm;
 }
 
+/* The cubic gives only the eigenvalue that is best separated from the others, and its vector; the
+ * other two are those of a 2x2 block. (Three roots of the cubic would lose half of the digits where
+ * two are equal, and with them their vectors.) All on A = mean I + p N with N of trace 0 and norm
+ * sqrt(6), so that eigenvalues that differ little beside their mean lose nothing. */
 INLINE void eigen3_cubic(const real *A, real *e, real *Q) {
-  const real mean = (A[0] + A[1] + A[2]) / 3;
-  const real b0 = A[0] - mean, b1 = A[1] - mean, b2 = A[2] - mean;
-  const real off = A[3] * A[3] + A[4] * A[4] + A[5] * A[5];
-  const real p = lane_sqrt((b0 * b0 + b1 * b1 + b2 * b2 + 2 * off) / 6);
-  const mask sphere = p == 0;
-  const real d = select(sphere, splat(1), p);
-  const real det = b0 * (b1 * b2 - A[5] * A[5]) - A[3] * (A[3] * b2 - A[5] * A[4]) + A[4] * (A[3] * A[5] - b1 * A[4]);
-  const real third = lane_acos(largest(splat(-1), smallest(splat(1), det / (2 * d * d * d)))) / 3;
-  e[0] = mean + 2 * p * lane_cos(third);
-  e[2] = mean + 2 * p * lane_cos(third + 2.0943951023931953);
-  e[1] = 3 * mean - e[0] - e[2];
+  real N[6], up;
+  scale_block(A, N, &up);
+  const real mean = (N[0] + N[1] + N[2]) / 3;
+  for (int k = 0; k < 3; ++k) N[k] -= mean;
+  const real squares = N[0] * N[0] + N[1] * N[1] + N[2] * N[2] + 2 * dot(N + 3, N + 3);
+  const mask sphere = squares == 0; /* A = mean I: N = 0, and any vectors will do */
+  const real p = lane_sqrt(squares / 6), over_p = 1 / select(sphere, splat(1), p);
+  for (int i = 0; i < 6; ++i) N[i] *= over_p;
 
-  /* The best separated eigenvalue first; the other two vectors in the plane normal to its own. */
-  const mask top = (e[0] - e[1]) >= (e[1] - e[2]);
+  /* Its characteristic polynomial y^3 - 3 y - det N = 0 has the root 2 cos(acos(det N / 2) / 3) (eq. 33)
+   * in [sqrt 3, 2] for det N > 0, and a chord and three Newton steps give it to the last digit. */
+  const real det = N[0] * (N[1] * N[2] - N[5] * N[5]) - N[3] * (N[3] * N[2] - N[5] * N[4]) + N[4] * (N[3] * N[5] - N[1] * N[4]);
+  const mask top = det >= 0;
+  const real r = smallest(absolute(det), splat(2));
+  real y = 1.7320508075688772 + 0.1339745962155614 * r;
+  for (int step = 0; step < 3; ++step) y = (2 * y * y * y + r) / (3 * (y * y - 1));
+  y = select(top, y, -y);
+
   real v[3], w[3], x[3];
-  const real scale = absolute(mean) + p;
-  const mask found = null_vector(A, select(top, e[0], e[2]), scale, v);
-  for (int i = 0; i < 3; ++i) v[i] = select(found, v[i], splat(i == 0));
+  null_vector(N, y, v);
   const mask use_x = absolute(v[0]) < 0.7;
   const real axis[3] = {select(use_x, splat(1), splat(0)), select(use_x, splat(0), splat(1)), splat(0)};
   cross(v, axis, w);
   const real length = lane_sqrt(dot(w, w));
   for (int i = 0; i < 3; ++i) w[i] /= length;
   cross(v, w, x);
-  const real Aw[3] = {A[0] * w[0] + A[3] * w[1] + A[4] * w[2], A[3] * w[0] + A[1] * w[1] + A[5] * w[2],
-                      A[4] * w[0] + A[5] * w[1] + A[2] * w[2]};
-  const real Ax[3] = {A[0] * x[0] + A[3] * x[1] + A[4] * x[2], A[3] * x[0] + A[1] * x[1] + A[5] * x[2],
-                      A[4] * x[0] + A[5] * x[1] + A[2] * x[2]};
-  /* Turn (w, x) by the angle that diagonalises the 2x2 block; its first vector has the larger value. */
-  const real half = (dot(w, Aw) - dot(x, Ax)) / 2, coupling = dot(w, Ax);
-  const real radius = lane_sqrt(half * half + coupling * coupling);
-  const mask round = radius == 0;
-  const real cosine2 = select(round, splat(1), half / select(round, splat(1), radius));
-  const real cosine = lane_sqrt(largest(splat(0), (1 + cosine2) / 2));
-  const real sine_abs = lane_sqrt(largest(splat(0), (1 - cosine2) / 2));
-  const real sine = select(coupling < 0, -sine_abs, sine_abs);
+
+  /* Turn (w, x), the one with the larger diagonal entry first, until the 2x2 block is diagonal. */
+  const real half = (bilinear(N, w, w) - bilinear(N, x, x)) / 2, coupling = bilinear(N, w, x);
+  const real radius = lane_sqrt(half * half + coupling * coupling), sum = absolute(half) + radius;
+  const mask round = sum == 0, swap = half < 0;
+  const real t = select(round, splat(0), coupling / sum);
+  const real cosine = 1 / lane_sqrt(1 + t * t), sine = cosine * t;
   for (int i = 0; i < 3; ++i) {
-    const real larger = cosine * w[i] + sine * x[i], smaller = cosine * x[i] - sine * w[i];
+    const real a = select(swap, x[i], w[i]), b = select(swap, w[i], x[i]);
+    const real larger = cosine * a + sine * b, smaller = cosine * b - sine * a;
     Q[i] = select(top, v[i], larger);
     Q[3 + i] = select(top, larger, smaller);
     Q[6 + i] = select(top, smaller, v[i]);
   }
+  const real more = radius - y / 2, less = -radius - y / 2;
+  e[0] = (mean + p * select(top, y, more)) * up;
+  e[1] = (mean + p * select(top, more, less)) * up;
+  e[2] = (mean + p * select(top, less, y)) * up;
+}
+
+INLINE void eigen3(int solver, const real *A, real *e, real *Q) {
+  if (solver == CUBIC)
+    eigen3_cubic(A, e, Q);
+  else
+    eigen3_jacobi(A, e, Q);
 }

@@ -13,6 +13,16 @@ INLINE real absolute(real a) { return (real)((mask)a & 0x7fffffffffffffffLL); }
 INLINE real largest(real a, real b) { return select(a > b, a, b); }
 INLINE real smallest(real a, real b) { return select(a < b, a, b); }
 
+/* The power of two at or below a >= 0 and its inverse, both normal numbers: scaling by them is exact. */
+INLINE void power_of_two(real a, real *up, real *down) {
+  const mask low = (mask){0} + 0x0010000000000000LL, high = (mask){0} + 0x7fd0000000000000LL;
+  mask exponent = (mask)a & 0x7ff0000000000000LL;
+  exponent = (mask)select(exponent < low, (real)low, (real)exponent);
+  exponent = (mask)select(exponent > high, (real)high, (real)exponent);
+  *up = (real)exponent;
+  *down = (real)(0x7fe0000000000000LL - exponent);
+}
+
 INLINE int any(mask m) {
   long long some = 0;
   for (int l = 0; l < W; ++l) some |= m[l];
@@ -29,8 +39,6 @@ LANEWISE(lane_sqrt, sqrt)
 LANEWISE(lane_log, log)
 LANEWISE(lane_exp, exp)
 LANEWISE(lane_cbrt, cbrt)
-LANEWISE(lane_acos, acos)
-LANEWISE(lane_cos, cos)
 
 INLINE real lane_pow(real a, double exponent) {
   for (int l = 0; l < W; ++l) a[l] = pow(a[l], exponent);
@@ -44,3 +52,15 @@ INLINE void cross(const real *a, const real *b, real *c) {
   c[1] = a[2] * b[0] - a[0] * b[2];
   c[2] = a[0] * b[1] - a[1] * b[0];
 }
+
+/* Points of the caller, 9 doubles each, into lanes and back; lanes past the last point repeat it. */
+INLINE void load_points(const double *F, long n, long start, real *lanes) {
+  for (int l = 0; l < W; ++l) {
+    const long at = start + l < n ? start + l : n - 1;
+    for (int i = 0; i < 9; ++i) lanes[i][l] = F[9 * at + i];
+  }
+}
+
+#define STORE(out, size, lanes)                  \
+  for (int l = 0; l < W && start + l < n; ++l)   \
+    for (int i = 0; i < (size); ++i) (out)[(size) * (start + l) + i] = (lanes)[i][l];

@@ -1,14 +1,13 @@
 /* One quadrature point: energy, stress and filtered Hessian of the generated material.
  *
  * What the code generator provides (kernels/codegen.py):
- *   mask psi_inside(F or s) ..................... where the energy is finite
  *   energy_invariants, stress_invariants ........ from F alone, if the energy needs no stretches
  *   energy_stretches, gradient_stretches ........ from the principal stretches
  *   hessian_stretches(p, s, A, twist, flip) ..... scaling block, twist and flip eigenvalues
- * 9-vectors are vec(.) by columns (paper, eq. 17). */
+ * Outside the domain, where psi = +inf or the numbers overflow or F is not finite, the energy is +inf
+ * and all else is 0. 9-vectors are vec(.) by columns (paper, eq. 17). */
 
 enum { EXACT, CLAMP, ABS };
-enum { JACOBI, CUBIC };
 
 INLINE void energy_point(const double *p, const real *F, real *psi) {
 #if NEEDS_STRETCHES
@@ -39,10 +38,7 @@ INLINE void eigenvalues_point(const double *p, const real *F, int solver, real *
   real s[3], A[6];
   svd(F, U, s, V);
   hessian_stretches(p, s, A, e + 3, e + 6);
-  if (solver == CUBIC)
-    eigen3_cubic(A, e, Q);
-  else
-    eigen3_jacobi(A, e, Q);
+  eigen3(solver, A, e, Q);
 }
 
 /* Eigenvector k as a 9-vector: U D_k V^T (paper, eq. 39, 62 and Appendix A). */
@@ -69,19 +65,18 @@ INLINE mask filter_block(int filter, int solver, real *A) {
                         (det > 1e-13 * A[0] * A[1] * A[2]);
   if (filter == EXACT || !any(~positive)) return ~positive;
   real e[3], Q[9];
-  if (solver == CUBIC)
-    eigen3_cubic(A, e, Q);
-  else
-    eigen3_jacobi(A, e, Q);
-  for (int i = 0; i < 6; ++i) A[i] = splat(0);
+  eigen3(solver, A, e, Q);
+  real B[6] = {splat(0), splat(0), splat(0), splat(0), splat(0), splat(0)};
   for (int k = 0; k < 3; ++k) {
     const real value = filter == CLAMP ? largest(e[k], splat(0)) : absolute(e[k]), *q = Q + 3 * k;
-    for (int i = 0; i < 3; ++i) A[i] += value * q[i] * q[i];
-    A[3] += value * q[0] * q[1];
-    A[4] += value * q[0] * q[2];
-    A[5] += value * q[1] * q[2];
+    for (int i = 0; i < 3; ++i) B[i] += value * q[i] * q[i];
+    B[3] += value * q[0] * q[1];
+    B[4] += value * q[0] * q[2];
+    B[5] += value * q[1] * q[2];
   }
-  return e[2] < 0;
+  /* A lane's result must not depend on its neighbours, which change with the number of ranks. */
+  for (int i = 0; i < 6; ++i) A[i] = select(positive, A[i], B[i]);
+  return ~positive & (e[2] < 0);
 }
 
 INLINE real filtered(int filter, real e) {

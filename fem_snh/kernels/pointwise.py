@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from fem_snh.kernels import build, codegen
 from fem_snh.materials.energy import Energy
 
 FILTERS = ("exact", "clamp", "abs")
-EIGENSOLVERS = ("jacobi", "cubic")
+EIGENSOLVERS = ("cubic", "jacobi")  # of the scaling block; the default first (docs/eigensolver.md)
 
 Array = npt.NDArray[np.float64]
 
@@ -24,6 +24,8 @@ void stress_points(const double *p, long n, const double *F, double *P);
 void hessian_points(const double *p, long n, const double *F, int filter, int solver, double *C);
 void eigensystem_points(const double *p, long n, const double *F, int solver,
                         double *values, double *vectors);
+"""
+TOOLS = """
 void svd_points(long n, const double *F, double *U, double *s, double *V);
 void eigen3_points(long n, const double *A, int solver, double *e, double *Q);
 """
@@ -64,7 +66,7 @@ class Material:
         if F.shape[-2:] != (3, 3):
             raise ValueError(f"F has shape {F.shape}; it must end in (3, 3)")
         shape, n = F.shape[:-2], int(np.prod(F.shape[:-2]))
-        columns = np.ascontiguousarray(np.swapaxes(F, -1, -2)).reshape(n, 9)
+        columns = _columns(F)
         out = [np.empty((n, size)) for size in sizes]
         ffi, lib = self._kernel
 
@@ -87,19 +89,21 @@ class Material:
         return np.swapaxes(P.reshape(*P.shape[:-1], 3, 3), -1, -2)
 
     def hessian(
-        self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = "jacobi"
+        self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
     ) -> Array:
         """d2psi/dF2 [Pa], (..., 9, 9) on vec(F) by columns (paper, eq. 17, 20).
 
-        filter: "exact"; "clamp", negative eigenvalues become 0 (the paper); "abs", they change sign.
-        eigensolver: of the scaling block, "jacobi" or the paper's "cubic" (eq. 42).
+        filter: "exact"; "clamp", negative eigenvalues become 0 (the paper); "abs", positive.
+        eigensolver: of the scaling block, "cubic" (the paper's eq. 42, made safe) or "jacobi".
         """
         which = FILTERS.index(choose("filter", filter, FILTERS))
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         C = self._call("hessian_points", F, which, solver, sizes=(81,))[0]
         return C.reshape(*C.shape[:-1], 9, 9)
 
-    def eigensystem(self, F: npt.ArrayLike, eigensolver: str = "jacobi") -> tuple[Array, Array]:
+    def eigensystem(
+        self, F: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]
+    ) -> tuple[Array, Array]:
         """Eigenvalues (..., 9) and eigenvectors (..., 9, 9), in columns, of the exact Hessian.
 
         In the paper's order: scaling 0-2 (descending), twist 3-5, flip 6-8 (eq. 45-48, 39, 62).
@@ -108,19 +112,41 @@ class Material:
         values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
         return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
 
-    def svd(self, F: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Rotation-variant SVD F = U diag(sigma) V^T (paper, eq. 2): U, sigma, V; det U = det V = 1."""
-        F = np.asarray(F, dtype=np.float64)
-        columns = np.ascontiguousarray(np.swapaxes(F, -1, -2)).reshape(-1, 9)
-        U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
-        ffi, lib = self._kernel
-        lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
-        square = (*F.shape[:-2], 3, 3)
-        return (
-            np.swapaxes(U.reshape(square), -1, -2),
-            s.reshape(square[:-1]),
-            np.swapaxes(V.reshape(square), -1, -2),
-        )
+
+@lru_cache
+def _tools() -> tuple[Any, Any]:
+    """The kernels that know no material."""
+    return build.load(build.library(codegen.tools()), TOOLS)
+
+
+def _columns(A: Array) -> Array:
+    return np.ascontiguousarray(np.swapaxes(A, -1, -2)).reshape(-1, 9)
+
+
+def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Rotation-variant SVD F = U diag(sigma) V^T (paper, eq. 2): U, sigma, V; det U = det V = 1.
+
+    F is (..., 3, 3); sigma_0 >= sigma_1 >= |sigma_2|.
+    """
+    F = np.asarray(F, dtype=np.float64)
+    columns = _columns(F)
+    U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
+    ffi, lib = _tools()
+    lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
+    U, V = (np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V))
+    return U, s.reshape(F.shape[:-1]), V
+
+
+def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
+    """Eigenvalues (..., 3), descending, and eigenvectors (..., 3, 3), in columns, of A = A^T."""
+    A = np.asarray(A, dtype=np.float64)
+    solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+    packed = np.ascontiguousarray(A.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]])
+    e, Q = (np.empty((len(packed), size)) for size in (3, 9))
+    ffi, lib = _tools()
+    a, b, c = (ffi.cast("double *", x.ctypes.data) for x in (packed, e, Q))
+    lib.eigen3_points(len(packed), a, solver, b, c)
+    return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
 
 
 def material(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Material:

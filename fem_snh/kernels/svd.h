@@ -1,17 +1,21 @@
 /* The rotation-variant SVD F = U diag(s) V^T of 3x3 matrices (paper, eq. 2).
  *
- * U and V are rotations, |s0| >= |s1| >= |s2|, and a reflection makes s2 negative. One-sided Jacobi
+ * U and V are rotations, s0 >= s1 >= |s2|, and a reflection makes s2 negative. One-sided Jacobi
  * (Hestenes): columns of F V are rotated until orthogonal. It never forms F^T F, so a small stretch
- * keeps the digits that F gives it. Matrices are stored by columns: M[3 j + i] is row i, column j. */
+ * keeps the digits that F gives it. Matrices are stored by columns: M[3 j + i] is row i, column j.
+ *
+ * Any finite F will do: it is scaled by a power of two. Of stretches below 1e-75 of the largest only
+ * the size is right. Where F is not finite s is NaN, and U and V are the identity. */
 
-/* Rotate columns p and q of G (and of V along) so that they are orthogonal; true where they were not. */
+/* Rotate columns p and q of G (and of V along) so that they are orthogonal; true where they were not.
+ * 4e-16 is what rounding leaves of the cosine of a right angle: below it there is no convergence. */
 INLINE mask orthogonalise(real *G, real *V, int p, int q) {
   real *gp = G + 3 * p, *gq = G + 3 * q, *vp = V + 3 * p, *vq = V + 3 * q;
-  const real a = dot(gp, gp), b = dot(gq, gq), c = dot(gp, gq);
-  const mask turn = c * c > 1e-32 * a * b;
-  const real zeta = (b - a) / select(turn, 2 * c, splat(1));
-  real t = 1 / (absolute(zeta) + lane_sqrt(1 + zeta * zeta));
-  t = select(turn, select(zeta < 0, -t, t), splat(0));
+  const real a = dot(gp, gp), b = dot(gq, gq), c = dot(gp, gq), d = b - a;
+  const mask turn = c * c > 1.6e-31 * a * b;
+  if (!any(turn)) return turn;
+  const real tangent = 2 * c / (absolute(d) + lane_sqrt(d * d + 4 * c * c));
+  const real t = select(turn, select(d < 0, -tangent, tangent), splat(0));
   const real cosine = 1 / lane_sqrt(1 + t * t), sine = cosine * t;
   for (int i = 0; i < 3; ++i) {
     const real g = gp[i], v = vp[i];
@@ -35,10 +39,19 @@ INLINE void longer_first(real *G, real *V, int p, int q) {
   }
 }
 
+/* v less its part along the unit vector u. */
+INLINE void normal_part(const real *u, const real *v, real *n) {
+  const real along = dot(u, v);
+  for (int i = 0; i < 3; ++i) n[i] = v[i] - along * u[i];
+}
+
 INLINE void svd(const real *F, real *U, real *s, real *V) {
-  real G[9];
+  real G[9], size = splat(0), up, down;
+  for (int i = 0; i < 9; ++i) size += absolute(F[i]);
+  const mask finite = size < INFINITY;
+  power_of_two(size, &up, &down);
   for (int i = 0; i < 9; ++i) {
-    G[i] = F[i];
+    G[i] = select(finite, F[i] * down, splat(0));
     V[i] = splat(i % 4 == 0);
   }
   for (int sweep = 0; sweep < 16; ++sweep) { /* three to five suffice */
@@ -52,22 +65,24 @@ INLINE void svd(const real *F, real *U, real *s, real *V) {
   longer_first(G, V, 1, 2);
 
   /* u0 along the longest column; u1 along the next, or any normal to u0 where that one vanishes. */
-  real *u0 = U, *u1 = U + 3, *u2 = U + 6;
-  s[0] = lane_sqrt(dot(G, G));
-  const mask point = s[0] == 0;
-  for (int i = 0; i < 3; ++i) u0[i] = select(point, splat(i == 0), G[i] / select(point, splat(1), s[0]));
+  real *u0 = U, *u1 = U + 3, *u2 = U + 6, next[3], normal[3];
+  const real longest = lane_sqrt(dot(G, G));
+  const mask point = longest == 0;
+  for (int i = 0; i < 3; ++i)
+    u0[i] = select(point, splat(i == 0), G[i] / select(point, splat(1), longest));
 
-  const mask line = dot(G + 3, G + 3) == 0;
   const real x = absolute(u0[0]), y = absolute(u0[1]), z = absolute(u0[2]);
   const mask axis_x = (x <= y) & (x <= z), axis_y = ~axis_x & (y <= z);
   const real axis[3] = {select(axis_x, splat(1), splat(0)), select(axis_y, splat(1), splat(0)),
                         select(axis_x | axis_y, splat(0), splat(1))};
-  for (int i = 0; i < 3; ++i) u1[i] = select(line, axis[i], G[3 + i]);
-  const real along = dot(u0, u1);
-  for (int i = 0; i < 3; ++i) u1[i] -= along * u0[i];
+  normal_part(u0, G + 3, next);
+  normal_part(u0, axis, normal);
+  const mask line = ~(dot(next, next) > 0.25 * dot(G + 3, G + 3));
+  for (int i = 0; i < 3; ++i) u1[i] = select(line, normal[i], next[i]);
   const real length = lane_sqrt(dot(u1, u1));
   for (int i = 0; i < 3; ++i) u1[i] /= length;
   cross(u0, u1, u2);
-  s[1] = dot(u1, G + 3);
-  s[2] = dot(u2, G + 6);
+  s[0] = select(finite, longest * up, splat(NAN));
+  s[1] = select(finite, dot(u1, G + 3) * up, splat(NAN));
+  s[2] = select(finite, dot(u2, G + 6) * up, splat(NAN));
 }

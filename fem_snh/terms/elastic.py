@@ -80,7 +80,9 @@ class Elastic:
         with u.localForm() as local_u, r.localForm() as local_r:
             self.loops.residual(local_u.array_r, local_r.array)
 
-    def jacobian(self, u: PETSc.Vec, filter: str = "exact", eigensolver: str = "jacobi") -> int:
+    def jacobian(
+        self, u: PETSc.Vec, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
+    ) -> int:
         """Fill the matrix with the filtered d2E/du2 [N/m]; the number of points filtered."""
         which = FILTERS.index(choose("filter", filter, FILTERS))
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
