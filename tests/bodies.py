@@ -1,0 +1,119 @@
+"""Small bodies for the tests of assembly, problems and solvers: meshes, fields, gathered arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+
+from fem_snh import _dolfinx, mesh
+from fem_snh.elements import ELEMENTS
+from fem_snh.kernels.pointwise import material
+from fem_snh.problem import Problem
+
+FACES = ("left", "right", "bottom", "top", "front", "back")
+
+#: Materials by the name of a test: what `fem_snh.material` takes besides E. With the barrier and
+#: without, stable_neo_hookean has two kernels.
+MATERIALS: dict[str, dict[str, Any]] = {
+    "stable_neo_hookean": {"name": "stable_neo_hookean", "nu": 0.49},
+    "stable_neo_hookean+barrier": {"name": "stable_neo_hookean", "nu": 0.3},
+    "neo_hookean": {"name": "neo_hookean", "nu": 0.45},
+    "fixed_corotational": {"name": "fixed_corotational", "nu": 0.45},
+}
+
+
+@dataclass
+class Condition:
+    """A prescribed displacement, as `Problem` takes it."""
+
+    group: str | int
+    displacement: Callable[[np.ndarray, float], np.ndarray]
+    components: tuple[str, ...] = ("x", "y", "z")
+
+
+@dataclass
+class Hold:
+    """Zero displacement, as `Problem` takes it."""
+
+    group: str | int
+    components: tuple[str, ...] = ("x", "y", "z")
+
+
+@dataclass
+class Force:
+    """A traction, as `Problem` takes it."""
+
+    group: str | int
+    vector: Any = field(default=(0.0, 0.0, 0.0))
+
+
+def cube(comm: MPI.Comm, cell: str, cells: int = 2, bend: float = 0.0, size: float = 1.0) -> Any:
+    """[0, size]^3; ``bend`` moves inner nodes, so that the cells are neither equal nor affine."""
+    made = mesh.generate(comm, "cube", cell, cells=cells)
+    x = _dolfinx.geometry_x(made.domain)
+    inside = 16 * (x * (1 - x)).prod(axis=1, keepdims=True)
+    x += bend * inside * np.sin(x @ np.array([[1.0, 5, 2], [4, 2, 3], [3, 1, 7]]))
+    x *= size
+    return made
+
+
+def one_cell(comm: MPI.Comm, cell: str) -> mesh.Mesh:
+    """One cell that is no unit cell."""
+    corners = _dolfinx.reference_corners(cell)
+    x = corners @ np.array([[1.1, 0.2, 0.1], [0, 0.9, -0.2], [0.1, 0, 1.2]]) + 0.1 * corners**2
+    mine = slice(None) if comm.rank == 0 else slice(0)
+    cells = np.arange(len(x))[None]
+    domain = _dolfinx.create_mesh(comm, cells[mine], x[mine], cell, 1)
+    return mesh.Mesh(domain, cell, (), 1)
+
+
+def problem(
+    body: mesh.Mesh,
+    element: str,
+    law: str = "stable_neo_hookean",
+    E: float = 1.0,
+    **conditions: Any,
+) -> Problem:
+    """A problem of an element and of one of MATERIALS."""
+    return Problem(body, ELEMENTS[element], material(E=E, **MATERIALS[law]), **conditions)
+
+
+def put(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None) -> Any:
+    """Set x (the displacement by default) to function((nodes, 3)) -> (nodes, 3), ghosts too."""
+    x = p.x if x is None else x
+    with x.localForm() as local:
+        local.array[:] = function(p.V.tabulate_dof_coordinates()).ravel()
+    return x
+
+
+def wave(size: float, shift: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
+    """A smooth field of this amplitude, without symmetries, the same on any number of ranks."""
+    k = np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]])
+    return lambda X: size * np.sin(X @ k + np.array([0.3, 1.1, 2.5]) + shift)
+
+
+def rows(A: Any) -> csr_matrix:
+    """This rank's rows of a PETSc matrix."""
+    indptr, indices, values = A.getValuesCSR()
+    return csr_matrix((values, indices, indptr), shape=(A.getLocalSize()[0], A.getSize()[1]))
+
+
+def dense(A: Any) -> np.ndarray:
+    """All of a PETSc matrix, on every rank. Collective."""
+    return vstack(A.comm.tompi4py().allgather(rows(A))).toarray()
+
+
+def norm(comm: MPI.Comm, local: np.ndarray) -> float:
+    """The 2-norm of an array whose parts are on the ranks. Collective."""
+    return float(np.sqrt(comm.allreduce(float((np.abs(local) ** 2).sum()))))
+
+
+def held(p: Problem) -> np.ndarray:
+    """Which of this rank's degrees of freedom are prescribed."""
+    return p.elastic.free.ravel()[: p.x.getLocalSize()] == 0

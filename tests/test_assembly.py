@@ -1,0 +1,303 @@
+"""The assembled energy, residual and filtered Jacobian, against FFCx's, numpy's, and each other."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from bodies import MATERIALS, Hold, cube, dense, held, norm, one_cell, problem, put, rows, wave
+
+from fem_snh import _dolfinx, forms
+from fem_snh.elements import ELEMENTS, Element
+from fem_snh.kernels.pointwise import Material, material
+
+mpi = pytest.mark.mpi
+elements = pytest.mark.parametrize("element", ELEMENTS)
+every_law = pytest.mark.parametrize("law", MATERIALS)
+by_forms = pytest.mark.parametrize("law", [m for m in MATERIALS if m != "fixed_corotational"])
+HELD = [Hold("bottom"), Hold("right", ("x", "z"))]
+
+
+@lru_cache
+def law_of(name: str) -> Material:
+    return material(E=1.0, **MATERIALS[name])
+
+
+def free_wave(p, size, shift=0.0):
+    """A wave that vanishes where the displacement is prescribed."""
+    return lambda X: wave(size, shift)(X) * p.elastic.free
+
+
+# --- against ufl.derivative, FFCx and dolfinx's assembler ----------------------------------------
+
+
+@mpi
+@elements
+@by_forms
+def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
+    """27 or 48 bent cells: the last batch of 8 is not full."""
+    kind = ELEMENTS[element]
+    p = problem(
+        cube(comm, kind.cell, 3 if kind.cell == "hexahedron" else 2, 0.06), element, law, hold=HELD
+    )
+    put(p, wave(0.03))
+    u, v, w = p.u, ufl.TestFunction(p.V), ufl.TrialFunction(p.V)
+    dx = ufl.dx(metadata={"quadrature_degree": kind.quadrature})
+    options = {"cffi_extra_compile_args": ["-O1"]}
+    energy, residual, jacobian = (
+        _dolfinx.form(form, options)
+        for form in (
+            forms.energy(p.material.law, u, dx),
+            forms.residual(p.material.law, u, v, dx),
+            forms.jacobian(p.material.law, u, v, w, dx),
+        )
+    )
+    assert p.energy(p.x) == pytest.approx(_dolfinx.assemble_scalar(energy), rel=1e-12)
+
+    reactions, r, expected = (_dolfinx.create_vector(p.V) for _ in range(3))
+    _dolfinx.assemble_vector(expected, residual)
+    p.gradient(p.x, reactions)
+    assert norm(comm, reactions.array - expected.array) <= 1e-12 * expected.norm()
+    p.residual(p.x, r)
+    expected.array[held(p)] = 0
+    assert norm(comm, r.array - expected.array) <= 1e-12 * expected.norm()
+    assert not r.array[held(p)].any()
+
+    p.jacobian(p.x, "exact")
+    full = _dolfinx.create_matrix(jacobian)
+    _dolfinx.assemble_matrix(full, jacobian)
+    free = ~np.concatenate(comm.allgather(held(p)))
+    mine = ~held(p)
+    wanted, got = rows(full), rows(p.A)
+    assert norm(comm, (got - wanted)[mine][:, free].data) <= 1e-12 * norm(comm, wanted.data)
+    # Prescribed rows and columns: nothing but one positive number on the diagonal.
+    diagonal = np.concatenate(comm.allgather(p.A.getDiagonal().array))[~free]
+    assert (diagonal > 0).all() and np.ptp(diagonal) == 0
+    outside = got[held(p)]
+    assert not got[mine][:, ~free].data.any() and not outside[:, free].data.any()
+    assert np.count_nonzero(outside.data) == held(p).sum()
+
+
+@mpi
+def test_the_matrix_after_other_states_is_the_same_as_at_first(comm):
+    """Nothing of an earlier assembly stays, whatever filter it had."""
+    p = problem(cube(comm, "hexahedron", 3), "Q1", hold=HELD)
+    put(p, wave(0.02))
+    p.jacobian(p.x, "exact")
+    first = rows(p.A)
+    p.jacobian(put(p, wave(0.5), p.x.duplicate()), "clamp")
+    p.jacobian(p.x, "exact")
+    assert norm(comm, (rows(p.A) - first).data) <= 1e-15 * norm(comm, first.data)
+
+
+# --- derivatives, by order of convergence --------------------------------------------------------
+
+
+def order(sizes, errors):
+    """The slope of log(error) against log(size)."""
+    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+@mpi
+@elements
+@every_law
+def test_residual_and_jacobian_are_derivatives(comm, element, law):
+    """Taylor remainders of the energy (third order) and of the residual (second order)."""
+    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, law, hold=HELD)
+    put(p, wave(0.02))
+    d = put(p, free_wave(p, 0.1, 0.7), p.x.duplicate())
+    r, other, Ad = (p.x.duplicate() for _ in range(3))
+    moved = p.x.duplicate()
+    p.residual(p.x, r)
+    p.jacobian(p.x, "exact")
+    p.A.mult(d, Ad)
+    energy, slope, curvature = p.energy(p.x), r.dot(d), Ad.dot(d)
+    sizes, by_energy, by_residual = 2.0 ** -np.arange(4, 8), [], []
+    for h in sizes:
+        moved.waxpy(h, d, p.x)
+        remainder = p.energy(moved) - energy - h * slope - h**2 / 2 * curvature
+        by_energy.append(abs(remainder))
+        p.residual(moved, other)
+        other.axpy(-1, r)
+        other.axpy(-h, Ad)
+        by_residual.append(other.norm())
+    assert order(sizes, by_residual) == pytest.approx(2, abs=0.15)
+    assert order(sizes, by_energy) == pytest.approx(3, abs=0.3)
+
+
+# --- symmetry and definiteness -------------------------------------------------------------------
+
+
+def wild(p):
+    """A state with inverted cells, or, where inversion has infinite energy, almost with some."""
+    size = 0.8
+    while not np.isfinite(p.energy(put(p, wave(size)))):
+        size *= 0.8
+    assert p.material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
+
+
+@mpi
+@elements
+@every_law
+def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, law):
+    p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, law)
+    wild(p)
+    values = {}
+    for choice in ("exact", "clamp", "abs"):
+        filtered = p.jacobian(p.x, choice)
+        A = dense(p.A)
+        assert np.isfinite(A).all()
+        assert abs(A - A.T).max() <= 1e-14 * abs(A).max()
+        values[choice] = np.linalg.eigvalsh(A)
+        scale = abs(values[choice]).max()
+        assert filtered > 0
+        if choice == "exact":
+            continue
+        assert values[choice].min() >= -1e-12 * scale
+        assert np.sum(values[choice] < 1e-9 * scale) >= 3  # the translations
+    if law != "neo_hookean":
+        assert values["exact"].min() < -1e-2  # there was something to filter
+
+
+# --- by hand, in numpy ---------------------------------------------------------------------------
+
+
+def by_hand(p, element: Element, clamp):
+    """sum over points of weight B^T H B, with H clamped by numpy's eigh; one rank."""
+    points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
+    basis = _dolfinx.tabulate(p.V, points)
+    geometry = _dolfinx.tabulate_geometry(p.mesh.domain, points)
+    x = _dolfinx.geometry_x(p.mesh.domain)
+    u = p.x.array.reshape(-1, 3)
+    A, worst = np.zeros((p.dofs, p.dofs)), np.inf
+    cells = zip(_dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.mesh.domain), strict=True)
+    for nodes, corners in cells:
+        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+        for q, weight in enumerate(weights):
+            T = x[corners].T @ geometry[q]
+            G = basis[q] @ np.linalg.inv(T)
+            F = np.eye(3) + u[nodes].T @ G
+            # vec(F) by columns: entry 3 j + i is F_ij = ... + u_ai G_aj
+            B = np.einsum("aj,ik->jiak", G, np.eye(3)).reshape(9, -1)
+            e, Q = np.linalg.eigh(p.material.hessian(F))
+            worst = min(worst, e.min() / abs(e).max())
+            H = Q @ np.diag(clamp(e)) @ Q.T
+            A[np.ix_(dofs, dofs)] += weight * abs(np.linalg.det(T)) * B.T @ H @ B
+    return A, worst
+
+
+@elements
+@every_law
+@pytest.mark.parametrize(
+    "choice, clamp",
+    [("exact", lambda e: e), ("clamp", lambda e: np.maximum(e, 0)), ("abs", np.abs)],
+)
+def test_filters_are_numpys_eigh_at_every_point(element, law, choice, clamp):
+    """One bent cell; as the filtered Hessian's size goes with that of F, so does the bound."""
+    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, law)
+    wild(p)
+    p.jacobian(p.x, choice)
+    expected, worst = by_hand(p, ELEMENTS[element], clamp)
+    assert worst < 0  # there is something to filter
+    assert abs(dense(p.A) - expected).max() <= 1e-10 * abs(expected).max()
+
+
+# --- ranks ---------------------------------------------------------------------------------------
+
+
+def numbers(comm, element, law, cells):
+    """Energies and norms that any number of ranks must agree on."""
+    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.05), element, law, hold=HELD)
+    put(p, wave(0.04))
+    r = p.x.duplicate()
+    p.residual(p.x, r)
+    found = [p.energy(p.x), r.norm(), *p.measures(p.x).values(), p.length]
+    for choice in ("exact", "clamp"):
+        found.append(p.jacobian(p.x, choice))
+        found += [p.A.norm(PETSc.NormType.FROBENIUS), p.A.norm(PETSc.NormType.INFINITY)]
+        d = put(p, wave(1.0, 0.2), p.x.duplicate())
+        p.A.mult(d, r)
+        found += [r.norm(), r.dot(d)]
+    return found
+
+
+@mpi
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize(
+    "element, law",
+    [
+        ("Q1", "stable_neo_hookean"),
+        ("Q2", "stable_neo_hookean"),
+        ("P1", "fixed_corotational"),
+        ("P2", "fixed_corotational"),
+    ],
+)
+def test_any_number_of_ranks_gives_the_same_numbers(comm, element, law, cells):
+    """With one cell, all ranks but one have none."""
+    alone = numbers(MPI.COMM_SELF, element, law, cells)
+    assert numbers(comm, element, law, cells) == pytest.approx(alone, rel=1e-12)
+
+
+@mpi
+@elements
+def test_a_rank_without_cells(comm, element):
+    p = problem(one_cell(comm, ELEMENTS[element].cell), element)
+    put(p, wave(0.05))
+    alone = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element)
+    put(alone, wave(0.05))
+    assert p.energy(p.x) == pytest.approx(alone.energy(alone.x), rel=1e-12)
+    p.jacobian(p.x, "clamp")
+    alone.jacobian(alone.x, "clamp")
+    assert p.A.norm() == pytest.approx(alone.A.norm(), rel=1e-12)
+    assert p.elastic.fields(p.x)["volume"].shape == (
+        (1,) if len(p.elastic.fields(p.x)["min_J"]) else (0,)
+    )
+
+
+# --- what PETSc sees -----------------------------------------------------------------------------
+
+
+@mpi
+def test_a_direct_solver_notices_new_values(comm):
+    """The matrix is filled behind PETSc's back; a factorisation must not outlive it."""
+    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=HELD)
+    ksp = PETSc.KSP().create(comm)
+    ksp.setOperators(p.A)
+    if comm.size == 1:
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+    else:
+        ksp.setType("cg")
+        ksp.setTolerances(rtol=1e-13, atol=0)
+        ksp.getPC().setType("bjacobi")
+    b, x, Ax = (p.x.duplicate() for _ in range(3))
+    put(p, free_wave(p, 1.0), b)
+    solutions = []
+    for size in (0.0, 0.05):
+        put(p, wave(size))
+        p.jacobian(p.x, "clamp")
+        ksp.solve(b, x)
+        p.A.mult(x, Ax)
+        Ax.axpy(-1, b)
+        assert Ax.norm() <= 1e-10 * b.norm()
+        solutions.append(x.copy())
+    solutions[1].axpy(-1, solutions[0])
+    assert solutions[1].norm() > 1e-3 * solutions[0].norm()
+
+
+@mpi
+def test_out_of_domain_is_infinite_energy_and_nothing_is_nan(comm):
+    p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=HELD)
+    put(p, wave(0.6))
+    assert p.measures(p.x)["min_J"] < 0
+    assert p.energy(p.x) == np.inf
+    r = p.x.duplicate()
+    p.residual(p.x, r)
+    assert np.isfinite(r.norm())
+    p.jacobian(p.x, "clamp")
+    assert np.isfinite(p.A.norm())
