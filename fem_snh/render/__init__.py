@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from fem_snh.errors import BadInput, choose
@@ -185,17 +186,20 @@ def draw_elsewhere(job: Job) -> None:
     for package in ("pyvista", "matplotlib"):
         if find_spec(package) is None:
             raise BadInput(f"render needs {package}: pip install {package}")
-    request, message = json.dumps(asdict(job)), ""
+    message = ""
     for prefix, settings in _ways_to_draw():
         env = {**os.environ, "PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg", **settings}
         command = [*prefix, sys.executable, "-m", "fem_snh.render.drawing"]
-        try:
-            worker = subprocess.run(
-                command, input=request, env=env, capture_output=True, text=True, timeout=900
-            )
-        except subprocess.TimeoutExpired:  # as with a display that does not answer
-            message = "the drawing process hung"
-            continue
+        with TemporaryFile("w+") as request:  # a pipe to a process that dies early is a SIGPIPE
+            json.dump(asdict(job), request)
+            request.seek(0)
+            try:
+                worker = subprocess.run(
+                    command, stdin=request, env=env, capture_output=True, text=True, timeout=900
+                )
+            except subprocess.TimeoutExpired:  # as with a display that does not answer
+                message = "the drawing process hung"
+                continue
         if worker.returncode == 0:
             return
         said = (worker.stderr.strip() or "no word").splitlines()[-1]
