@@ -75,9 +75,12 @@ INLINE void svd(const real *F, real *U, real *s, real *V) {
   const mask axis_x = (x <= y) & (x <= z), axis_y = ~axis_x & (y <= z);
   const real axis[3] = {select(axis_x, splat(1), splat(0)), select(axis_y, splat(1), splat(0)),
                         select(axis_x | axis_y, splat(0), splat(1))};
-  normal_part(u0, G + 3, next);
+  real g1[3], big, small; /* the second column, its squares far from underflow */
+  power_of_two(absolute(G[3]) + absolute(G[4]) + absolute(G[5]), &big, &small);
+  for (int i = 0; i < 3; ++i) g1[i] = G[3 + i] * small;
+  normal_part(u0, g1, next);
   normal_part(u0, axis, normal);
-  const mask line = ~(dot(next, next) > 0.25 * dot(G + 3, G + 3));
+  const mask line = ~(dot(next, next) > 0.25 * dot(g1, g1));
   for (int i = 0; i < 3; ++i) u1[i] = select(line, normal[i], next[i]);
   const real length = lane_sqrt(dot(u1, u1));
   for (int i = 0; i < 3; ++i) u1[i] /= length;
