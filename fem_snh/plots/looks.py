@@ -53,9 +53,15 @@ def failure(index: int) -> dict[str, Any]:
     return {"color": colour(index), "ls": "", "marker": "x", "ms": 7, "mew": 1.8}
 
 
+def from_zero(ax: Axes) -> None:
+    """A vertical axis from 0 to a little above the highest value."""
+    ax.set_ylim(0, 1.06 * max(ax.dataLim.y1, 1e-12))
+
+
 def thousands(value: float, _: object) -> str:
     """A tick label with its thousands set apart."""
-    return f"{value:,.0f}".replace(",", "\u2009") if abs(value) >= 1000 else f"{value:g}"
+    text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:g}"
+    return text.replace(",", "\u2009").replace("-", "\u2212")
 
 
 def legend_entry(ax: Axes, label: str, marker: str) -> None:
@@ -66,8 +72,9 @@ def legend_entry(ax: Axes, label: str, marker: str) -> None:
 def legend(figure: Figure, ax: Axes) -> None:
     """One legend below all panels."""
     handles, labels = ax.get_legend_handles_labels()
-    columns = len(labels) if len(labels) <= 4 else 3
+    fit = int(15 * figure.get_figwidth() / (8 + max(len(label) for label in labels)))
+    columns = len(labels) if len(labels) <= min(fit, 4) else max(1, min(fit, 3))
     rows = -(-len(labels) // columns)
     foot = (0.1 + 0.22 * rows) / figure.get_figheight()
-    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.12, rect=(0, foot, 1, 1 - foot))
+    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.06, rect=(0, foot, 1, 1 - foot))
     figure.legend(handles, labels, loc="lower center", ncols=columns, frameon=False, fontsize=9)

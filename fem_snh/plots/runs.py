@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import colour, failure, legend, legend_entry, style, subplots
+from fem_snh.plots.looks import colour, failure, from_zero, legend, legend_entry, style, subplots
 from fem_snh.render import number, one_line, pretty
 
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
@@ -40,8 +40,8 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
         ax.set_xlabel(load)
         ax.set_ylabel(label)
         if label.endswith("step"):
-            ax.set_ylim(bottom=0)
-            ax.yaxis.set_major_locator(MaxNLocator(6, integer=True))
+            from_zero(ax)
+            ax.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
         else:
             ax.axhline(0, lw=0.8, color="0.6", zorder=1)
         if all(_turns(load_range(record)) for record in records):

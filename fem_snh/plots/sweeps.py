@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import failure, legend, legend_entry, style, subplots, thousands
+from fem_snh.plots.looks import failure, from_zero, legend, legend_entry, style, subplots, thousands
 from fem_snh.render import one_line, pretty
 
 # Columns worth a graph, with their axis labels.
@@ -137,4 +137,4 @@ def _scale(ax: Axes, measure: str, values: pd.Series) -> None:
         ax.set_yscale("log")
         ax.yaxis.set_major_formatter(FuncFormatter(thousands))
     else:
-        ax.set_ylim(bottom=0)
+        from_zero(ax)

@@ -156,7 +156,8 @@ def panel_label(record: dict[str, Any], load: float) -> str:
         return label
     step = steps[-1]
     if step.get("volume_ratio") is not None:
-        label += f"  ·  volume {100 * (step['volume_ratio'] - 1):+.2f} %"
+        change = f"{100 * (step['volume_ratio'] - 1):+.2f}".replace("-", "\u2212")
+        label += f"  ·  volume {change} %"
     if step.get("min_J") is not None:
         label += f"  ·  min J {step['min_J']:.2f}"
     return label if step.get("converged", True) else label + "  ·  not converged"

@@ -18,6 +18,7 @@ import pyvista as pv
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.render.surfaces import Body, body
@@ -164,7 +165,8 @@ def draw(job: dict[str, Any]) -> None:
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
         figure.text(x, y, panel["label"], ha="center", va="center", fontsize=8.5)
     bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
-    figure.colorbar(ScalarMappable(norm, cmap), bar, orientation="horizontal", extend=extend)
+    colour = ScalarMappable(norm, cmap)
+    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=MaxNLocator(7))
     bar.tick_params(labelsize=8)
     bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
     try:
