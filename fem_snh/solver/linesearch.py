@@ -7,8 +7,9 @@ from math import isfinite
 
 from petsc4py import PETSc
 
-#: Relative change of the energy below which its sign is rounding.
-_NOISE = 1e-12
+#: Change of the energy below which its sign is rounding: relative to the energy, and to E V. The
+#: latter, as an energy density is a difference of numbers of size E, however small the strain.
+_NOISE, _ROUNDING = 1e-12, 1e-15
 #: A full step is lengthened where the slope at its end is still this fraction of that at its start.
 _STEEP = 0.3
 
@@ -16,6 +17,8 @@ _STEEP = 0.3
 @dataclass
 class LineSearch:
     """Finds a step along d that lowers the energy; ``trial`` and ``f_trial`` hold state, residual.
+
+    ``energy_scale`` is E V [J], the size of the numbers that the energy is the small difference of.
 
     Backtracks to the minimum of the parabola through both energies and the slope (between a tenth
     and half of the step); by halves where the energy is infinite. Where the energy no longer
@@ -31,6 +34,7 @@ class LineSearch:
     snes: PETSc.SNES
     trial: PETSc.Vec
     f_trial: PETSc.Vec
+    energy_scale: float = 0.0
     armijo: float = 1e-4
     min_step: float = 1e-10
 
@@ -45,7 +49,8 @@ class LineSearch:
             if not isfinite(there):
                 step *= 0.5
                 continue
-            flat = abs(change) <= _NOISE * max(abs(energy), abs(there))
+            rounding = _ROUNDING * self.energy_scale
+            flat = abs(change) <= max(_NOISE * max(abs(energy), abs(there)), rounding)
             if flat or change <= self.armijo * step * slope:
                 end = self._slope(d)
                 if not flat or end <= (2 * self.armijo - 1) * slope:

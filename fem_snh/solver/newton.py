@@ -22,8 +22,9 @@ POLICIES = ("exact", "clamp", "abs", "adaptive")
 OPTIONS: dict[str, str | float] = {
     "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive
     "snes_adaptive_filter": "clamp",  # what adaptive falls back to: clamp | abs
+    "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
-    "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
+    "snes_forcing_max": 5e-3,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
     "snes_armijo": 1e-4,  # sufficient decrease
     "snes_min_step": 1e-10,  # shortest step of the line search
 }
@@ -59,10 +60,10 @@ class ProjectedNewton:
     Walker's second choice, between ``-ksp_rtol`` and ``snes_forcing_max``. See `LineSearch`.
     """
 
-    def __init__(self, jacobian: Any, force_scale: float = 1.0) -> None:
+    def __init__(self, jacobian: Any, force_scale: float = 1.0, energy_scale: float = 0.0) -> None:
         """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered."""
         self._fill = jacobian
-        self.force_scale = force_scale
+        self.force_scale, self.energy_scale = force_scale, energy_scale
         self.options = dict(OPTIONS)
         self.history: list[Iteration] = []
         self.filter = "exact"
@@ -94,19 +95,23 @@ class ProjectedNewton:
             snes,
             x.duplicate(),
             f.duplicate(),
+            self.energy_scale,
             float(self.options["snes_armijo"]),
             float(self.options["snes_min_step"]),
         )
-        self.history = []
+        self.history, self._indefinite = [], float("inf")
         energy = snes.computeObjective(x)
         if not isfinite(energy):
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
         snes.computeFunction(x, f)
         norm, previous, step_norm = f.norm(), None, 0.0
-        for its in range(snes.getTolerances()[3] + 1):
+        last = snes.getTolerances()[3]
+        for its in range(last + 1):
             if self._test(snes, its, x.norm(), step_norm, norm):
                 return
+            if its == last:
+                break
             now = Iteration(residual=norm, energy=energy)
             self.history.append(now)
             slope = self._direction(snes, x, f, d, now, previous)
@@ -151,6 +156,8 @@ class ProjectedNewton:
         filters = [policy]
         if policy == "adaptive":
             filters = ["exact", str(self.options["snes_adaptive_filter"])]
+            if now.residual > float(self.options["snes_adaptive_retry"]) * self._indefinite:
+                del filters[0]
         for now.filter in filters:
             self.filter = now.filter
             A, P = snes.getJacobian()[:2]
@@ -161,6 +168,7 @@ class ProjectedNewton:
             slope = self._linear(snes, A, P, f, d, now, previous)
             if slope is not None:
                 return slope
+            self._indefinite = now.residual
         return None
 
     def _linear(
