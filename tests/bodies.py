@@ -9,6 +9,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
+import pytest
 from scipy.sparse import csr_matrix, vstack
 
 from fem_snh import _dolfinx, mesh
@@ -26,6 +27,14 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "neo_hookean": {"name": "neo_hookean", "nu": 0.45},
     "fixed_corotational": {"name": "fixed_corotational", "nu": 0.45},
 }
+
+_MAIN = "stable_neo_hookean"
+#: A test's parameter ``law``: each of MATERIALS serially...
+every_law_serially = pytest.mark.parametrize("law", MATERIALS)
+#: ... and one of them on several ranks as well.
+every_law = pytest.mark.parametrize(
+    "law", [pytest.param(m, marks=[pytest.mark.mpi] if m == _MAIN else []) for m in MATERIALS]
+)
 
 
 @dataclass

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
 import ufl
-from bodies import MATERIALS, Hold, cube, dense, held, norm, one_cell, problem, put, rows, wave
+from bodies import (
+    Hold,
+    cube,
+    dense,
+    every_law,
+    every_law_serially,
+    held,
+    norm,
+    one_cell,
+    problem,
+    put,
+    rows,
+    wave,
+)
 
 from fem_snh import _dolfinx, forms
 from fem_snh.elements import ELEMENTS, Element
-from fem_snh.kernels.pointwise import Material, material
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", ELEMENTS)
-every_law = pytest.mark.parametrize("law", MATERIALS)
-by_forms = pytest.mark.parametrize("law", [m for m in MATERIALS if m != "fixed_corotational"])
 HELD = [Hold("bottom"), Hold("right", ("x", "z"))]
-
-
-@lru_cache
-def law_of(name: str) -> Material:
-    return material(E=1.0, **MATERIALS[name])
 
 
 def free_wave(p, size, shift=0.0):
@@ -36,15 +39,16 @@ def free_wave(p, size, shift=0.0):
 # --- against ufl.derivative, FFCx and dolfinx's assembler ----------------------------------------
 
 
-@mpi
 @elements
-@by_forms
+@every_law
 def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
     """27 or 48 bent cells: the last batch of 8 is not full."""
     kind = ELEMENTS[element]
     p = problem(
         cube(comm, kind.cell, 3 if kind.cell == "hexahedron" else 2, 0.06), element, law, hold=HELD
     )
+    if p.material.law.needs_stretches:
+        pytest.skip("UFL cannot differentiate the stretches")
     put(p, wave(0.03))
     u, v, w = p.u, ufl.TestFunction(p.V), ufl.TrialFunction(p.V)
     dx = ufl.dx(metadata={"quadrature_degree": kind.quadrature})
@@ -103,7 +107,6 @@ def order(sizes, errors):
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
 
-@mpi
 @elements
 @every_law
 def test_residual_and_jacobian_are_derivatives(comm, element, law):
@@ -141,7 +144,6 @@ def wild(p):
     assert p.material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
 
 
-@mpi
 @elements
 @every_law
 def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, law):
@@ -192,7 +194,7 @@ def by_hand(p, element: Element, clamp):
 
 
 @elements
-@every_law
+@every_law_serially
 @pytest.mark.parametrize(
     "choice, clamp",
     [("exact", lambda e: e), ("clamp", lambda e: np.maximum(e, 0)), ("abs", np.abs)],

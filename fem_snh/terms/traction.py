@@ -30,16 +30,16 @@ class Traction:
         self.load = 0.0
         self._force = _dolfinx.create_vector(V)
         test = ufl.TestFunction(V)
-        total = None
+        part = self._force.duplicate()
         for key, vector in loads:
             group = mesh.group(key)
             if group.dim != 2:
                 raise BadInput(f"traction on '{key}': it must be a surface, not a {group.label}")
             ds = _dolfinx.surface_measure(mesh.domain, group.entities)
             term = ufl.inner(ufl.as_vector(np.asarray(vector, float).tolist()), test) * ds
-            total = term if total is None else total + term
-        if total is not None:
-            _dolfinx.assemble_vector(self._force, _dolfinx.form(total))
+            # A form each: UFL takes one set of marked facets a form.
+            _dolfinx.assemble_vector(part, _dolfinx.form(term))
+            self._force.axpy(1.0, part)
 
     def energy(self, u: PETSc.Vec) -> float:
         """-load * f . u [J]."""
