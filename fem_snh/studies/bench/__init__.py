@@ -1,0 +1,48 @@
+"""Measurements that anyone can repeat: each prints JSON, one line per row.
+
+assembly      the filtered Jacobian against FFCx's exact one; --elements Q1,P2 --cells N --material M
+twist         Newton and linear iterations on the paper's twist; --cells N --hessians clamp,adaptive
+stretch       the paper's stretch, all materials; --elements Q1,P2 --cells N --steps N
+ranks         the same runs on 1 and 2 ranks; --cells N
+eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N --seed N
+
+twist and stretch use the ranks they are started on: mpirun -n 2 python -m fem_snh bench twist
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from typing import Any
+
+from fem_snh.errors import choose
+
+NAMES = ("assembly", "eigensolvers", "ranks", "stretch", "twist")
+
+Row = dict[str, Any]
+
+
+def main(name: str, options: dict[str, Any]) -> int:
+    """Run one measurement and print its rows on rank 0; 0 if every row that has "ok" is ok.
+
+    Raises BadInput for an unknown measurement or option.
+    """
+    module = import_module(f"{__name__}.{choose('bench', name, NAMES)}")
+    rows: Callable[..., Iterator[Row]] = module.rows
+    for key in options:
+        choose(f"option of bench {name}", key, inspect.signature(rows).parameters)
+    from mpi4py import MPI
+
+    good = True
+    for row in rows(**options):
+        good &= bool(row.get("ok", True))
+        if MPI.COMM_WORLD.rank == 0:
+            print(json.dumps({"bench": name} | row), flush=True)
+    return 0 if good else 1
+
+
+def words(text: str) -> list[str]:
+    """A comma list as a list."""
+    return [word for word in str(text).split(",") if word]
