@@ -83,7 +83,7 @@ class Problem:
         self._traction = None
         if traction:
             self._traction = Traction(self.V, mesh, [(t.group, t.vector) for t in traction])
-        self.terms = [self.elastic, *([self._traction] if self._traction else [])]
+        self.terms: list[Any] = [self.elastic, *([self._traction] if self._traction else [])]
         self._condition(hold, move)
         self.A = self.elastic.create_matrix()
         self.A.setNearNullSpace(self._rigid_motions())

@@ -1,7 +1,7 @@
 """Newton's method with projected Hessians, as a PETSc SNES.
 
 `create` configures it for a problem, `ProjectedNewton` is its context, `LineSearch` and `Predictor`
-are its parts. ``-snes_view``, monitors, converged reasons and options work as for PETSc's own types.
+are its parts. ``-snes_view``, monitors, converged reasons and options work as for PETSc's own.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
 
     Defaults: CG with Jacobi, linear tolerance between 1e-3 and 5e-3 (Eisenstat-Walker), 200
     iterations. Looser solves (``-snes_forcing_max 0.1``) are a third cheaper on the twist, but then
-    rounding, and so the number of ranks, decides how many Newton steps its first, rough phase takes. Raises BadInput for an option's bad value.
+    rounding, and so the number of ranks, decides how many Newton steps its first, rough phase takes.
+
+    Raises BadInput for an option's bad value.
     """
     energy_scale = problem.force_scale * problem.length
     context = ProjectedNewton(problem.jacobian, problem.force_scale, energy_scale)
@@ -53,7 +55,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
 
 
 def reason(snes: PETSc.SNES) -> str:
-    """Why the last solve ended, by PETSc's name: "CONVERGED_FNORM_ABS", "DIVERGED_LINE_SEARCH"..."""
+    """Why the last solve ended, by PETSc's name: "CONVERGED_FNORM_ABS", "DIVERGED_MAX_IT"..."""
     code = snes.getConvergedReason()
     names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
     return names.get(code, str(code))

@@ -25,8 +25,8 @@ class LineSearch:
     changes in floating point, Armijo's condition is put on the slopes at both ends instead (Hager &
     Zhang 2005, eq. 4.1; Longva et al. 2023 for projected Newton).
 
-    A filtered Hessian is too stiff, so a full step may end where the energy still falls steeply: one
-    secant step on the slope then goes on, up to three times as far. It costs an energy and a
+    A filtered Hessian is too stiff, so a full step may end where the energy still falls steeply:
+    one secant step on the slope then goes on, up to three times as far. It costs an energy and a
     residual, and saves most of the linearly convergent iterations of clamp and abs near a solution
     with negative eigenvalues.
     """

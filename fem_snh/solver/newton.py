@@ -67,6 +67,7 @@ class ProjectedNewton:
         self.options = dict(OPTIONS)
         self.history: list[Iteration] = []
         self.filter = "exact"
+        self.divergence_asked_for = False
 
     # --- what PETSc calls ------------------------------------------------------------------------
 
@@ -75,6 +76,7 @@ class ProjectedNewton:
         for name, default in OPTIONS.items():
             get = database.getString if isinstance(default, str) else database.getReal
             self.options[name] = get(name, self.options[name])
+        self.divergence_asked_for = database.hasName("snes_divergence_tolerance")
         choose("hessian", str(self.options["snes_hessian"]), POLICIES)
         choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
 
@@ -102,6 +104,8 @@ class ProjectedNewton:
         self.history, self._indefinite = [], float("inf")
         energy = snes.computeObjective(x)
         if not isfinite(energy):
+            snes.setIterationNumber(0)  # not those of an earlier solve
+            snes.setFunctionNorm(energy)
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
         snes.computeFunction(x, f)
@@ -136,6 +140,8 @@ class ProjectedNewton:
         snes.setFunctionNorm(norm)
         snes.logConvergenceHistory(norm)
         reason = snes.callConvergenceTest(its, x, step, norm)
+        if reason == Reason.DIVERGED_DTOL and not self.divergence_asked_for:
+            reason = 0  # away from an unstable state the residual grows while the energy falls
         if norm <= float(self.options["snes_scaled_tol"]) * self.force_scale:
             reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
