@@ -4,8 +4,8 @@
  *   energy_invariants, stress_invariants ........ from F alone, if the energy needs no stretches
  *   energy_stretches, gradient_stretches ........ from the principal stretches
  *   hessian_stretches(p, s, A, twist, flip) ..... scaling block, twist and flip eigenvalues
- * Outside the domain, where psi = +inf or the numbers overflow or F is not finite, the energy is +inf
- * and all else is 0. 9-vectors are vec(.) by columns (paper, eq. 17). */
+ * Outside the domain of psi, and where F is not finite, the energy is +inf and all else is 0; the same
+ * goes for what overflows. Nothing is ever NaN. 9-vectors are vec(.) by columns (paper, eq. 17). */
 
 enum { EXACT, CLAMP, ABS };
 

@@ -77,7 +77,7 @@ class Material:
             getattr(lib, name)(
                 pointer(self.constants), n, pointer(columns), *arguments, *map(pointer, out)
             )
-        return [a.reshape(*shape, -1) for a in out]
+        return [a.reshape(*shape, a.shape[1]) for a in out]
 
     def energy(self, F: npt.ArrayLike) -> Array:
         """psi(F) [Pa], shape (...); +inf outside the energy's domain."""

@@ -1,0 +1,143 @@
+"""The cache of compiled kernels: its key, its safety, its mistakes."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fem_snh.errors import BadInput
+from fem_snh.kernels import build
+
+SOURCE = "int answer(void) { return 42; }\n"
+
+
+@pytest.fixture(autouse=True)
+def cache(monkeypatch, tmp_path) -> Path:
+    """An empty cache; what it holds is seen by this test only."""
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("FEM_SNH_CACHE", str(folder))
+    monkeypatch.delenv("CC", raising=False)
+    return folder
+
+
+def script(path: Path, text: str) -> Path:
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def one_line(function, *arguments) -> str:
+    """The message of the BadInput that the call raises: one line."""
+    with pytest.raises(BadInput) as caught:
+        function(*arguments)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_compiled_once_and_whole(cache, monkeypatch):
+    path = build.library(SOURCE)
+    _, lib = build.load(path, "int answer(void);")
+    assert lib.answer() == 42
+    assert list(cache.iterdir()) == [path]  # nothing is left over
+    before = path.stat().st_mtime_ns
+    monkeypatch.setattr(build.subprocess, "run", None)  # no compiler is asked again
+    assert build.library(SOURCE) == path
+    assert path.stat().st_mtime_ns == before
+
+
+def test_key_holds_source_flags_compiler_and_processor(monkeypatch, tmp_path):
+    paths = {build.library(SOURCE), build.library(SOURCE + "/* another */\n")}
+    monkeypatch.setattr(build, "FLAGS", [*build.FLAGS, "-DOTHER"])
+    paths.add(build.library(SOURCE))
+    real = build.compiler()
+    monkeypatch.setenv("CC", str(script(tmp_path / "mycc", f'exec {real} "$@"')))
+    paths.add(build.library(SOURCE))
+    monkeypatch.setenv("CC", f"{real} -DMORE")
+    paths.add(build.library(SOURCE))
+    monkeypatch.setattr(build, "_environment", lambda command: "another processor")
+    paths.add(build.library(SOURCE))
+    assert len(paths) == 6
+    assert all(p.exists() for p in paths)
+
+
+def test_no_flag_breaks_nan_and_infinity():
+    assert not {"-ffast-math", "-Ofast", "-ffinite-math-only", "-funsafe-math-optimizations"} & set(
+        build.FLAGS
+    )
+    source = "double same(double x) { return x != x; }\n"
+    _, lib = build.load(build.library(source), "double same(double x);")
+    assert lib.same(float("nan")) == 1
+
+
+def test_many_processes_at_once(cache):
+    """Four start on an empty cache, as ranks and jobs do; each gets the whole library."""
+    code = (
+        "from fem_snh.kernels import build\n"
+        "source = ''.join(f'int f{i}(int x) {{ return x + {i}; }}\\n' for i in range(300))\n"
+        "print(build.load(build.library(source), 'int f299(int);')[1].f299(1))"
+    )
+    start = [sys.executable, "-c", code]
+    running = [
+        subprocess.Popen(start, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
+    ended = [(*p.communicate(timeout=120), p.returncode) for p in running]
+    assert {code for *_, code in ended} == {0}, ended
+    assert {out for out, *_ in ended} == {"300\n"}
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_no_compiler(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert "install gcc" in one_line(build.library, SOURCE)
+    monkeypatch.setenv("CC", "no-such-cc")
+    assert "no-such-cc" in one_line(build.library, SOURCE)
+
+
+def test_what_is_no_compiler(monkeypatch, tmp_path):
+    monkeypatch.setenv("CC", str(script(tmp_path / "broken", "exit 1")))
+    assert "broken is no C compiler" in one_line(build.library, SOURCE)
+
+
+def test_compiler_fails(cache):
+    message = one_line(build.library, "no C at all\n")
+    log = Path(message.rpartition(" ")[2])
+    assert log.parent == cache
+    assert "error" in log.read_text()
+    assert [p.suffix for p in cache.iterdir()] == [".log"]
+
+
+def test_cache_that_cannot_be_written(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("FEM_SNH_CACHE", str(tmp_path / "file" / "cache"))
+    message = one_line(build.library, SOURCE)
+    assert str(tmp_path / "file" / "cache") in message
+    assert "FEM_SNH_CACHE" in message
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+@pytest.mark.parametrize("mode", [0o500, 0o000])
+def test_cache_without_permission(cache, mode):
+    cache.mkdir(mode=mode)
+    assert str(cache) in one_line(build.library, SOURCE)
+
+
+def test_library_that_cannot_be_opened():
+    path = build.library(SOURCE)
+    path.write_bytes(b"cut off")
+    assert str(path) in one_line(build.load, path, "int answer(void);")
+
+
+def test_where_the_cache_is(monkeypatch, tmp_path):
+    monkeypatch.delenv("FEM_SNH_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert build.cache_folder() == tmp_path / "fem_snh"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert build.cache_folder() == tmp_path / ".cache" / "fem_snh"
