@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from functools import partial
 from pathlib import Path
 
@@ -47,7 +48,9 @@ def run(argv: list[str]) -> int:
     comm = MPI.COMM_WORLD
     # One rank reads the files: the others may not see them, and must not differ in what they find.
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
+    handler = signal.getsignal(signal.SIGINT)
     check()
+    signal.signal(signal.SIGINT, handler)  # gmsh 4.8 takes Ctrl-C away when it is imported
     from fem_snh.runs import run as solve
 
     result = solve(

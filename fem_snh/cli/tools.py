@@ -42,11 +42,12 @@ def plot(argv: list[str]) -> int:
     parser = Parser("plot", "Curves from run folders (one line each) or from a sweep's table.")
     parser.add_argument("paths", metavar="DIR|SWEEP.csv", nargs="+", type=Path)
     parser.add_argument("--out", metavar="PNG", type=Path)
+    parser.add_argument("--newton", action="store_true", help="Newton iterations as well")
     args = parser.parse(argv)
 
     from fem_snh.plots import main
 
-    print(main(args.paths, args.out))
+    print(main(args.paths, args.out, args.newton))
     return 0
 
 
@@ -74,7 +75,7 @@ def bench(argv: list[str]) -> int:
     """Measure something, one JSON line at a time."""
     from fem_snh.studies import bench as benches
 
-    if not argv or argv[0] in ("-h", "--help"):
+    if not argv or {"-h", "--help"} & set(argv):
         print("fem-snh bench NAME [--key value ...]\n\n" + (benches.__doc__ or ""))
         return 0
     name, *words = argv

@@ -114,7 +114,7 @@ def sweep(
     _draw(out, report)
     import pandas as pd
 
-    return pd.read_csv(table.path)
+    return pd.read_csv(table.path, float_precision="round_trip")
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
