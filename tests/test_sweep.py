@@ -85,7 +85,10 @@ def test_sweep_is_a_tidy_table_and_a_picture(done: tuple[Path, pd.DataFrame]) ->
     assert (out / "sweep.png").stat().st_size > 1000
     for name, energy in zip(table["point"], table["energy"], strict=True):
         record = json.loads((out / name / "run.json").read_text())
-        assert record["steps"][-1]["energy"] == energy and (out / name / "log.txt").exists()
+        assert (
+            record["steps"][-1]["energy"] == pytest.approx(energy, rel=1e-12)
+            and (out / name / "log.txt").exists()
+        )
 
 
 def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:

@@ -114,7 +114,7 @@ def sweep(
     _draw(out, report)
     import pandas as pd
 
-    return pd.read_csv(table.path, float_precision="round_trip")
+    return pd.read_csv(table.path)
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
