@@ -1,10 +1,10 @@
 """A cylinder stretched to 3.4 times its length: the paper's Figures 5 and 6.
 
-    mpirun -n 2 python demos/cylinder_stretch.py                # 3 materials, 3.4 times, 12 steps
-    mpirun -n 2 python demos/cylinder_stretch.py --cells 71     # the paper's scale: 302,247 hexahedra
+    mpirun -n 2 python demos/cylinder_stretch.py             # 3 materials, 3.4 times, 12 steps
+    mpirun -n 2 python demos/cylinder_stretch.py --cells 71  # the paper's scale: 302,247 hexahedra
 
-Three materials with the same E and nu = 0.49. They agree at small strain, and part company at large:
-the stable one keeps its volume best, as in the paper.
+Three materials with the same E and nu = 0.49. They agree at small strain, and part company at
+large: the stable one keeps its volume best, as in the paper.
 """
 
 from argparse import ArgumentParser

@@ -1,13 +1,13 @@
 """Stable Neo-Hookean flesh simulation in FEniCSx.
 
     >>> import fem_snh
-    >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)    # callable at any F
-    >>> m.hessian(F, filter="clamp")                                  # (..., 9, 9), never indefinite
-    >>> result = fem_snh.run("twist", cells=15, out="out/twist")      # under MPI, too
+    >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)  # at any F (..., 3, 3)
+    >>> m.hessian(F, filter="clamp")  # (..., 9, 9), never indefinite
+    >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # under MPI, too
 
-One way through: `materials` (an energy, written once) -> `kernels` (its C, eight points at a time) ->
-`forms` (its UFL) -> `problem` (mesh, element, conditions) -> `solver` (projected Newton, a PETSc
-SNES) -> `runs` (load steps, output) -> `studies`, `cli`.
+One way through: `materials` (an energy, written once) -> `kernels` (its C, eight points at a time)
+-> `forms` (its UFL) -> `problem` (mesh, element, conditions) -> `solver` (projected Newton, a
+PETSc SNES) -> `runs` (load steps, output) -> `studies`, `cli`.
 """
 
 from __future__ import annotations

@@ -7,10 +7,11 @@ from functools import wraps
 from time import perf_counter
 from typing import Any, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.elements import Element
@@ -74,7 +75,12 @@ class Problem:
             raise BadInput(
                 f"element '{element.name}' needs {element.cell} cells; the mesh has {mesh.cell}s"
             )
-        self.mesh, self.element, self.material, self.comm = mesh, element, material, mesh.domain.comm
+        self.mesh, self.element, self.material, self.comm = (
+            mesh,
+            element,
+            material,
+            mesh.domain.comm,
+        )
         self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
         self.u = _dolfinx.function(self.V, "displacement")
         self.x = _dolfinx.petsc_vec(self.u)

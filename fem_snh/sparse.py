@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any
+
+from petsc4py import PETSc
 
 import cffi
 import numpy as np
 import numpy.typing as npt
-from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from fem_snh.errors import BadInput
@@ -68,7 +70,7 @@ def _create(comm: Any, pattern: csr_matrix, owned: int, total: int) -> PETSc.Mat
     indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * blocks, 3))]).astype(PETSc.IntType)
     columns = (3 * pattern.indices[:, None] + np.arange(3)).astype(PETSc.IntType)
     # The columns of a node are those of each of its three rows.
-    thrice = [columns[a:b] for a, b in zip(pattern.indptr[:-1], pattern.indptr[1:], strict=True)]
+    thrice = [columns[a:b] for a, b in pairwise(pattern.indptr)]
     indices = np.concatenate([np.tile(c.ravel(), 3) for c in thrice] or [columns.ravel()])
     size = ((3 * owned, 3 * total),) * 2
     values = np.zeros(len(indices))
@@ -172,7 +174,7 @@ class BlockMatrix:
         rows = _ffi.cast("int *", self._sent_rows.ctypes.data)
         starts = self._sent.indptr.tolist()
         add = int(PETSc.InsertMode.ADD)
-        for i, (a, b) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
+        for i, (a, b) in enumerate(pairwise(starts)):
             if b > a:
                 _check(
                     _petsc.MatSetValuesBlocked(

@@ -53,7 +53,7 @@ def describe(name: str) -> str:
 
 
 def energy(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Energy:
-    """The energy called ``name``, normalised to Young's modulus ``E`` [Pa] and Poisson's ratio ``nu``.
+    """The energy called ``name``, normalised to Young's modulus E [Pa] and Poisson's ratio nu.
 
     Raises BadInput for an unknown name or shape parameter, E <= 0, or nu outside (-1, 0.5).
     """

@@ -27,8 +27,8 @@ __all__ = ["Result", "run"]
 class Result:
     """What a run computed.
 
-    ``record`` is run.json's content; ``steps`` its rows, one per attempted load increment; ``u`` the
-    displacement (a dolfinx Function) at the last load that converged; ``problem`` everything else.
+    ``record`` is run.json's content; ``steps`` its rows, one per attempted load increment; ``u``
+    the displacement (a dolfinx Function) at the last load that converged; ``problem`` the rest.
     """
 
     converged: bool
@@ -63,8 +63,8 @@ def run(
     out : folder for run.json and steps.csv (written after every step) and fields.pvd. A folder
         that already holds a run is refused, unless ``overwrite``.
     progress : print a line per step on rank 0.
-    overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian, steps,
-        predictor, petsc (a dict of PETSc options), and a scene's own parameters.
+    overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
+        steps, predictor, petsc (a dict of PETSc options), and a scene's own parameters.
 
     A step that fails is rolled back and halved, down to 1/64; when that fails too the run ends with
     ``converged`` False and keeps what it has. Raises BadInput, on every rank.
@@ -72,7 +72,7 @@ def run(
     began = perf_counter()
     scene = scenes.load(scene, **overrides)
     folder = Folder(comm, Path(out), overwrite) if out is not None else None
-    show = Progress(progress and comm.rank == 0)
+    show = Progress(comm, progress)
     seconds = {}
     with petsc_options(solver.PREFIX, scene.petsc):
         element = elements.element(scene.element)
@@ -127,6 +127,7 @@ def run(
                 if writer:
                     writer.close()
         keep(status)
+        comm.barrier()  # what a rank reads after this is complete
         show.end(record, folder.path if folder else None)
     return Result(stepper.done, status, record, problem, folder.path if folder else None)
 

@@ -11,9 +11,10 @@ import resource
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root

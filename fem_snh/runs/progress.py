@@ -11,22 +11,26 @@ from rich.console import Console
 class Progress:
     """Says what is being solved, how each step went, and where the output is."""
 
-    def __init__(self, enabled: bool) -> None:
-        self._console = Console(quiet=not enabled, highlight=False, soft_wrap=True)
+    def __init__(self, comm: Any, enabled: bool) -> None:
+        # mpirun's own terminal looks like one even when its output goes to a file.
+        plain = {"color_system": None} if comm.size > 1 else {}
+        self._console = Console(
+            quiet=not enabled or comm.rank > 0, highlight=False, soft_wrap=True, **plain
+        )
 
     def start(self, record: dict[str, Any]) -> None:
         m = record["material"]
         self._console.print(
             f"[bold]{record['scene']}[/]: {m['name']}, E = {m['E']:g}, nu = {m['nu']:g}; "
-            f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} degrees of freedom; "
+            f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{record['hessian']} Hessian; {record['ranks']} rank(s)"
         )
 
     def step(self, row: dict[str, Any]) -> None:
         mark = "[green]ok[/]  " if row["converged"] else "[red]fail[/]"
         self._console.print(
-            f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton ({row['clamped']} filtered), "
-            f"{row['linear']:6d} linear, residual {row['residual']:.1e}, "
+            f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton "
+            f"({row['clamped']} filtered), {row['linear']:6d} linear, residual {row['residual']:.1e}, "
             f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}, "
             f"{row['seconds']:.2f} s" + ("" if row["converged"] else f"  {row['reason']}, halved")
         )

@@ -53,8 +53,8 @@ class Stepper:
     def failure(self) -> str:
         """Why it ended before load 1."""
         return (
-            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal one "
-            f"still fails ({self._last['reason']})"
+            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal "
+            f"one still fails ({self._last['reason']})"
         )
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:

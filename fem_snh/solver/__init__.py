@@ -27,8 +27,9 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
     Defaults: CG with Jacobi, linear tolerance between 1e-3 and 5e-3 (Eisenstat-Walker), 200
-    iterations. Looser solves (``-snes_forcing_max 0.1``) are a third cheaper on the twist, but then
-    rounding, and so the number of ranks, decides how many Newton steps its first, rough phase takes.
+    iterations. Looser solves (``-snes_forcing_max 0.1``) are a third cheaper on the twist, but
+    then rounding, and so the number of ranks, decides how many Newton steps its first, rough phase
+    takes.
 
     Raises BadInput for an option's bad value.
     """

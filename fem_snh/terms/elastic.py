@@ -8,10 +8,11 @@ from __future__ import annotations
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.elements import Element

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
-from petsc4py import PETSc
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from time import perf_counter
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
-from mpi4py import MPI
 
 from fem_snh import _dolfinx, elements, forms, mesh
 from fem_snh.kernels.pointwise import material as make_material
@@ -24,7 +25,10 @@ JIT = {"cffi_extra_compile_args": ["-O3", "-march=native"]}
 
 
 def rows(
-    elements: str = "Q1,P1,P2", cells: int = 0, material: str = "stable_neo_hookean", repeat: int = 7
+    elements: str = "Q1,P1,P2",
+    cells: int = 0,
+    material: str = "stable_neo_hookean",
+    repeat: int = 7,
 ) -> Iterator[Row]:
     """One row per element, on a cube whose every cell is deformed so that it has to be filtered."""
     for name in words(elements):

@@ -1,4 +1,4 @@
-"""The same runs on 1 and on 2 ranks: energies to 1e-9 relative, Newton iterations to the last one."""
+"""The same runs on 1 and on 2 ranks: energies to 1e-9 relative, equal Newton iterations."""
 
 from __future__ import annotations
 
@@ -44,6 +44,8 @@ def _run(scene: str, element: str, cells: int, ranks: int, out: Path) -> dict:
         [*program(ranks), *arguments], env=environment(), capture_output=True, text=True
     )
     if done.returncode:
-        raise BadInput(f"bench ranks: {scene} on {ranks} ranks failed: {done.stderr.strip()[-300:]}")
+        raise BadInput(
+            f"bench ranks: {scene} on {ranks} ranks failed: {done.stderr.strip()[-300:]}"
+        )
     record: dict = json.loads((out / "run.json").read_text())
     return record

@@ -8,8 +8,8 @@ from fem_snh.materials import names
 from fem_snh.runs import run
 from fem_snh.studies.bench import Row, words
 
-#: Volume change [%] at nu = 0.49, stretch 3.4 (paper, section 6). The cylinder's proportions are not
-#: published; ``neo_hookean`` stands for the paper's filtered one, whose filter is idle here.
+#: Volume change [%] at nu = 0.49, stretch 3.4 (paper, section 6). The cylinder's proportions are
+#: not published; ``neo_hookean`` stands for the paper's filtered one, whose filter is idle here.
 PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "neo_hookean": 4.9}
 #: Cells along the diameter.
 CELLS = {"Q1": 12, "P1": 12, "Q2": 6, "P2": 6}
