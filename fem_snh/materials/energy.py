@@ -79,7 +79,8 @@ class Energy:
     def domain(self) -> tuple[sympy.Expr, ...]:
         """Expressions in ``measures`` that must be positive.
 
-        Arguments of log, bases of real powers. Where one is not, the energy is +inf. What is positive for every F is left out.
+        Arguments of log, bases of real powers. Where one is not, the energy is +inf. What is
+        positive for every F is left out.
         """
         bases = {a.args[0] for a in self.psi.atoms(sympy.log)}
         bases |= {p.base for p in self.psi.atoms(sympy.Pow) if not p.exp.is_integer}

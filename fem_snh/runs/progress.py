@@ -12,10 +12,12 @@ class Progress:
     """Says what is being solved, how each step went, and where the output is."""
 
     def __init__(self, comm: Any, enabled: bool) -> None:
-        # mpirun's own terminal looks like one even when its output goes to a file.
-        plain = {"color_system": None} if comm.size > 1 else {}
         self._console = Console(
-            quiet=not enabled or comm.rank > 0, highlight=False, soft_wrap=True, **plain
+            quiet=not enabled or comm.rank > 0,
+            highlight=False,
+            soft_wrap=True,
+            # mpirun's own terminal looks like one even when its output goes to a file.
+            color_system="auto" if comm.size == 1 else None,
         )
 
     def start(self, record: dict[str, Any]) -> None:
@@ -30,7 +32,8 @@ class Progress:
         mark = "[green]ok[/]  " if row["converged"] else "[red]fail[/]"
         self._console.print(
             f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton "
-            f"({row['clamped']} filtered), {row['linear']:6d} linear, residual {row['residual']:.1e}, "
+            f"({row['clamped']} filtered), {row['linear']:6d} linear, "
+            f"residual {row['residual']:.1e}, "
             f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}, "
             f"{row['seconds']:.2f} s" + ("" if row["converged"] else f"  {row['reason']}, halved")
         )
