@@ -1,0 +1,160 @@
+"""Who may know whom: the arrows between the parts of the package."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fem_snh
+
+PACKAGE = Path(fem_snh.__file__).parent
+
+#: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("errors",),
+    ("_dolfinx", "materials", "elements"),
+    ("kernels", "_gmsh", "scenes"),
+    ("mesh",),
+    ("forms", "sparse"),
+    ("terms",),
+    ("problem",),
+    ("solver",),
+    ("runs",),
+    ("plots", "render", "doctor", "studies"),
+    ("cli",),
+    ("__main__",),
+)
+LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
+
+#: What a part may know where the layers alone would allow more.
+ONLY = {
+    "materials": {"errors"},
+    "kernels": {"errors", "materials"},
+    "elements": {"errors"},
+    "_gmsh": {"errors", "_dolfinx"},
+    "mesh": {"errors", "_dolfinx", "_gmsh"},
+    "forms": {"errors", "materials"},
+    "sparse": {"errors"},
+    "scenes": {"errors", "materials", "elements", "mesh"},
+    "plots": {"errors", "render"},
+    "render": {"errors"},
+    "doctor": {"errors"},
+    "solver": {"errors"},  # given a problem, it needs no more of one than its methods
+}
+
+#: Packages from outside that only some parts may import.
+OUTSIDE = {
+    "dolfinx": {"_dolfinx"},
+    "basix": {"_dolfinx"},
+    "ffcx": {"_dolfinx"},
+    "ufl": {"_dolfinx", "forms", "terms", "studies"},
+    "gmsh": {"_gmsh"},
+    "pyvista": {"render"},
+    "matplotlib": {"plots", "render"},
+    "pydantic": {"scenes"},
+}
+#: And what some parts may not.
+FORBIDDEN = {
+    "materials": {"mpi4py", "petsc4py", "numpy", "cffi"},
+    "kernels": {"mpi4py", "petsc4py"},
+    "scenes": {"mpi4py", "petsc4py"},
+    "elements": {"mpi4py", "petsc4py"},
+    "plots": {"mpi4py", "petsc4py"},
+    "render": {"mpi4py", "petsc4py"},
+    "errors": {"mpi4py", "petsc4py", "numpy"},
+}
+
+
+def part_of(path: Path) -> str:
+    """The part that a file of the package belongs to; "" for the package itself."""
+    first = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    return "" if first == "__init__" else first
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of all that a file imports, at its top or inside functions."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports hide the arrows"
+            module = node.module or ""
+            found |= {f"{module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def own(names: set[str]) -> set[str]:
+    """The parts of the package among imported names."""
+    parts = {name.split(".")[1] for name in names if name.startswith("fem_snh.")}
+    return {
+        part for part in parts if (PACKAGE / part).is_dir() or (PACKAGE / f"{part}.py").exists()
+    }
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+each = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+
+
+def test_every_part_has_a_place():
+    assert {part_of(path) for path in FILES} - {""} == set(LAYER)
+
+
+@each
+def test_arrows_point_down(path):
+    me = part_of(path)
+    if not me:
+        return  # the package's front door opens the parts when asked; see below
+    known = own(imports(path)) - {me}
+    upwards = {part for part in known if LAYER[part] >= LAYER[me] and part not in ONLY.get(me, ())}
+    assert not upwards, f"{me} must not know {sorted(upwards)}"
+    assert known <= ONLY.get(me, known), f"{me} must not know {sorted(known - ONLY[me])}"
+
+
+@each
+def test_outside_packages_stay_where_they_belong(path):
+    me = part_of(path)
+    found = {name.split(".")[0] for name in imports(path)}
+    for package, homes in OUTSIDE.items():
+        assert package not in found or me in homes, f"{me} must not import {package}"
+    assert not found & FORBIDDEN.get(me, set())
+
+
+def loaded_after(code: str) -> set[str]:
+    """The top-level packages in memory after some code, in a Python of its own."""
+    code += "\nimport sys\nprint(' '.join(sorted({name.split('.')[0] for name in sys.modules})))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+HEAVY = {"dolfinx", "petsc4py", "mpi4py", "gmsh", "basix", "ffcx", "pyvista", "vtkmodules"}
+
+
+@pytest.mark.parametrize(
+    "code, also",
+    [
+        ("import fem_snh", {"numpy", "sympy", "scipy", "pydantic", "rich"}),
+        ("import fem_snh.cli", {"numpy", "sympy", "scipy", "pydantic"}),
+        ("import fem_snh; assert 'neo_hookean' in fem_snh.materials()", set()),
+        (
+            "import fem_snh; fem_snh.material('neo_hookean').energy([[[1, 0, 0]] * 3])",
+            set(),
+        ),
+        ("from fem_snh import scenes; [scenes.load(name) for name in scenes.names()]", set()),
+        ("from fem_snh import elements, plots, render", set()),
+    ],
+)
+def test_light_things_load_nothing_heavy(code, also):
+    assert not loaded_after(code) & (HEAVY | also)
+
+
+def test_everything_is_there_when_asked_for():
+    assert {"material", "materials", "run", "Result", "BadInput"} <= set(fem_snh.__all__)
+    for name in fem_snh.__all__:
+        assert getattr(fem_snh, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = fem_snh.nothing
