@@ -26,10 +26,9 @@ PREFIX = "snh_"
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: CG with Jacobi, linear tolerance between 1e-3 and 5e-3 (Eisenstat-Walker), 200
-    iterations. Looser solves (``-snes_forcing_max 0.1``) are a third cheaper on the twist, but
-    then rounding, and so the number of ranks, decides how many Newton steps its first, rough phase
-    takes.
+    Defaults: CG with Jacobi, linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200
+    iterations. Where a step starts far away (the twist), so loose a solve lets rounding, and so the
+    number of ranks, decide the path: ``-snes_forcing_max 5e-3`` makes it repeatable.
 
     Raises BadInput for an option's bad value.
     """
