@@ -14,30 +14,14 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import cffi
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
+from fem_snh._petsc import call, ffi
 from fem_snh.errors import BadInput
 
 Array = npt.NDArray[Any]
-
-_ffi = cffi.FFI()
-_ffi.cdef("""
-int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, const int **columns);
-int MatSeqAIJGetArray(void *A, double **values);
-int MatSeqAIJRestoreArray(void *A, double **values);
-int MatSetValuesBlocked(void *A, int m, const int *rows, int n, const int *columns,
-                        const double *values, int mode);
-""")
-# The extension module's own file: looking a symbol up in it also finds those of its PETSc.
-_petsc = _ffi.dlopen(PETSc.__file__)
-
-
-def _check(code: int) -> None:
-    if code:
-        raise PETSc.Error(code)
 
 
 def _graph(rows: Array, columns: Array, shape: tuple[int, int]) -> csr_matrix:
@@ -149,35 +133,32 @@ class BlockMatrix:
         A = self.petsc
         A.zeroEntries()
         self._sent_values[:] = 0
-        handle, parts = _ffi.cast("void *", A.handle), _ffi.new("void *[2]")
+        handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
         if A.getType() == PETSc.Mat.Type.SEQAIJ:
             parts[0] = handle
         else:
-            columns = _ffi.new("int **")
-            _check(_petsc.MatMPIAIJGetSeqAIJ(handle, parts, parts + 1, columns))
-        arrays = _ffi.new("double *[2]")
-        present = [k for k in range(2) if parts[k] != _ffi.NULL]
+            columns = ffi.new("int **")
+            call("MatMPIAIJGetSeqAIJ", handle, parts, parts + 1, columns)
+        arrays = ffi.new("double *[2]")
+        present = [k for k in range(2) if parts[k] != ffi.NULL]
         for k in present:
-            _check(_petsc.MatSeqAIJGetArray(parts[k], arrays + k))
+            call("MatSeqAIJGetArray", parts[k], arrays + k)
         sent = self._sent_values.ctypes.data
-        yield [*(int(_ffi.cast("intptr_t", arrays[k])) for k in range(2)), sent]
+        yield [*(int(ffi.cast("intptr_t", arrays[k])) for k in range(2)), sent]
         for k in present:
-            _check(_petsc.MatSeqAIJRestoreArray(parts[k], arrays + k))
+            call("MatSeqAIJRestoreArray", parts[k], arrays + k)
         self._send(handle)
         A.assemble()
         A.stateIncrease()  # values changed behind PETSc's back: preconditioners must know
 
     def _send(self, handle: Any) -> None:
         """Hand the rows of other ranks to PETSc."""
-        values = _ffi.cast("double *", self._sent_values.ctypes.data)
-        columns = _ffi.cast("int *", self._sent_columns.ctypes.data)
-        rows = _ffi.cast("int *", self._sent_rows.ctypes.data)
+        values = ffi.cast("double *", self._sent_values.ctypes.data)
+        columns = ffi.cast("int *", self._sent_columns.ctypes.data)
+        rows = ffi.cast("int *", self._sent_rows.ctypes.data)
         starts = self._sent.indptr.tolist()
         add = int(PETSc.InsertMode.ADD)
         for i, (a, b) in enumerate(pairwise(starts)):
             if b > a:
-                _check(
-                    _petsc.MatSetValuesBlocked(
-                        handle, 1, rows + i, b - a, columns + a, values + 9 * a, add
-                    )
-                )
+                block = (handle, 1, rows + i, b - a, columns + a, values + 9 * a, add)
+                call("MatSetValuesBlocked", *block)

@@ -33,6 +33,8 @@ _PATIENCE = 10.0  # seconds for the other ranks to fail in the same way
 def main(argv: list[str] | None = None) -> int:
     """Run the command line ``argv`` (default: the program's own) and return the exit code."""
     argv = sys.argv[1:] if argv is None else argv
+    # PETSc takes every signal for a crash, `| head` closing the pipe included.
+    os.environ["PETSC_OPTIONS"] = os.environ.get("PETSC_OPTIONS", "") + " -no_signal_handler"
     try:
         return _dispatch(argv)
     except BadInput as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh import elements, scenes, solver
 from fem_snh import mesh as meshes
+from fem_snh._petsc import option_used
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.runs.folder import Folder, describe
@@ -74,7 +75,7 @@ def run(
     folder = Folder(comm, Path(out), overwrite) if out is not None else None
     show = Progress(comm, progress)
     seconds = {}
-    with petsc_options(solver.PREFIX, scene.petsc):
+    with petsc_options(solver.PREFIX, scene.petsc) as unused:
         element = elements.element(scene.element)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
@@ -128,7 +129,7 @@ def run(
                     writer.close()
         keep(status)
         comm.barrier()  # what a rank reads after this is complete
-        show.end(record, folder.path if folder else None)
+        show.end(record, folder.path if folder else None, unused())
     return Result(stepper.done, status, record, problem, folder.path if folder else None)
 
 
@@ -141,17 +142,18 @@ def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) ->
 
 
 @contextmanager
-def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[None]:
+def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[Callable[[], list[str]]]:
     """Put a scene's options into PETSc's database under ``prefix``, and take them out again.
 
-    What is already there (the command line of a program that gave it to PETSc) wins.
+    What is already there (the command line of a program that gave it to PETSc) wins. Lends a
+    function that lists the options nothing has asked for: PETSc is silent about a mistyped one.
     """
     database = PETSc.Options(prefix)
     mine = {key: value for key, value in options.items() if not database.hasName(key)}
     for key, value in mine.items():
         database.setValue(key, value)
     try:
-        yield
+        yield lambda: [key for key in mine if not option_used(prefix + key)]
     finally:
         for key in mine:
             database.delValue(key)

@@ -38,6 +38,10 @@ class Progress:
             f"{row['seconds']:.2f} s" + ("" if row["converged"] else f"  {row['reason']}, halved")
         )
 
-    def end(self, record: dict[str, Any], out: Path | None) -> None:
+    def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
         where = f"; {out}/run.json, steps.csv, fields.pvd" if out else ""
         self._console.print(f"  {record['status']} in {record['seconds']['total']:.1f} s{where}")
+        if unused:
+            self._console.print(
+                f"  [yellow]note[/]: nothing used the PETSc option(s) {', '.join(unused)}"
+            )

@@ -62,7 +62,8 @@ class Stepper:
         problem, start = self.problem, perf_counter()
         kept = problem.x.copy()
         predicted = self.predictor.predict(to)
-        self.snes.solve(None, problem.x)
+        with solver.own_errors():
+            self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = self.snes.getPythonContext().history
         residual = self.snes.getFunctionNorm()

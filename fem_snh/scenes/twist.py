@@ -28,7 +28,7 @@ def twist(cells: int = 15, angle: float = pi) -> Scene:
             )
         ],
         predictor="none",  # the response to a quarter turn is not linear
-        # Looser linear solves are cheaper, but rounding then decides how the inverted layer unfolds.
+        # Looser linear solves are cheaper, but rounding then decides how inverted cells unfold.
         petsc={"snes_forcing_max": 5e-3},
         load_name="angle",
         load_range=(0, angle),

@@ -6,6 +6,8 @@ are its parts. ``-snes_view``, monitors, converged reasons and options work as f
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from petsc4py import PETSc
@@ -17,7 +19,7 @@ from fem_snh.solver.predictor import PREDICTORS, Predictor
 
 __all__ = [
     "POLICIES", "PREDICTORS", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
-    "reason",
+    "own_errors", "reason",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -48,10 +50,28 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     ksp.getPC().setType(PETSc.PC.Type.JACOBI)
     try:
-        snes.setFromOptions()
+        with own_errors():
+            snes.setFromOptions()
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes
+
+
+@contextmanager
+def own_errors() -> Iterator[None]:
+    """Let what our callbacks raise (BadInput, Ctrl-C) through PETSc as it is.
+
+    Newer petsc4py's raise a PETSc.Error from it.
+    """
+    try:
+        yield
+    except PETSc.Error as error:
+        cause: BaseException = error
+        while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
+            cause = cause.__cause__
+        if isinstance(cause, PETSc.Error):
+            raise
+        raise cause from None
 
 
 def reason(snes: PETSc.SNES) -> str:
