@@ -1,0 +1,49 @@
+"""Every demo runs as its docstring says, on 2 ranks, and its own assertions hold."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fem_snh.studies.processes import environment
+
+DEMOS = sorted((Path(__file__).parent.parent / "demos").glob("*.py"))
+#: Small enough for a test; the others are as they come.
+SMALLER = {"cylinder_stretch": ["--cells", "6"], "cube_twist": ["--cells", "6"]}
+#: What each leaves behind, besides its run folders.
+PICTURES = {
+    "cylinder_stretch": ["stretch/figure_6.png", "stretch/stable_neo_hookean/J.png"],
+    "cube_twist": ["twist/adaptive/J.png"],
+    "nu_sweep": ["nu_sweep/sweep.png", "nu_sweep/sweep.csv"],
+    "own_mesh": ["own_mesh/J.png"],
+}
+
+
+def test_there_are_pictures_of_every_demo() -> None:
+    assert {demo.stem for demo in DEMOS} == set(PICTURES)
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
+def test_demo_reads_like_a_page(demo: Path) -> None:
+    text = demo.read_text()
+    assert len(text.splitlines()) <= 60
+    assert f"demos/{demo.name}" in (ast.get_docstring(ast.parse(text)) or "")
+    assert "assert " in text
+
+
+@pytest.mark.skipif(not shutil.which("mpirun"), reason="needs mpirun")
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
+def test_demo_runs(demo: Path, tmp_path: Path) -> None:
+    command = ["mpirun", "-n", "2", sys.executable, str(demo), *SMALLER.get(demo.stem, [])]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    for picture in PICTURES[demo.stem]:
+        assert (tmp_path / "out" / picture).stat().st_size > 1000
+        assert picture in done.stdout or Path(picture).name in done.stdout

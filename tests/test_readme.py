@@ -1,0 +1,63 @@
+"""The README's code is real: its example runs, its material and its scene are found and work."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import fem_snh
+from fem_snh import materials, scenes
+
+README = (Path(__file__).parent.parent / "README.md").read_text()
+
+
+def block(kind: str, containing: str) -> str:
+    """The fenced block of this kind that contains a text."""
+    (found,) = (b for b in re.findall(rf"```{kind}\n(.*?)```", README, re.S) if containing in b)
+    return str(found)
+
+
+def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = block("python", "import fem_snh")
+    assert len([line for line in code.splitlines() if line]) <= 10
+    exec(code, {})
+    printed = capsys.readouterr().out
+    assert printed.count("True") == 2
+    assert (tmp_path / "out/readme/run.json").exists()
+
+
+def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "neo_hookean_ogden.py").write_text(block("python", "def neo_hookean_ogden"))
+    monkeypatch.setattr(materials, "__path__", [*materials.__path__, str(tmp_path)])
+    assert "neo_hookean_ogden" in fem_snh.materials()
+    m = fem_snh.material("neo_hookean_ogden", E=2.0, nu=0.3)
+    assert m.lame == pytest.approx(materials.energy("neo_hookean", 2.0, 0.3).lame)
+    result = fem_snh.run("twist", material="neo_hookean_ogden", cells=2, steps=4, progress=False)
+    assert result.converged
+
+
+def test_new_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "press.py").write_text(block("python", "def press"))
+    monkeypatch.setattr(scenes, "__path__", [*scenes.__path__, str(tmp_path)])
+    assert "press" in scenes.names()
+    result = fem_snh.run("press", cells=2, depth=0.2, progress=False)
+    assert result.converged and result.steps[-1]["volume_ratio"] < 1
+
+
+def test_scene_file(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(block("toml", "block.msh"))
+    scene = scenes.load(tmp_path / "scene.toml")
+    assert scene.petsc == {"ksp_rtol": 1e-6} and scene.move[0].translate == (0.5, 0, 0)
+
+
+def test_figures_name_commands_that_exist() -> None:
+    from fem_snh.cli import COMMANDS
+    from fem_snh.studies.bench import NAMES
+
+    for command, argument in re.findall(r"fem-snh (\w+)(?: (\w+))?", README):
+        assert command in COMMANDS
+        if command == "bench":
+            assert argument in NAMES
