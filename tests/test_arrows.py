@@ -16,7 +16,7 @@ PACKAGE = Path(fem_snh.__file__).parent
 #: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("_dolfinx", "materials", "elements"),
+    ("_dolfinx", "_petsc", "materials", "elements"),
     ("kernels", "_gmsh", "scenes"),
     ("mesh",),
     ("forms", "sparse"),
@@ -38,7 +38,8 @@ ONLY = {
     "_gmsh": {"errors", "_dolfinx"},
     "mesh": {"errors", "_dolfinx", "_gmsh"},
     "forms": {"errors", "materials"},
-    "sparse": {"errors"},
+    "_petsc": set(),
+    "sparse": {"errors", "_petsc"},
     "scenes": {"errors", "materials", "elements", "mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},

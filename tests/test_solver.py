@@ -469,6 +469,23 @@ def test_values_that_petsc_rejects_are_bad_input_on_every_rank(comm, key, value)
             solver.create(p)
 
 
+@mpi
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, BadInput])
+def test_what_a_callback_raises_comes_out_as_it_is(comm, kind):
+    p = twist(comm, cells=2)
+    snes = solver.create(p)
+
+    def monitor(snes, its, norm):
+        if its == 1:
+            raise kind("enough")
+
+    snes.setMonitor(monitor)
+    solver.Predictor(p, snes, "none").predict(1.0)
+    with pytest.raises(kind, match="enough"):
+        with solver.own_errors():
+            snes.solve(None, p.x)
+
+
 # --- predictors ----------------------------------------------------------------------------------
 
 
