@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import numpy as np
 import pytest
 import ufl
@@ -137,17 +134,3 @@ def test_pvd_files_read_back_in_pyvista(comm, folder, space):
     inside = pyvista.PolyData(np.random.default_rng(0).uniform(0.2, 0.3, (50, 3)))
     sampled = inside.sample(grid)
     assert sampled["displacement"] == pytest.approx(field(inside.points.T).T, abs=1e-6)
-
-
-def test_only_the_shim_knows_dolfinx():
-    """No other module of the package imports dolfinx, basix, FFCx or a PETSc part of them."""
-    package = Path(_dolfinx.__file__).parent
-    known = {"dolfinx", "basix", "ffcx"}
-    for path in sorted(package.rglob("*.py")):
-        if path.name == "_dolfinx.py":
-            continue
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            found = {name.split(".")[0] for name in names} & known
-            assert not found, f"{path.relative_to(package)} imports {found}"

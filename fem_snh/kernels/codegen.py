@@ -19,8 +19,8 @@ from importlib.resources import files
 from itertools import combinations_with_replacement
 
 import sympy
-from sympy.printing.c import C99CodePrinter
 
+from fem_snh.kernels.printer import Printer, statements
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
@@ -32,54 +32,6 @@ _COUPLED = ((1, 2), (0, 2), (0, 1))
 #: The parts of the C source, in order; the generated code goes before "point.h".
 _BEFORE, _AFTER = ("lanes.h", "svd.h", "eigen3.h"), ("point.h", "point_api.h")
 _TOOLS = (*_BEFORE, "tools_api.h")
-
-
-class _Printer(C99CodePrinter):  # type: ignore[misc]
-    """C for lanes: integer powers as products, functions by their lane-wise names."""
-
-    def _print_Pow(self, expr: sympy.Pow) -> str:
-        base, exponent = expr.args
-        if exponent.is_Integer:
-            product = "*".join([self.parenthesize(base, 100)] * abs(int(exponent)))
-            return f"({product})" if exponent > 0 else f"(1/({product}))"
-        if exponent == sympy.Rational(1, 2):
-            return f"lane_sqrt({self._print(base)})"
-        return f"lane_pow({self._print(base)}, {float(exponent)!r})"
-
-    def _print_Function(self, expr: sympy.Function) -> str:
-        if expr.is_number:
-            return repr(float(expr))
-        # An argument may be a plain double: adding it to a lane makes it one.
-        arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
-        return f"lane_{expr.func.__name__}({', '.join(arguments)})"
-
-    _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
-
-    def _print_Rational(self, expr: sympy.Rational) -> str:
-        return repr(float(expr))
-
-
-def _statements(
-    results: Mapping[str, sympy.Expr], scalars: Iterable[sympy.Symbol], temporary: str
-) -> str:
-    """C statements that assign each result; what depends on constants alone stays a double.
-
-    ``temporary`` is the prefix of the common subexpressions' names.
-    """
-    printer = _Printer()
-    temporaries, expressions = sympy.cse(
-        list(results.values()), symbols=sympy.numbered_symbols(temporary)
-    )
-    known, lines = set(scalars), []
-    for symbol, expression in temporaries:
-        scalar = expression.free_symbols <= known and not expression.atoms(sympy.Function)
-        if scalar:
-            known.add(symbol)
-        kind = "double" if scalar else "real"
-        lines.append(f"const {kind} {symbol} = {printer.doprint(expression)};")
-    for target, expression in zip(results, expressions, strict=True):
-        lines.append(f"{target} = splat(0) + {printer.doprint(expression)};")
-    return "\n".join(f"  {line}" for line in lines)
 
 
 class _Generator:
@@ -122,7 +74,7 @@ class _Generator:
             invariants = {
                 f"const real {m}": INVARIANTS[m] for m in self.energy.measures if m in INVARIANTS
             }
-            return stretches + ("\n" + _statements(invariants, (), "m_") if invariants else "")
+            return stretches + ("\n" + statements(invariants, (), "m_") if invariants else "")
         lines = {
             _I_C: "  const real I_C = dot(F, F) + dot(F + 3, F + 3) + dot(F + 6, F + 6);",
             _II_C: "  const real II_C = dot(G, G) + dot(G + 3, G + 3) + dot(G + 6, G + 6);",
@@ -136,7 +88,7 @@ class _Generator:
 
     def inside(self, results: Iterable[str]) -> str:
         """C for the mask of lanes in the domain of psi, and in that of floating point."""
-        printer = _Printer()
+        printer = Printer()
         tests = [f"({printer.doprint(x)} > 0)" for x in self.energy.domain]
         size = " + ".join(f"absolute({r})" for r in results)
         return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"
@@ -156,8 +108,8 @@ class _Generator:
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
         body = [self.constants(), self.measures_of(source)]
         if needed:
-            body.append(_statements(needed, self.energy.constants, "d_"))
-        body.append(_statements(results, self.energy.constants, "r_"))
+            body.append(statements(needed, self.energy.constants, "d_"))
+        body.append(statements(results, self.energy.constants, "r_"))
         body.append(f"  {self.inside(results)}")
         body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
         return f"INLINE void {head} {{\n" + "\n".join(body) + "\n}\n"

@@ -1,0 +1,63 @@
+"""The only module that knows which dolfinx it runs on (0.5, 0.9 and 0.11 are tried).
+
+Features are detected, versions are not compared. Small functions with one signature for all
+versions; everything else in the project takes version-dependent names from here alone.
+
+Local numbering, as in dolfinx: the entities and nodes a rank owns come first, ghosts after them.
+Meshes made by `create_mesh` have no ghost cells, so each rank's cells are the ones it owns.
+"""
+
+from __future__ import annotations
+
+import dolfinx
+
+from fem_snh._dolfinx.forms import (
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    create_matrix,
+    create_vector,
+    form,
+    interpolate,
+    petsc_vec,
+)
+from fem_snh._dolfinx.meshes import (
+    cell_name,
+    coordinates,
+    create_mesh,
+    geometry_degree,
+    geometry_dofs,
+    geometry_x,
+    gmsh_permutation,
+    input_cells,
+    input_vertices,
+    num_exterior_facets,
+    num_owned,
+    reference_corners,
+)
+from fem_snh._dolfinx.output import Writer, vtk_writer
+from fem_snh._dolfinx.spaces import (
+    degree,
+    function,
+    function_space,
+    local_to_global,
+    locate_dofs,
+    node_dofs,
+    num_nodes,
+    quadrature,
+    surface_measure,
+    tabulate,
+    tabulate_geometry,
+)
+
+version: str = dolfinx.__version__
+
+__all__ = [
+    "Writer", "assemble_matrix", "assemble_scalar", "assemble_vector", "cell_name",
+    "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
+    "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
+    "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global",
+    "locate_dofs", "node_dofs", "num_exterior_facets", "num_nodes", "num_owned", "petsc_vec",
+    "quadrature", "reference_corners", "surface_measure", "tabulate", "tabulate_geometry",
+    "version", "vtk_writer",
+]  # fmt: skip

@@ -1,0 +1,105 @@
+"""Spaces and elements: numbering, basis functions, quadrature."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from fem_snh._dolfinx.common import _quiet, _rows
+from fem_snh._dolfinx.meshes import (
+    cell_name,
+    geometry_degree,
+    num_owned,
+)
+
+Array = np.ndarray
+
+
+def function_space(
+    domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
+) -> Any:
+    """A scalar (shape ()) or vector (shape (3,)) space; family "Lagrange" or "DG"."""
+    with _quiet():
+        if hasattr(fem, "functionspace"):  # since 0.7
+            return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
+        if shape:
+            return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
+        return fem.FunctionSpace(domain, (family, degree))
+
+
+def function(V: Any, name: str) -> Any:
+    """A zero function on V; output files call it by its name."""
+    u = fem.Function(V)
+    u.name = name
+    return u
+
+
+def surface_measure(domain: Any, facets: Array) -> Any:
+    """The UFL measure of the exterior facets among these local ones."""
+    facets = np.unique(facets).astype(np.int32)
+    tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
+    return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+
+
+def degree(V: Any) -> int:
+    """The polynomial degree of V's element."""
+    element = V.ufl_element()
+    return int(element.degree if isinstance(element.degree, int) else element.degree())
+
+
+def node_dofs(V: Any) -> Array:
+    """(owned cells, nodes per cell) int32: the local nodes (blocks of V's dofs) of each cell."""
+    return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
+
+
+def num_nodes(V: Any) -> tuple[int, int]:
+    """(owned, ghost) nodes of V on this rank; a local vector has bs times their sum entries."""
+    index_map = V.dofmap.index_map
+    return int(index_map.size_local), int(index_map.num_ghosts)
+
+
+def local_to_global(V: Any) -> Array:
+    """(owned + ghost nodes,) int64: global number of each local node."""
+    index_map = V.dofmap.index_map
+    first = index_map.local_range[0]
+    owned = np.arange(first, first + index_map.size_local, dtype=np.int64)
+    return np.concatenate([owned, np.asarray(index_map.ghosts, dtype=np.int64)])
+
+
+def _gradients(cell: str, degree: int, points: Array) -> Array:
+    family = basix.ElementFamily.P
+    element = basix.create_element(
+        family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
+    )
+    table = element.tabulate(1, np.ascontiguousarray(points, dtype=np.float64))
+    return np.ascontiguousarray(np.moveaxis(table[1:4, :, :, 0], 0, -1))
+
+
+def tabulate(V: Any, points: Array) -> Array:
+    """(points, nodes, 3) derivatives, in reference coordinates, of V's scalar basis functions.
+
+    Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
+    """
+    return _gradients(cell_name(V.mesh), degree(V), points)
+
+
+def tabulate_geometry(domain: Any, points: Array) -> Array:
+    """(points, nodes, 3) derivatives of the geometry's basis, in the order of `geometry_dofs`."""
+    return _gradients(cell_name(domain), geometry_degree(domain), points)
+
+
+def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
+    """(points (n, 3), weights (n,)) exact for polynomials of this degree on the reference cell."""
+    points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
+    return points, weights
+
+
+def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
+    """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
+    V.mesh.topology.create_connectivity(dim, 3)
+    return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))

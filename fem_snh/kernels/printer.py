@@ -1,0 +1,56 @@
+"""sympy expressions as C statements for lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import sympy
+from sympy.printing.c import C99CodePrinter
+
+
+class Printer(C99CodePrinter):  # type: ignore[misc]
+    """C for lanes: integer powers as products, functions by their lane-wise names."""
+
+    def _print_Pow(self, expr: sympy.Pow) -> str:
+        base, exponent = expr.args
+        if exponent.is_Integer:
+            product = "*".join([self.parenthesize(base, 100)] * abs(int(exponent)))
+            return f"({product})" if exponent > 0 else f"(1/({product}))"
+        if exponent == sympy.Rational(1, 2):
+            return f"lane_sqrt({self._print(base)})"
+        return f"lane_pow({self._print(base)}, {float(exponent)!r})"
+
+    def _print_Function(self, expr: sympy.Function) -> str:
+        if expr.is_number:
+            return repr(float(expr))
+        # An argument may be a plain double: adding it to a lane makes it one.
+        arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
+        return f"lane_{expr.func.__name__}({', '.join(arguments)})"
+
+    _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
+
+    def _print_Rational(self, expr: sympy.Rational) -> str:
+        return repr(float(expr))
+
+
+def statements(
+    results: Mapping[str, sympy.Expr], scalars: Iterable[sympy.Symbol], temporary: str
+) -> str:
+    """C statements that assign each result; what depends on constants alone stays a double.
+
+    ``temporary`` is the prefix of the common subexpressions' names.
+    """
+    printer = Printer()
+    temporaries, expressions = sympy.cse(
+        list(results.values()), symbols=sympy.numbered_symbols(temporary)
+    )
+    known, lines = set(scalars), []
+    for symbol, expression in temporaries:
+        scalar = expression.free_symbols <= known and not expression.atoms(sympy.Function)
+        if scalar:
+            known.add(symbol)
+        kind = "double" if scalar else "real"
+        lines.append(f"const {kind} {symbol} = {printer.doprint(expression)};")
+    for target, expression in zip(results, expressions, strict=True):
+        lines.append(f"{target} = splat(0) + {printer.doprint(expression)};")
+    return "\n".join(f"  {line}" for line in lines)
