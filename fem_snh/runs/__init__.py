@@ -19,6 +19,7 @@ from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.progress import Progress
+from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.stepping import Stepper, interruptible
 
 __all__ = ["Result", "run"]
@@ -74,63 +75,35 @@ def run(
     scene = scenes.load(scene, **overrides)
     folder = Folder(comm, Path(out), overwrite) if out is not None else None
     show = Progress(comm, progress)
-    seconds = {}
     with petsc_options(solver.PREFIX, scene.petsc) as unused:
         element = elements.element(scene.element)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
-        start = perf_counter()
+        meshing = perf_counter()
         domain = make_mesh(comm, scene, element)
-        seconds["mesh"] = perf_counter() - start
-        start = perf_counter()
+        setting_up = perf_counter()
         problem = Problem(domain, element, law, scene.hold, scene.move, scene.traction)
         snes = solver.create(problem, scene.hessian)
-        seconds["jit"] = problem.seconds["jit"]
-        seconds["setup"] = perf_counter() - start - seconds["jit"]
-        record = describe(scene, problem, snes)
-        show.start(record)
         stepper = Stepper(problem, snes, scene.steps, scene.predictor)
-        writer = folder.fields(problem) if folder else None
-        output = 0.0
-
-        def keep(status: str, fields: bool = False) -> None:
-            """Bring the record up to date and write it."""
-            nonlocal output
-            now = perf_counter()
-            if writer and fields:
-                writer.write(problem)
-            assemble = problem.seconds["assemble"]
-            record["status"] = status
-            record["converged"] = status == "converged"
-            record["seconds"] = seconds | {
-                "assemble": assemble,
-                "solve": stepper.seconds - assemble,
-                "output": output,
-                "total": now - began,
-            }
-            if folder:
-                folder.write(record)
-            output += perf_counter() - now
-
-        with interruptible():
-            try:
-                keep("running", fields=True)
-                for step in stepper:
-                    record["steps"].append(step)
-                    show.step(step)
-                    keep("running", fields=step["converged"])
-                status = "converged" if stepper.done else stepper.failure()
-            except KeyboardInterrupt:
-                if comm.rank == 0:  # the other ranks may be anywhere: nothing collective here
-                    keep("interrupted")
-                raise
-            finally:
-                if writer:
-                    writer.close()
-        keep(status)
+        jit = problem.seconds["jit"]
+        seconds = {
+            "jit": jit,
+            "mesh": setting_up - meshing,
+            "setup": perf_counter() - setting_up - jit,
+        }
+        recorder = Recorder(describe(scene, problem, snes), stepper, folder, seconds, began)
+        show.start(recorder.record)
+        with interruptible(), recorder:
+            recorder.keep("running", fields=True)
+            for step in stepper:
+                show.step(step)
+                recorder.step(step)
+        status = "converged" if stepper.done else stepper.failure()
+        recorder.keep(status)
         comm.barrier()  # what a rank reads after this is complete
-        show.end(record, folder.path if folder else None, unused())
-    return Result(stepper.done, status, record, problem, folder.path if folder else None)
+        path = folder.path if folder else None
+        show.end(recorder.record, path, unused())
+    return Result(stepper.done, status, recorder.record, problem, path)
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:

@@ -7,8 +7,8 @@ import io
 import json
 import os
 import platform
-import resource
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from mpi4py import MPI
@@ -67,42 +67,41 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
 
 
 class Folder:
-    """Makes or reuses ``path``; BadInput on every rank if it cannot. Rank 0 writes."""
+    """Makes or reuses ``path``; BadInput on every rank if it cannot. Rank 0 writes. Collective."""
 
     def __init__(self, comm: MPI.Comm, path: Path, overwrite: bool) -> None:
         self.comm, self.path = comm, path
-        on_root(comm, self._prepare, overwrite)
+        on_root(comm, self._check, overwrite)
 
-    def _prepare(self, overwrite: bool) -> None:
+    def _check(self, overwrite: bool) -> None:
+        if (self.path / "run.json").exists() and not overwrite:
+            raise BadInput(f"{self.path} already holds a run: give --overwrite or another --out")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            old = [*self.path.glob("fields*"), self.path / "steps.csv", self.path / "run.json"]
-            if (self.path / "run.json").exists() and not overwrite:
-                raise BadInput(
-                    f"{self.path} already holds a run: give --overwrite or another --out"
-                )
-            for file in old:
-                file.unlink(missing_ok=True)
-            _replace(self.path / "run.json", "{}\n")
+            with TemporaryFile(dir=self.path):
+                pass
         except OSError as error:
             raise BadInput(
                 f"output folder {self.path} cannot be written ({error.strerror}): choose another"
             ) from None
 
+    def clear(self) -> None:
+        """Remove an earlier run's files: when the new one is ready to begin. Collective."""
+        if self.comm.rank == 0:
+            for file in (*self.path.glob("fields*"), self.path / "steps.csv"):
+                file.unlink(missing_ok=True)
+        self.comm.barrier()
+
     def write(self, record: dict[str, Any]) -> None:
         """Write run.json and steps.csv; each is old or new, never half. Not collective."""
         if self.comm.rank:
             return
-        record["peak_memory_mb"] = peak_memory_mb() * self.comm.size
         table = io.StringIO()
         rows = csv.DictWriter(table, COLUMNS, lineterminator="\n")
         rows.writeheader()
         rows.writerows(record["steps"])
         _replace(self.path / "steps.csv", table.getvalue())
         _replace(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
-
-    def fields(self, problem: Problem) -> Fields:
-        return Fields(self.path / "fields.pvd", problem)
 
 
 class Fields:
@@ -130,11 +129,6 @@ class Fields:
 
     def close(self) -> None:
         self._open.__exit__(None, None, None)
-
-
-def peak_memory_mb() -> float:
-    """This process's largest resident set so far [MiB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _replace(path: Path, text: str) -> None:

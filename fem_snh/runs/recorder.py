@@ -1,0 +1,72 @@
+"""Keeps run.json, steps.csv and the fields up to date while a run goes on."""
+
+from __future__ import annotations
+
+import resource
+from time import perf_counter
+from typing import Any
+
+from fem_snh.runs.folder import Fields, Folder
+from fem_snh.runs.stepping import Stepper
+
+
+class Recorder:
+    """Brings ``record`` up to date after every step, and writes it if there is a folder.
+
+    A context: leaving it closes the fields, and on Ctrl-C first notes the interruption.
+    """
+
+    def __init__(
+        self,
+        record: dict[str, Any],
+        stepper: Stepper,
+        folder: Folder | None,
+        seconds: dict[str, float],
+        began: float,
+    ) -> None:
+        self.record, self._stepper, self._folder = record, stepper, folder
+        self._problem, self._seconds, self._began = stepper.problem, seconds, began
+        if folder:
+            folder.clear()
+        self._fields = Fields(folder.path / "fields.pvd", self._problem) if folder else None
+        self._output = 0.0
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: Any) -> None:
+        # After an interruption the other ranks may be anywhere: nothing collective then.
+        if kind is KeyboardInterrupt and self._problem.comm.rank == 0:
+            self._write("interrupted")
+        if self._fields:
+            self._fields.close()
+
+    def step(self, row: dict[str, Any]) -> None:
+        """Add a step's row; its fields if it converged. Collective."""
+        self.record["steps"].append(row)
+        self.keep("running", fields=row["converged"])
+
+    def keep(self, status: str, fields: bool = False) -> None:
+        """Write everything as it is now. Collective."""
+        start = perf_counter()
+        if self._fields and fields:
+            self._fields.write(self._problem)
+        # ru_maxrss is in KiB.
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        self.record["peak_memory_mb"] = self._problem.comm.allreduce(peak)
+        self._output += perf_counter() - start
+        self._write(status)
+
+    def _write(self, status: str) -> None:
+        now, assemble = perf_counter(), self._problem.seconds["assemble"]
+        self.record["status"] = status
+        self.record["converged"] = status == "converged"
+        self.record["seconds"] = self._seconds | {
+            "assemble": assemble,
+            "solve": self._stepper.seconds - assemble,
+            "output": self._output,
+            "total": now - self._began,
+        }
+        if self._folder:
+            self._folder.write(self.record)
+            self._output += perf_counter() - now
