@@ -37,6 +37,7 @@ from fem_snh._dolfinx.meshes import (
 )
 from fem_snh._dolfinx.output import Writer, vtk_writer
 from fem_snh._dolfinx.spaces import (
+    constant,
     degree,
     function,
     function_space,
@@ -54,7 +55,7 @@ version: str = dolfinx.__version__
 
 __all__ = [
     "Writer", "assemble_matrix", "assemble_scalar", "assemble_vector", "cell_name",
-    "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
+    "constant", "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
     "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global",
     "locate_dofs", "node_dofs", "num_exterior_facets", "num_nodes", "num_owned", "petsc_vec",

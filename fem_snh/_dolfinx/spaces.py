@@ -46,6 +46,11 @@ def surface_measure(domain: Any, facets: Array) -> Any:
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
+def constant(domain: Any, value: Array) -> Any:
+    """A UFL constant whose value is no part of the compiled form."""
+    return fem.Constant(domain, np.asarray(value, dtype=np.float64))
+
+
 def degree(V: Any) -> int:
     """The polynomial degree of V's element."""
     element = V.ufl_element()

@@ -7,7 +7,6 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
@@ -37,7 +36,7 @@ class Traction:
             if group.dim != 2:
                 raise BadInput(f"traction on '{key}': it must be a surface, not a {group.label}")
             ds = _dolfinx.surface_measure(mesh.domain, group.entities)
-            term = ufl.inner(ufl.as_vector(np.asarray(vector, float).tolist()), test) * ds
+            term = ufl.inner(_dolfinx.constant(mesh.domain, vector), test) * ds
             # A form each: UFL takes one set of marked facets a form.
             _dolfinx.assemble_vector(part, _dolfinx.form(term))
             self._force.axpy(1.0, part)
