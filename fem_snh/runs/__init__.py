@@ -18,9 +18,10 @@ from fem_snh._petsc import option_used
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.runs.folder import Folder, describe
+from fem_snh.runs.interrupts import Interrupts
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
-from fem_snh.runs.stepping import Stepper, interruptible
+from fem_snh.runs.stepping import Stepper
 
 __all__ = ["Result", "run"]
 
@@ -93,11 +94,12 @@ def run(
         }
         recorder = Recorder(describe(scene, problem, snes), stepper, folder, seconds, began)
         show.start(recorder.record)
-        with interruptible(), recorder:
+        with Interrupts() as interrupts, recorder:
             recorder.keep("running", fields=True)
             for step in stepper:
                 show.step(step)
-                recorder.step(step)
+                with interrupts.undivided():
+                    recorder.step(step)
         status = "converged" if stepper.done else stepper.failure()
         recorder.keep(status)
         comm.barrier()  # what a rank reads after this is complete
