@@ -93,7 +93,8 @@ def test_overrides_reach_every_level() -> None:
     assert scene.material.parameters == {"barrier": True}
     rotate = scene.move[0].rotate
     assert rotate is not None and rotate.angle == 1.0 and rotate.through == (0, 0, 0)
-    assert scene.petsc == {"ksp_rtol": 1e-4, "snes_view": None, "a.b": 1}
+    added = {"ksp_rtol": 1e-4, "snes_view": None, "a.b": 1}
+    assert scene.petsc == scenes.load("twist").petsc | added
 
 
 def test_a_scene_can_be_overridden_again() -> None:
