@@ -85,6 +85,9 @@ class ProjectedNewton:
             viewer.printfASCII("  projected Newton with energy line search\n")
             for name, value in self.options.items():
                 viewer.printfASCII(f"  {name} = {value}\n")
+            # PETSc's own count below stays 0: only its built-in types can add to it.
+            linear = sum(iteration.linear for iteration in self.history)
+            viewer.printfASCII(f"  linear iterations of the last solve = {linear}\n")
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
         """The SNES's Jacobian callback: filtered as the current iteration asks."""
