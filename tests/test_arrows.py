@@ -15,7 +15,7 @@ PACKAGE = Path(fem_snh.__file__).parent
 
 #: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors",),
+    ("errors", "choices"),
     ("_dolfinx", "_petsc", "materials", "elements"),
     ("kernels", "_gmsh", "scenes"),
     ("mesh",),
@@ -33,18 +33,18 @@ LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 #: What a part may know where the layers alone would allow more.
 ONLY = {
     "materials": {"errors"},
-    "kernels": {"errors", "materials"},
+    "kernels": {"errors", "choices", "materials"},
     "elements": {"errors"},
     "_gmsh": {"errors", "_dolfinx"},
     "mesh": {"errors", "_dolfinx", "_gmsh"},
     "forms": {"errors", "materials"},
     "_petsc": set(),
     "sparse": {"errors", "_petsc"},
-    "scenes": {"errors", "materials", "elements", "mesh"},
+    "scenes": {"errors", "choices", "materials", "elements", "mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},
     "doctor": {"errors"},
-    "solver": {"errors"},  # given a problem, it needs no more of one than its methods
+    "solver": {"errors", "choices"},  # given a problem, it needs no more of one than its methods
 }
 
 #: Packages from outside that only some parts may import.
@@ -67,6 +67,7 @@ FORBIDDEN = {
     "plots": {"mpi4py", "petsc4py"},
     "render": {"mpi4py", "petsc4py"},
     "errors": {"mpi4py", "petsc4py", "numpy"},
+    "choices": {"mpi4py", "petsc4py", "numpy"},
 }
 
 

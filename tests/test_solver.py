@@ -13,13 +13,14 @@ import pytest
 from bodies import Condition, Force, Hold, cube, norm, problem, put, wave
 
 from fem_snh import mesh, solver
+from fem_snh.choices import HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.solver.linesearch import LineSearch
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", ELEMENTS)
-policies = pytest.mark.parametrize("hessian", solver.POLICIES)
+policies = pytest.mark.parametrize("hessian", HESSIANS)
 
 
 @contextmanager
@@ -493,7 +494,7 @@ def test_what_a_callback_raises_comes_out_as_it_is(comm, kind):
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_predictors_reach_the_same_state(comm, element):
     energies, iterations = {}, {}
-    for kind in solver.PREDICTORS:
+    for kind in PREDICTORS:
         p = twist(comm, element, cells=2, angle=0.6)
         with options(snes_scaled_tol=1e-9):
             snes = solver.create(p)

@@ -14,16 +14,15 @@ from pydantic import (
     Tag,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
 
+from fem_snh.choices import HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose, nearest
 from fem_snh.scenes._table import Expect, Table
-
-HESSIANS = ("exact", "clamp", "abs", "adaptive")
-PREDICTORS = ("none", "extrapolate", "tangent")
 
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -191,20 +190,12 @@ class Scene(Table):
     load_name: Text = "load"
     load_range: Annotated[tuple[Finite, Finite], Expect("two finite numbers")] = (0.0, 1.0)
 
-    @field_validator("element")
+    @field_validator("element", "hessian", "predictor")
     @classmethod
-    def _element(cls, name: str) -> str:
-        return choose("element", name, ELEMENTS)
-
-    @field_validator("hessian")
-    @classmethod
-    def _hessian(cls, name: str) -> str:
-        return choose("hessian", name, HESSIANS)
-
-    @field_validator("predictor")
-    @classmethod
-    def _predictor(cls, name: str) -> str:
-        return choose("predictor", name, PREDICTORS)
+    def _known(cls, name: str, info: ValidationInfo) -> str:
+        known = {"element": ELEMENTS, "hessian": HESSIANS, "predictor": PREDICTORS}
+        key = str(info.field_name)
+        return choose(key, name, known[key])
 
     @field_validator("petsc")
     @classmethod

@@ -12,14 +12,14 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.newton import POLICIES, Iteration, ProjectedNewton
-from fem_snh.solver.predictor import PREDICTORS, Predictor
+from fem_snh.solver.newton import Iteration, ProjectedNewton
+from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "POLICIES", "PREDICTORS", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
-    "own_errors", "reason",
+    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "own_errors", "reason",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -36,7 +36,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     """
     energy_scale = problem.force_scale * problem.length
     context = ProjectedNewton(problem.jacobian, problem.force_scale, energy_scale)
-    context.options["snes_hessian"] = choose("hessian", hessian, POLICIES)
+    context.options["snes_hessian"] = choose("hessian", hessian, HESSIANS)
     snes = PETSc.SNES().create(problem.comm)
     snes.setOptionsPrefix(prefix)
     snes.setType(PETSc.SNES.Type.PYTHON)

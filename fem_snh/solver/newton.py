@@ -13,10 +13,9 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh.choices import HESSIANS
 from fem_snh.errors import choose
 from fem_snh.solver.linesearch import LineSearch
-
-POLICIES = ("exact", "clamp", "abs", "adaptive")
 
 #: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
 OPTIONS: dict[str, str | float] = {
@@ -77,7 +76,7 @@ class ProjectedNewton:
             get = database.getString if isinstance(default, str) else database.getReal
             self.options[name] = get(name, self.options[name])
         self.divergence_asked_for = database.hasName("snes_divergence_tolerance")
-        choose("hessian", str(self.options["snes_hessian"]), POLICIES)
+        choose("hessian", str(self.options["snes_hessian"]), HESSIANS)
         choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:

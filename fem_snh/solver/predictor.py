@@ -7,9 +7,8 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh.choices import PREDICTORS
 from fem_snh.errors import choose
-
-PREDICTORS = ("none", "extrapolate", "tangent")
 
 
 @dataclass

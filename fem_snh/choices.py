@@ -1,0 +1,10 @@
+"""Words that scenes, kernels and solver share, spelled the same everywhere."""
+
+#: What is done to a Hessian at a quadrature point, in the order of point.h.
+FILTERS = ("exact", "clamp", "abs")
+
+#: Which of them Newton's method asks for; ``adaptive`` decides by itself.
+HESSIANS = (*FILTERS, "adaptive")
+
+#: Where a load step starts.
+PREDICTORS = ("none", "extrapolate", "tangent")
