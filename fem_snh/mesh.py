@@ -174,7 +174,7 @@ def _locate(domain: Any, group: _gmsh.Physical) -> Group:
 
 def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Which of the rows (n, k) hold the same numbers, in any order, as some row of wanted."""
-    found = np.isin(rows, wanted).all(axis=1)  # few are left to compare as a whole
+    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # few are left to compare as a whole
     both = np.sort(np.concatenate([wanted, rows[found]]), axis=1)
     label = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     found[found] = np.isin(label[len(wanted) :], label[: len(wanted)])

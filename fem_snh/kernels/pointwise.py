@@ -133,8 +133,8 @@ def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
     U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
     ffi, lib = _tools()
     lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
-    U, V = (np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V))
-    return U, s.reshape(F.shape[:-1]), V
+    rows = [np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V)]
+    return rows[0], s.reshape(F.shape[:-1]), rows[1]
 
 
 def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
