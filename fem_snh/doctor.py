@@ -121,7 +121,11 @@ def _blas() -> Finding:
 
 
 def _ranks() -> Finding:
-    code = "from mpi4py import MPI; print(MPI.COMM_WORLD.size, 'ranks start')"
+    # One rank speaks, in one write: what two say at once comes interleaved.
+    code = (
+        "from mpi4py import MPI; world = MPI.COMM_WORLD\n"
+        "if world.rank == 0: print(f'{world.size} ranks start')"
+    )
     ok, found = _run(["mpirun", "-n", "2", sys.executable, "-c", code])
     if ok and found.startswith("2 "):
         return Finding("MPI ranks", "ok", found)
