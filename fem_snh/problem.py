@@ -75,12 +75,8 @@ class Problem:
             raise BadInput(
                 f"element '{element.name}' needs {element.cell} cells; the mesh has {mesh.cell}s"
             )
-        self.mesh, self.element, self.material, self.comm = (
-            mesh,
-            element,
-            material,
-            mesh.domain.comm,
-        )
+        self.mesh, self.element, self.material = mesh, element, material
+        self.comm = mesh.domain.comm
         self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
         self.u = _dolfinx.function(self.V, "displacement")
         self.x = _dolfinx.petsc_vec(self.u)
@@ -116,6 +112,7 @@ class Problem:
             if hasattr(condition, "displacement"):
                 self._moved.append((nodes, axes, condition, points[nodes]))
         self._prescribed = np.flatnonzero(self.elastic.free.ravel() == 0)
+        self._prescribed_owned = self._prescribed[self._prescribed < self.x.getLocalSize()]
 
     def _rigid_motions(self) -> PETSc.NullSpace:
         """The six rigid motions of the reference shape, for algebraic multigrid."""
@@ -168,10 +165,6 @@ class Problem:
         for term in self.terms:
             term.add_residual(x, r)
         r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-
-    @property
-    def _prescribed_owned(self) -> Array:
-        return self._prescribed[self._prescribed < self.x.getLocalSize()]
 
     @_timed
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
