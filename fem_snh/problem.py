@@ -47,7 +47,7 @@ class Problem:
     Parameters
     ----------
     hold : conditions with ``group`` and ``components`` (of "x", "y", "z"): displacement zero.
-    move : conditions with ``group`` and ``displacement(X, load)``: (n, 3) points to (n, 3).
+    move : the same with ``displacement(X, load)``: (n, 3) points to (n, 3).
     traction : loads with ``group`` and ``vector`` [Pa].
 
     Attributes
@@ -103,16 +103,21 @@ class Problem:
         """Find the prescribed degrees of freedom."""
         points = self.V.tabulate_dof_coordinates()
         self._moved = []
-        for condition in (*hold, *move):
-            group = self.mesh.group(condition.group)
-            nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
-            components = getattr(condition, "components", _AXES)
-            axes = [_AXES.index(c) for c in components]
-            self.elastic.free[nodes[:, None], axes] = 0.0
-            if hasattr(condition, "displacement"):
-                self._moved.append((nodes, axes, condition, points[nodes]))
+        for condition in hold:
+            self._fix(condition)
+        for condition in move:
+            nodes, axes = self._fix(condition)
+            self._moved.append((nodes, axes, condition, points[nodes]))
         self._prescribed = np.flatnonzero(self.elastic.free.ravel() == 0)
         self._prescribed_owned = self._prescribed[self._prescribed < self.x.getLocalSize()]
+
+    def _fix(self, condition: Any) -> tuple[Array, list[int]]:
+        """Take a condition's degrees of freedom from the free ones: local nodes, components."""
+        group = self.mesh.group(condition.group)
+        nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
+        axes = [_AXES.index(c) for c in condition.components]
+        self.elastic.free[nodes[:, None], axes] = 0.0
+        return nodes, axes
 
     def _rigid_motions(self) -> PETSc.NullSpace:
         """The six rigid motions of the reference shape, for algebraic multigrid."""
