@@ -13,7 +13,12 @@ import ufl
 from fem_snh.errors import BadInput
 from fem_snh.materials.energy import Energy
 
-_FUNCTIONS = {"log": ufl.ln, "exp": ufl.exp, "sqrt": ufl.sqrt}
+_FUNCTIONS = {
+    "log": ufl.ln,
+    "exp": ufl.exp,
+    "sqrt": ufl.sqrt,
+    "where": lambda x, a, b: ufl.conditional(ufl.gt(x, 0), a, b),
+}
 
 
 def deformation_gradient(u: Any) -> Any:

@@ -39,18 +39,27 @@ class _Generator:
 
     def __init__(self, energy: Energy) -> None:
         self.energy = energy
-        self.of_stretches = bool(set(energy.measures) & set(SIGMA))
         #: First and second derivatives of psi in its measures; zeros are left out.
         self.first: dict[sympy.Symbol, sympy.Symbol] = {}
         self.second: dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol] = {}
         self.derivatives: dict[sympy.Symbol, sympy.Expr] = {}
+        if energy.of_stretches:
+            slopes = dict(zip(SIGMA, energy.slopes, strict=True))
+            for s in SIGMA:
+                self._add(self.first, s, f"psi_{s}", slopes[s])
+            for s, t in combinations_with_replacement(SIGMA, 2):
+                # The symmetric part: of a stress that is no gradient there is no other matrix.
+                both = (sympy.diff(slopes[s], t) + sympy.diff(slopes[t], s)) / 2
+                derivative = sympy.diff(slopes[s], t) if energy.has_energy or s == t else both
+                self._add(self.second, (s, t), f"psi_{s}_{t}", derivative)
+            return
         for m in energy.measures:
-            self._add(self.first, m, f"psi_{m}", sympy.diff(energy.psi, m))
+            self._add(self.first, m, f"psi_{m}", sympy.simplify(sympy.diff(energy.psi, m)))
         for m, n in combinations_with_replacement(energy.measures, 2):
-            self._add(self.second, (m, n), f"psi_{m}_{n}", sympy.diff(energy.psi, m, n))
+            second = sympy.simplify(sympy.diff(energy.psi, m, n))
+            self._add(self.second, (m, n), f"psi_{m}_{n}", second)
 
     def _add(self, table: dict, key: object, name: str, expression: sympy.Expr) -> None:
-        expression = sympy.simplify(expression)
         if expression != 0:
             table[key] = sympy.Symbol(name)
             self.derivatives[table[key]] = expression
@@ -120,7 +129,8 @@ class _Generator:
             f"{name}(const double *p, const real *{source}, real *psi)",
             source,
             (),
-            {"psi[0]": self.energy.psi},
+            # Without an energy it is 0 where there is a stress: what is not finite stays so.
+            {"psi[0]": self.energy.psi if self.energy.has_energy else sum(0.0 * s for s in SIGMA)},
             "INFINITY",
         )
 
@@ -143,13 +153,13 @@ class _Generator:
 
     def slope(self, s: sympy.Symbol) -> sympy.Expr:
         """dpsi/ds by the chain rule over the measures."""
-        if self.of_stretches:
+        if self.energy.of_stretches:
             return self.d(s)
         return sum(self.d(m) * sympy.diff(INVARIANTS[m], s) for m in self.energy.measures)
 
     def curvature(self, s: sympy.Symbol, t: sympy.Symbol) -> sympy.Expr:
         """d2psi/ds dt by the chain rule over the measures."""
-        if self.of_stretches:
+        if self.energy.of_stretches:
             return self.d(s, t)
         measures = self.energy.measures
         total = sum(self.d(m) * sympy.diff(INVARIANTS[m], s, t) for m in measures)
@@ -171,7 +181,7 @@ class _Generator:
         self, si: sympy.Symbol, sj: sympy.Symbol, sk: sympy.Symbol
     ) -> tuple[sympy.Expr, sympy.Expr]:
         """twist_i and flip_i (module docstring); divided differences take their limits in C."""
-        if self.of_stretches:
+        if self.energy.of_stretches:
             pj, pk, pjj, pkk, pjk = (
                 self.slope(sj),
                 self.slope(sk),

@@ -45,6 +45,9 @@ INLINE real lane_pow(real a, double exponent) {
   return a;
 }
 
+/* A piecewise function: the piece that is not chosen may be anything. */
+INLINE real lane_where(real x, real a, real b) { return select(x > 0, a, b); }
+
 INLINE real dot(const real *a, const real *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 INLINE void cross(const real *a, const real *b, real *c) {

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from fem_snh import materials
 from fem_snh.choices import FILTERS
-from fem_snh.errors import choose
+from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build, codegen
 from fem_snh.materials.energy import Energy
 
@@ -80,7 +80,12 @@ class Material:
         return [a.reshape(*shape, a.shape[1]) for a in out]
 
     def energy(self, F: npt.ArrayLike) -> Array:
-        """psi(F) [Pa], shape (...); +inf outside the energy's domain."""
+        """psi(F) [Pa], shape (...); +inf outside the energy's domain.
+
+        Raises BadInput for a material that has stresses and no energy.
+        """
+        if not self.law.has_energy:
+            raise BadInput(f"material '{self.name}' has no energy, only a stress")
         return self._call("energy_points", F, sizes=(1,))[0][..., 0]
 
     def pk1(self, F: npt.ArrayLike) -> Array:

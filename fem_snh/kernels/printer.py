@@ -46,7 +46,8 @@ def statements(
     )
     known, lines = set(scalars), []
     for symbol, expression in temporaries:
-        scalar = expression.free_symbols <= known and not expression.atoms(sympy.Function)
+        calls = any(f.free_symbols for f in expression.atoms(sympy.Function))  # work on lanes only
+        scalar = expression.free_symbols <= known and not calls
         if scalar:
             known.add(symbol)
         kind = "double" if scalar else "real"

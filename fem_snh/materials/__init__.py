@@ -7,9 +7,11 @@ A material is a module of this folder with a function of the same name::
 
 Its arguments say what it is: the deformation measures it needs (``I1, I_C, II_C, J``, or the
 stretches ``s0, s1, s2``), then its free constants, then, keyword only, its shape parameters with
-their defaults (and ``nu`` if it wants to know). The function receives and returns sympy
+their defaults (and ``nu`` if it wants to know). ``_functions.py`` has what it may use besides
+sympy's own: pieces, barriers, stresses without an energy. The function receives and returns sympy
 expressions; the UFL forms, the C kernels, the numpy values and the 50-digit oracle of the tests are
-all made from that one expression (`fem_snh.materials.energy.Energy`).
+all made from that one expression (`fem_snh.materials.energy.Energy`). `TUNING` is what can be done
+to any of them.
 """
 
 from __future__ import annotations
@@ -23,16 +25,18 @@ from types import ModuleType
 from typing import Any
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.materials.energy import Energy, shape_parameters
+from fem_snh.materials.energy import Energy, constants_of, shape_parameters
+from fem_snh.materials.tuning import TUNING
 
-__all__ = ["Energy", "defaults", "describe", "energy", "names"]
+__all__ = ["TUNING", "Energy", "defaults", "describe", "energy", "names", "pins"]
 
-_NOT_MATERIALS = {"energy", "invariants"}
+_NOT_MATERIALS = {"energy", "invariants", "normalise", "tuning"}
 
 
 def names() -> list[str]:
     """The sorted names of all materials, found by scanning this folder."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name not in _NOT_MATERIALS)
+    found = (m.name for m in pkgutil.iter_modules(__path__))
+    return sorted(name for name in found if name not in _NOT_MATERIALS and name[0] != "_")
 
 
 def function(name: str) -> Callable[..., Any]:
@@ -52,20 +56,40 @@ def describe(name: str) -> str:
     return inspect.getdoc(function(name)) or ""
 
 
-def energy(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Energy:
+def pins(name: str) -> list[str]:
+    """The free constants of material ``name`` that a user may pin [Pa]: where there are over two."""
+    constants = constants_of(function(name))
+    return list(constants) if len(constants) > 2 else []
+
+
+def energy(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> Energy:
     """The energy called ``name``, normalised to Young's modulus E [Pa] and Poisson's ratio nu.
 
-    Raises BadInput for an unknown name or shape parameter, E <= 0, or nu outside (-1, 0.5).
+    Keywords are its own shape parameters (`defaults`), its free constants where it has more than
+    two (`pins`), and what every material takes (`TUNING`): ``alpha``, ``alpha_mu``,
+    ``alpha_lambda``, ``lambda_part``, ``epsilon``.
+
+    Raises BadInput for an unknown name or keyword, E <= 0, nu outside (-1, 0.5), or constants that
+    cannot be fitted.
     """
-    known = defaults(name)
-    for key in shape:
+    own, pinned = defaults(name), pins(name)
+    known = [*own, *pinned, *TUNING]
+    for key in keywords:
         if key not in known:
-            accepted = ", ".join(known) if known else "none"
             raise BadInput(
                 f"material '{name}' has no parameter '{key}'{nearest(key, known)}: "
-                f"it takes E, nu and {accepted}"
+                f"it takes E, nu, {', '.join(known)}"
             )
-    return Energy(function(name), E=E, nu=nu, shape=known | shape)
+    other = keywords.get("lambda_part")
+    return Energy(
+        function(name),
+        E=E,
+        nu=nu,
+        shape=own | {k: v for k, v in keywords.items() if k in own},
+        pins={k: v for k, v in keywords.items() if k in pinned and v is not None},
+        tuned={k: v for k, v in keywords.items() if k in TUNING},
+        lambda_part=None if other is None else energy(other, E, nu),
+    )
 
 
 class _Callable(ModuleType):

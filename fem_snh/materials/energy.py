@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -11,9 +10,9 @@ from typing import Any
 import sympy
 
 from fem_snh.errors import BadInput
+from fem_snh.materials import normalise, tuning
+from fem_snh.materials._functions import PrincipalStress, pieces_hidden, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
-
-_REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 
 def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
@@ -25,16 +24,13 @@ def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
     }
 
 
-def lame(E: float, nu: float) -> tuple[float, float]:
-    """Small-strain constants (mu_lame, lambda_lame) [Pa] of (E [Pa], nu).
-
-    Raises BadInput unless E > 0 and -1 < nu < 0.5.
-    """
-    if not (math.isfinite(E) and E > 0):
-        raise BadInput(f"E = {E}: Young's modulus must be a positive number [Pa]")
-    if not -1 < nu < 0.5:
-        raise BadInput(f"nu = {nu}: Poisson's ratio must lie between -1 and 0.5, both excluded")
-    return E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
+def constants_of(function: Callable[..., Any]) -> dict[str, float | None]:
+    """The free constants of a material function and their defaults [units of E], or None."""
+    return {
+        name: None if parameter.default is parameter.empty else parameter.default
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and name not in MEASURES
+    }
 
 
 class Energy:
@@ -45,51 +41,82 @@ class Energy:
     measures : the invariants (or stretches) psi is written in, as sympy symbols.
     constants : the symbols of the material's own constants, e.g. (mu, lam) ...
     values : ... and their values [Pa], solved from PK1-linearisation at rest.
-    psi : the expression in ``measures`` and ``constants``; psi = 0 at F = I.
+    psi : the expression in ``measures`` and ``constants``; psi = 0 at F = I. None for a material
+        that has stresses and no energy.
     psi_sigma : the same in the principal stretches.
+    slopes : the principal stresses dpsi/ds_i, in the stretches.
+    domain : expressions in ``measures`` that must be positive, else the energy is +inf.
     """
 
     def __init__(
-        self, function: Callable[..., Any], E: float, nu: float, shape: Mapping[str, Any]
+        self,
+        function: Callable[..., Any],
+        E: float,
+        nu: float,
+        shape: Mapping[str, Any],
+        pins: Mapping[str, float] | None = None,
+        tuned: Mapping[str, Any] | None = None,
+        lambda_part: Energy | None = None,
     ) -> None:
         self.name = function.__name__
-        self.E, self.nu, self.shape = float(E), float(nu), dict(shape)
-        target = lame(self.E, self.nu)
-        positional, keywords = _arguments(function)
-        self.measures = tuple(MEASURES[a] for a in positional if a in MEASURES)
-        self.constants = tuple(sympy.Symbol(a, real=True) for a in positional if a not in MEASURES)
-        given = {k: v for k, v in shape.items() if k in keywords}
-        if "nu" in keywords:
-            given["nu"] = self.nu
-        psi = sympy.sympify(function(*self.measures, *self.constants, **given))
-        self.psi = psi - self._in_stretches(psi).subs(_REST)
-        self.values = self._normalise(target)
+        self.E, self.nu = float(E), float(nu)
+        target = normalise.lame(self.E, self.nu)
+        given = {k: v for k, v in (tuned or {}).items() if v is not None}
+        self.shape = dict(shape) | given
+        self._write(function, shape)
+        self._fit(function, pins or {}, target, mixed=lambda_part is not None)
+        if given:
+            self._tune(tuning.check(given), lambda_part, target)
+
+    # --- what it is ------------------------------------------------------------------------------
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the stress is the gradient of an energy."""
+        return self.psi is not None
+
+    @property
+    def of_stretches(self) -> bool:
+        """Whether it is written in the principal stretches themselves."""
+        return bool(set(self.measures) & set(SIGMA))
 
     @property
     def needs_stretches(self) -> bool:
         """Whether the energy itself needs the singular values of F (not only I_C, II_C and J)."""
         return any(str(m) in {"I1", "s0", "s1", "s2"} for m in self.measures)
 
-    @cached_property
-    def psi_sigma(self) -> sympy.Expr:
-        """The energy as a function of the principal stretches ``s0, s1, s2``."""
-        return self._in_stretches(self.psi)
+    @property
+    def inversion_safe(self) -> bool:
+        """Whether it is finite for every F."""
+        return not self.domain
 
     @cached_property
     def domain(self) -> tuple[sympy.Expr, ...]:
-        """Expressions in ``measures`` that must be positive.
+        """What must be positive: arguments of log, bases of real powers, and of `positive`.
 
-        Arguments of log, bases of real powers. Where one is not, the energy is +inf. What is
-        positive for every F is left out.
+        What is positive for every F is left out, and so are the pieces of a `where`.
         """
-        bases = {a.args[0] for a in self.psi.atoms(sympy.log)}
-        bases |= {p.base for p in self.psi.atoms(sympy.Pow) if not p.exp.is_integer}
+        bases = set(self._barriers)
+        for expression in [self.psi] if self.psi is not None else self.slopes:
+            shown = pieces_hidden(expression)
+            bases |= {a.args[0] for a in shown.atoms(sympy.log)}
+            bases |= {p.base for p in shown.atoms(sympy.Pow) if not p.exp.is_integer}
+        mine = set(self.measures)
         return tuple(
-            sorted(
-                (b for b in bases if b.free_symbols & set(self.measures) and not b.is_positive),
-                key=str,
-            )
+            sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str)
         )
+
+    @cached_property
+    def psi_sigma(self) -> sympy.Expr:
+        """The energy as a function of the principal stretches ``s0, s1, s2``."""
+        return None if self.psi is None else self.psi.subs(INVARIANTS)
+
+    @cached_property
+    def slopes(self) -> tuple[sympy.Expr, ...]:
+        """Principal PK1 stresses dpsi/ds_i [Pa] in the stretches and constants."""
+        if self._stress is not None:
+            return self._stress
+        return tuple(sympy.diff(self.psi_sigma, s) for s in SIGMA)
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -98,46 +125,110 @@ class Energy:
         PK1-linearisation (Chen & Barbic eq. 3, 4): in stretch space linear elasticity is
         mu sum (s_i - 1)^2 + lambda/2 (sum s_i - 3)^2.
         """
-        numbers = dict(zip(self.constants, self.values, strict=True))
-        mu, lam = (float(e.subs(numbers)) for e in self._linearised())
+        mu, lam = (float(e.subs(self._numbers)) for e in normalise.linearised(self.slopes))
         return mu, lam
 
+    @property
+    def rest_stress(self) -> float:
+        """The principal PK1 stress at F = I [Pa]: 0 for a material that stays at rest."""
+        stress = sympy.simplify(normalise.at_rest(self.slopes[0]))
+        return float(stress.subs(self._numbers))
+
     def evaluate(self, module: Any, *measures: Any) -> Any:
-        """psi with ``measures`` of any kind: ``module`` maps log, exp, sqrt... (ufl, "mpmath")."""
+        """psi with ``measures`` of any kind: ``module`` maps log, exp, where... (ufl, "mpmath")."""
         call = sympy.lambdify((*self.measures, *self.constants), self.psi, modules=module)
         return call(*measures, *self.values)
 
-    def _in_stretches(self, expression: sympy.Expr) -> sympy.Expr:
-        return expression.subs(INVARIANTS)
+    # --- how it is made --------------------------------------------------------------------------
 
-    def _linearised(self) -> tuple[sympy.Expr, sympy.Expr]:
-        """(mu_lame, lambda_lame) as expressions in the constants."""
-        s0, s1, _ = SIGMA
-        first = sympy.diff(self.psi_sigma, s0)
-        a = sympy.diff(first, s0).subs(_REST)
-        b = sympy.diff(first, s1).subs(_REST)
-        return sympy.simplify((a - b) / 2), sympy.simplify(b)
+    @property
+    def _numbers(self) -> dict[sympy.Symbol, float]:
+        return dict(zip(self.constants, map(sympy.Float, self.values), strict=True))
 
-    def _normalise(self, target: tuple[float, float]) -> tuple[float, ...]:
-        """Solve for the constants that give ``target`` = (mu_lame, lambda_lame)."""
-        if len(self.constants) != 2:
-            raise BadInput(
-                f"material '{self.name}' must have two free constants to be fitted to (E, nu); "
-                f"it has {', '.join(map(str, self.constants)) or 'none'}"
-            )
-        # Exact rationals of the doubles: the solution is then right to the last digit.
-        equations = [e - sympy.Rational(t) for e, t in zip(self._linearised(), target, strict=True)]
-        solutions = sympy.solve(equations, self.constants, dict=True)
-        if len(solutions) != 1 or set(solutions[0]) != set(self.constants):
-            raise BadInput(
-                f"material '{self.name}' with {self.shape} cannot be fitted to E = {self.E}, "
-                f"nu = {self.nu}: its constants {', '.join(map(str, self.constants))} "
-                f"have {len(solutions)} solutions"
-            )
-        return tuple(float(solutions[0][c]) for c in self.constants)
+    def _write(self, function: Callable[..., Any], shape: Mapping[str, Any]) -> None:
+        """The expression, from the material's function."""
+        parameters = inspect.signature(function).parameters
+        named = [n for n, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD]
+        self.measures = tuple(MEASURES[n] for n in named if n in MEASURES)
+        self.constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))
+        extra = {"nu": self.nu} if "nu" in parameters else {}
+        found = function(*self.measures, *self.constants, **shape, **extra)
+        self._barriers: set[sympy.Expr] = set()
+        self.psi: Any = None
+        self._stress: tuple[sympy.Expr, ...] | None = None
+        if isinstance(found, PrincipalStress):
+            self._stress = tuple(self._open(p) for p in found)
+        else:
+            psi = self._open(found)
+            self.psi = psi - normalise.at_rest(psi.subs(INVARIANTS))
 
+    def _open(self, expression: Any) -> sympy.Expr:
+        """The expression without its `positive`, which become barriers of the domain."""
+        expression = sympy.sympify(expression)
+        found = expression.atoms(positive)
+        self._barriers |= {p.args[0] for p in found}
+        return expression.xreplace({p: p.args[0] for p in found})
 
-def _arguments(function: Callable[..., Any]) -> tuple[list[str], set[str]]:
-    parameters = inspect.signature(function).parameters.values()
-    positional = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
-    return positional, {p.name for p in parameters if p.kind is p.KEYWORD_ONLY}
+    def _fit(
+        self,
+        function: Callable[..., Any],
+        pins: Mapping[str, float],
+        target: tuple[float, float],
+        mixed: bool,
+    ) -> None:
+        """Solve for the constants; ``mixed``: only the mu part will be used."""
+        defaults = constants_of(function)
+        known = {str(c): c for c in self.constants}
+        self._constants = normalise.Constants(
+            self.name,
+            self.constants,
+            {known[k]: v for k, v in defaults.items() if v is not None},
+            {known[k]: v for k, v in pins.items()},
+        )
+        moduli = normalise.linearised(self.slopes)
+        solution = self._constants.solve(moduli, target, self.E, mixed)
+        self.values = tuple(float(v) for v in solution)
+
+    def _tune(
+        self, given: Mapping[str, Any], other: Energy | None, target: tuple[float, float]
+    ) -> None:
+        """Nonlinearity and mixing: from here on the energy is one of the stretches."""
+        alphas = given["alpha_mu"], given["alpha_lambda"]
+        if other is None and alphas == (1, 1):
+            return
+        if other is None and alphas[0] == alphas[1]:
+            psi, stress = self._nonlinear(self.psi_sigma, self.slopes, alphas[0], given, [self])
+        else:
+            mu, lam = sympy.symbols("mu_lame lambda_lame", real=True)
+            mine, theirs = (e._parts(mu, lam) for e in (self, other or self))
+            sources = [self, other or self]
+            a = self._nonlinear(*mine[0], alphas[0], given, sources)
+            b = self._nonlinear(*theirs[1], alphas[1], given, sources)
+            psi = None if None in (a[0], b[0]) else mu * a[0] + lam * b[0]
+            stress = tuple(mu * p + lam * q for p, q in zip(a[1], b[1], strict=True))
+            self.constants, self.values = (mu, lam), target
+        barriers = self.domain if other is None else (*self.domain, *other.domain)
+        self.measures, self.psi = SIGMA, psi
+        self._stress = None if psi is not None else stress
+        self._barriers = {b.subs(INVARIANTS) for b in barriers}
+        for name in ("domain", "psi_sigma", "slopes"):
+            self.__dict__.pop(name, None)
+
+    def _nonlinear(
+        self, psi: Any, slopes: Any, alpha: float, given: Mapping[str, Any], of: list[Energy]
+    ) -> Any:
+        epsilon = given["epsilon"]
+        if epsilon is None:
+            epsilon = tuning.EPSILON if all(e.inversion_safe for e in of) else 0
+        return tuning.nonlinear(psi, slopes, alpha, epsilon)
+
+    def _parts(self, mu: sympy.Symbol, lam: sympy.Symbol) -> Any:
+        """((psi, slopes) of the mu part, (psi, slopes) of the lambda part), each of unit size."""
+        moduli = normalise.linearised(self.slopes)
+        solution = self._constants.solve(moduli, (mu, lam), self.E)
+        numbers = dict(zip(self.constants, solution, strict=True))
+        if self.psi is None:
+            pairs = tuning.parts(self.name, [p.subs(numbers) for p in self.slopes], mu, lam)
+            return tuple((None, slopes) for slopes in zip(*pairs, strict=True))
+        ((own, other),) = tuning.parts(self.name, [self.psi_sigma.subs(numbers)], mu, lam)
+        return tuple((p, tuple(sympy.diff(p, s) for s in SIGMA)) for p in (own, other))

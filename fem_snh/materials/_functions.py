@@ -1,0 +1,64 @@
+"""What an energy may be written with besides sympy's own functions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+
+class where(sympy.Function):  # noqa: N801  a function, by sympy's custom in lower case
+    """``where(x, a, b)``: a if x > 0, else b; only the chosen one has to be finite.
+
+    For energies and stresses in pieces. Its derivative is that of the chosen piece, so the pieces
+    must meet as smoothly as the energy is to be.
+    """
+
+    nargs = (3,)
+
+    @classmethod
+    def eval(cls, x: Any, a: Any, b: Any) -> Any:
+        if a == b:
+            return a
+        if x.is_number and x.is_comparable:
+            return a if x > 0 else b
+        return None
+
+    def _eval_derivative(self, s: Any) -> Any:
+        x, a, b = self.args
+        return where(x, sympy.diff(a, s), sympy.diff(b, s))
+
+    def _eval_is_extended_real(self) -> bool:
+        return True
+
+    def _mpmathcode(self, printer: Any) -> str:
+        x, a, b = map(printer.doprint, self.args)
+        return f"(({a}) if ({x}) > 0 else ({b}))"
+
+
+class positive(sympy.Function):  # noqa: N801
+    """``positive(x)`` = x, and the energy is +inf where x <= 0.
+
+    For energies that are finite beyond a singularity they must not cross, such as 1/J^2.
+    """
+
+    nargs = (1,)
+
+
+@dataclass(frozen=True)
+class PrincipalStress:
+    """Principal PK1 stresses [Pa] in s0, s1, s2, of a material that has no energy."""
+
+    p0: Any
+    p1: Any
+    p2: Any
+
+    def __iter__(self) -> Any:
+        return iter((self.p0, self.p1, self.p2))
+
+
+def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
+    """The expression with every `where` replaced by a symbol: what counts everywhere."""
+    hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
+    return expression.xreplace(hidden)
