@@ -57,7 +57,7 @@ def describe(name: str) -> str:
 
 
 def pins(name: str) -> list[str]:
-    """The free constants of material ``name`` that a user may pin [Pa]: where there are over two."""
+    """The free constants of material ``name`` that a user may pin [Pa]: if there are over two."""
     constants = constants_of(function(name))
     return list(constants) if len(constants) > 2 else []
 

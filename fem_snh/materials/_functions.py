@@ -8,7 +8,7 @@ from typing import Any
 import sympy
 
 
-class where(sympy.Function):  # noqa: N801  a function, by sympy's custom in lower case
+class where(sympy.Function):
     """``where(x, a, b)``: a if x > 0, else b; only the chosen one has to be finite.
 
     For energies and stresses in pieces. Its derivative is that of the chosen piece, so the pieces
@@ -37,7 +37,7 @@ class where(sympy.Function):  # noqa: N801  a function, by sympy's custom in low
         return f"(({a}) if ({x}) > 0 else ({b}))"
 
 
-class positive(sympy.Function):  # noqa: N801
+class positive(sympy.Function):
     """``positive(x)`` = x, and the energy is +inf where x <= 0.
 
     For energies that are finite beyond a singularity they must not cross, such as 1/J^2.

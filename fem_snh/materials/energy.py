@@ -9,7 +9,6 @@ from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials._functions import PrincipalStress, pieces_hidden, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
@@ -202,8 +201,9 @@ class Energy:
             mu, lam = sympy.symbols("mu_lame lambda_lame", real=True)
             mine, theirs = (e._parts(mu, lam) for e in (self, other or self))
             sources = [self, other or self]
-            a = self._nonlinear(*mine[0], alphas[0], given, sources)
-            b = self._nonlinear(*theirs[1], alphas[1], given, sources)
+            (psi_mu, slopes_mu), (psi_lam, slopes_lam) = mine[0], theirs[1]
+            a = self._nonlinear(psi_mu, slopes_mu, alphas[0], given, sources)
+            b = self._nonlinear(psi_lam, slopes_lam, alphas[1], given, sources)
             psi = None if None in (a[0], b[0]) else mu * a[0] + lam * b[0]
             stress = tuple(mu * p + lam * q for p, q in zip(a[1], b[1], strict=True))
             self.constants, self.values = (mu, lam), target

@@ -35,13 +35,15 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     Raises BadInput for an option's bad value.
     """
     energy_scale = problem.force_scale * problem.length
-    context = ProjectedNewton(problem.jacobian, problem.force_scale, energy_scale)
+    has_energy = problem.material.law.has_energy
+    context = ProjectedNewton(problem.jacobian, problem.force_scale, energy_scale, has_energy)
     context.options["snes_hessian"] = choose("hessian", hessian, HESSIANS)
     snes = PETSc.SNES().create(problem.comm)
     snes.setOptionsPrefix(prefix)
     snes.setType(PETSc.SNES.Type.PYTHON)
     snes.setPythonContext(context)
-    snes.setObjective(lambda snes, x: problem.energy(x))
+    if has_energy:
+        snes.setObjective(lambda snes, x: problem.energy(x))
     snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
     snes.setJacobian(context.jacobian, problem.A)
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)

@@ -29,12 +29,16 @@ class LineSearch:
     one secant step on the slope then goes on, up to three times as far. It costs an energy and a
     residual, and saves most of the linearly convergent iterations of clamp and abs near a solution
     with negative eigenvalues.
+
+    Without an energy (``has_energy``) the search is on the residual alone: it goes along d until
+    the residual there no longer points further back than it did forward at the start.
     """
 
     snes: PETSc.SNES
     trial: PETSc.Vec
     f_trial: PETSc.Vec
     energy_scale: float = 0.0
+    has_energy: bool = True
     armijo: float = 1e-4
     min_step: float = 1e-10
 
@@ -57,6 +61,9 @@ class LineSearch:
                     if step == 1.0 and slope < end < _STEEP * slope:
                         return self._lengthen(x, d, there, slope, end)
                     return step, there
+                if not self.has_energy:
+                    step *= min(0.5, max(0.1, slope / (slope - end)))  # the secant's zero
+                    continue
             parabola = change - step * slope
             best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
             step = min(0.5 * step, max(0.1 * step, best))
@@ -76,9 +83,11 @@ class LineSearch:
         return 1.0, energy
 
     def _energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
-        """Put x + step d into ``trial``; the energy there."""
+        """Put x + step d into ``trial``; the energy there, 0 where there is none."""
         d.copy(self.trial)
         self.trial.aypx(step, x)
+        if not self.has_energy:
+            return 0.0
         return float(self.snes.computeObjective(self.trial))
 
     def _slope(self, d: PETSc.Vec) -> float:

@@ -59,9 +59,19 @@ class ProjectedNewton:
     Walker's second choice, between ``-ksp_rtol`` and ``snes_forcing_max``. See `LineSearch`.
     """
 
-    def __init__(self, jacobian: Any, force_scale: float = 1.0, energy_scale: float = 0.0) -> None:
-        """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered."""
-        self._fill = jacobian
+    def __init__(
+        self,
+        jacobian: Any,
+        force_scale: float = 1.0,
+        energy_scale: float = 0.0,
+        has_energy: bool = True,
+    ) -> None:
+        """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered.
+
+        ``has_energy``: whether the SNES has an objective; if not, the line search is on the
+        residual.
+        """
+        self._fill, self.has_energy = jacobian, has_energy
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.options = dict(OPTIONS)
         self.history: list[Iteration] = []
@@ -81,7 +91,7 @@ class ProjectedNewton:
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
-            viewer.printfASCII("  projected Newton with energy line search\n")
+            viewer.printfASCII("  projected Newton with a line search\n")
             for name, value in self.options.items():
                 viewer.printfASCII(f"  {name} = {value}\n")
             # PETSc's own count below stays 0: only its built-in types can add to it.
@@ -100,11 +110,12 @@ class ProjectedNewton:
             x.duplicate(),
             f.duplicate(),
             self.energy_scale,
+            self.has_energy,
             float(self.options["snes_armijo"]),
             float(self.options["snes_min_step"]),
         )
         self.history, self._indefinite = [], float("inf")
-        energy = snes.computeObjective(x)
+        energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
             snes.setFunctionNorm(energy)
