@@ -314,7 +314,7 @@ def test_view_shows_the_solver_and_its_options(comm, capfd):
         solve(twist(comm))
     text = printed(capfd, comm)
     if comm.rank == 0:
-        assert "projected Newton with energy line search" in text
+        assert "projected Newton with a line search" in text
         for name in ("snes_hessian = adaptive", "snes_scaled_tol = 1e-07", "snes_armijo = 0.01"):
             assert f"  {name}\n" in text
         assert "type: cg" in text and "type: jacobi" in text and "(snh_)" in text

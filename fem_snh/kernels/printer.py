@@ -16,9 +16,14 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
         if exponent.is_Integer:
             product = "*".join([self.parenthesize(base, 100)] * abs(int(exponent)))
             return f"({product})" if exponent > 0 else f"(1/({product}))"
+        return f"({self._print(fractions_shared(expr))})"
+
+    def _print_power(self, expr: sympy.Function) -> str:
+        base, exponent = expr.args
+        lanes = f"splat(0) + {self._print(base)}"
         if exponent == sympy.Rational(1, 2):
-            return f"lane_sqrt({self._print(base)})"
-        return f"lane_pow({self._print(base)}, {float(exponent)!r})"
+            return f"lane_sqrt({lanes})"
+        return f"lane_pow({lanes}, {float(exponent)!r})"
 
     def _print_Function(self, expr: sympy.Function) -> str:
         if expr.is_number:
@@ -33,6 +38,18 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
+def fractions_shared(expression: sympy.Expr) -> sympy.Expr:
+    """Real powers b^e as b^n power(b, e - n), n = floor(e).
+
+    An energy in s^e has derivatives in s^(e-1) and s^(e-2): so all three need one call of pow.
+    """
+    power = sympy.Function("power")
+    return expression.replace(
+        lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer,
+        lambda e: e.base ** sympy.floor(e.exp) * power(e.base, e.exp - sympy.floor(e.exp)),
+    )
+
+
 def statements(
     results: Mapping[str, sympy.Expr], scalars: Iterable[sympy.Symbol], temporary: str
 ) -> str:
@@ -42,7 +59,8 @@ def statements(
     """
     printer = Printer()
     temporaries, expressions = sympy.cse(
-        list(results.values()), symbols=sympy.numbered_symbols(temporary)
+        [fractions_shared(sympy.sympify(e)) for e in results.values()],
+        symbols=sympy.numbered_symbols(temporary),
     )
     known, lines = set(scalars), []
     for symbol, expression in temporaries:
