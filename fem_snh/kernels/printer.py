@@ -8,6 +8,12 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 
 
+class power(sympy.Function):
+    """b^e that sympy does not join with other powers of b."""
+
+    nargs = (2,)
+
+
 class Printer(C99CodePrinter):  # type: ignore[misc]
     """C for lanes: integer powers as products, functions by their lane-wise names."""
 
@@ -43,7 +49,6 @@ def fractions_shared(expression: sympy.Expr) -> sympy.Expr:
 
     An energy in s^e has derivatives in s^(e-1) and s^(e-2): so all three need one call of pow.
     """
-    power = sympy.Function("power")
     return expression.replace(
         lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer,
         lambda e: e.base ** sympy.floor(e.exp) * power(e.base, e.exp - sympy.floor(e.exp)),
