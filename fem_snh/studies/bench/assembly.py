@@ -1,4 +1,4 @@
-"""Seconds per cell of the filtered Jacobian, and of FFCx's exact one assembled by dolfinx."""
+"""Seconds per cell of the filtered Jacobian, beside FFCx's exact one or stable_neo_hookean's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx, elements, forms, mesh
+from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.materials import names
 from fem_snh.studies.bench import Row, words
 from fem_snh.terms import Elastic
 
@@ -24,56 +26,118 @@ CELLS = {"Q1": 24, "P1": 24, "P2": 12, "Q2": 8}
 JIT = {"cffi_extra_compile_args": ["-O3", "-march=native"]}
 
 
+#: No material's filtered Jacobian is to cost more than this many of stable_neo_hookean's.
+MOST = 1.5
+
+
 def rows(
     elements: str = "Q1,P1,P2",
     cells: int = 0,
     material: str = "stable_neo_hookean",
     repeat: int = 7,
 ) -> Iterator[Row]:
-    """One row per element, on a cube whose every cell is deformed so that it has to be filtered."""
-    for name in words(elements):
+    """One row per element, on a cube whose every cell is deformed so that it has to be filtered.
+
+    ``material="all"``: a row per material on the first element, against stable_neo_hookean.
+    """
+    chosen = words(elements)
+    if material == "all":
+        yield from compare(chosen[0], cells or CELLS.get(chosen[0], 8), repeat)
+        return
+    for name in chosen:
         yield measure(name, cells or CELLS.get(name, 8), material, repeat)
+
+
+def deformed(name: str, cells: int) -> tuple[Any, Any]:
+    """A space on a cube and a displacement of many short waves."""
+    element = elements.element(name)
+    domain = mesh.generate(MPI.COMM_SELF, "cube", element.cell, cells=cells)
+    V = _dolfinx.function_space(domain.domain, element.degree, (3,))
+    u = _dolfinx.function(V, "u")
+    wave = np.random.default_rng(0).standard_normal((3, 3))
+    # Waves short enough that J varies by a few per cent: beyond 1 + mu/lambda, flips are negative.
+    u.x.array[:] = (0.05 / cells * np.sin(2 * cells * V.tabulate_dof_coordinates() @ wave)).ravel()
+    return domain, u
+
+
+def elastic_term(u: Any, name: str, material: Material) -> Elastic:
+    """The material's elastic term on u's space, ready to assemble."""
+    term = Elastic(u.function_space, elements.element(name), material)
+    term.create_matrix()
+    return term
+
+
+def fastest(ways: dict[str, Callable[[], Any]], repeat: int) -> dict[str, float]:
+    """Each way's best time [s] of ``repeat``, taken in turns."""
+    best = dict.fromkeys(ways, np.inf)
+    for _ in range(repeat):
+        for kind, call in ways.items():
+            start = perf_counter()
+            call()
+            best[kind] = min(best[kind], perf_counter() - start)
+    return best
+
+
+def compare(name: str, cells: int, repeat: int) -> Iterator[Row]:
+    """Every material's filtered Jacobian beside stable_neo_hookean's, in turns with it."""
+    domain, u = deformed(name, cells)
+    x = _dolfinx.petsc_vec(u)
+    reference = elastic_term(u, name, make_material("stable_neo_hookean"))
+    for material in names():
+        term = elastic_term(u, name, make_material(material))
+        filtered = term.jacobian(x, "clamp")
+        best = fastest(
+            {
+                "clamp": lambda term=term: term.jacobian(x, "clamp"),  # type: ignore[misc]
+                "reference": lambda: reference.jacobian(x, "clamp"),
+            },
+            repeat,
+        )
+        ratio = best["clamp"] / best["reference"]
+        yield {
+            "element": name,
+            "material": material,
+            "cells": domain.num_cells,
+            "filtered": round(filtered / points_of(name, domain.num_cells), 3),
+            "clamp_us": round(1e6 * best["clamp"] / domain.num_cells, 3),
+            "to_stable_neo_hookean": round(ratio, 3),
+            "limit": MOST,
+            "ok": bool(ratio <= MOST),
+        }
+
+
+def points_of(name: str, cells: int) -> int:
+    """Quadrature points of so many cells."""
+    element = elements.element(name)
+    return len(_dolfinx.quadrature(element.cell, element.quadrature)[1]) * cells
 
 
 def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     """Best of ``repeat`` assemblies of each kind, taken in turns [us per cell of one rank]."""
     element = elements.element(name)
-    domain = mesh.generate(MPI.COMM_SELF, "cube", element.cell, cells=cells)
-    V = _dolfinx.function_space(domain.domain, element.degree, (3,))
-    law = make_material(material, 1.0, 0.49)
-    elastic = Elastic(V, element, law)
-    elastic.create_matrix()
-    u = _dolfinx.function(V, "u")
-    wave = np.random.default_rng(0).standard_normal((3, 3))
-    # Waves short enough that J varies by a few per cent: beyond 1 + mu/lambda, flips are negative.
-    u.x.array[:] = (0.05 / cells * np.sin(2 * cells * V.tabulate_dof_coordinates() @ wave)).ravel()
-    x = _dolfinx.petsc_vec(u)
+    domain, u = deformed(name, cells)
+    V, x = u.function_space, _dolfinx.petsc_vec(u)
+    law = make_material(material).law
+    elastic = elastic_term(u, name, Material(law))
+    filtered = elastic.jacobian(x, "clamp")
     ways: dict[str, Callable[[], Any]] = {
         kind: lambda kind=kind: elastic.jacobian(x, kind)  # type: ignore[misc]
         for kind in ("exact", "clamp")
     }
-    if not law.law.needs_stretches:
+    if not law.needs_stretches:
         v, w = ufl.TestFunction(V), ufl.TrialFunction(V)
         degree = {"quadrature_degree": element.quadrature}
         dx = ufl.Measure("dx", domain=domain.domain, metadata=degree)
-        form = _dolfinx.form(forms.jacobian(law.law, u, v, w, dx), JIT)
+        form = _dolfinx.form(forms.jacobian(law, u, v, w, dx), JIT)
         matrix = _dolfinx.create_matrix(form)
         ways["ffcx"] = lambda: _dolfinx.assemble_matrix(matrix, form)
-    best = dict.fromkeys(ways, np.inf)
-    filtered = 0
-    for _ in range(repeat):
-        for kind, call in ways.items():
-            start = perf_counter()
-            result = call()
-            best[kind] = min(best[kind], perf_counter() - start)
-            filtered = result if kind == "clamp" else filtered
-    points = len(_dolfinx.quadrature(element.cell, element.quadrature)[1]) * domain.num_cells
+    best = fastest(ways, repeat)
     row: Row = {
         "element": name,
         "material": material,
         "cells": domain.num_cells,
         "dolfinx": _dolfinx.version,
-        "filtered": round(filtered / points, 3),
+        "filtered": round(filtered / points_of(name, domain.num_cells), 3),
         **{f"{kind}_us": round(1e6 * t / domain.num_cells, 3) for kind, t in best.items()},
     }
     if "ffcx" in best:
