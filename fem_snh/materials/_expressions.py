@@ -1,0 +1,46 @@
+"""Expressions that users write as text: parsed, never evaluated as Python."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import sympy
+from sympy.parsing.sympy_parser import parse_expr, standard_transformations
+
+from fem_snh.errors import BadInput
+
+_FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
+_TOKEN = re.compile(
+    r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\w+)|(\*\*|[-+*/()]))"
+)
+
+
+def parse(text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Expr:
+    """``text`` as an expression in ``symbols``; decimals become exact fractions.
+
+    Raises BadInput, one line, for anything but them, numbers, + - * / ** ( ), log, exp, sqrt.
+    """
+    known = _FUNCTIONS | dict(symbols)
+    accepted = f"an expression in {', '.join(symbols)} with numbers, + - * / ** ( ), log, exp, sqrt"
+    rest = str(text).strip()
+    while rest:
+        token = _TOKEN.match(rest)
+        if token is None or (token[2] and token[2] not in known):
+            what = token[2] if token else rest[0]
+            raise BadInput(f"{text!r}: '{what}' is not known: expected {accepted}")
+        rest = rest[token.end() :].strip()
+    names = {
+        "__builtins__": {},
+        "Symbol": sympy.Symbol,
+        "Integer": sympy.Integer,
+        "Float": sympy.Float,
+        "Rational": sympy.Rational,
+    }
+    try:
+        found = parse_expr(str(text), dict(known), names, transformations=standard_transformations)
+    except (SyntaxError, TypeError, AttributeError, ValueError, NameError):
+        raise BadInput(f"{text!r} cannot be read: expected {accepted}") from None
+    if not isinstance(found, sympy.Expr):
+        raise BadInput(f"{text!r} is not a number: expected {accepted}")
+    return sympy.nsimplify(found, rational=True)

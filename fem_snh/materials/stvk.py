@@ -1,0 +1,18 @@
+"""St. Venant-Kirchhoff."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def stvk(I_C: Any, II_C: Any, mu: Any, lam: Any) -> Any:
+    """St. Venant-Kirchhoff (Smith et al. 2018, eq. 50).
+
+    psi = mu ||E||^2 + lam/2 tr(E)^2,  E = (C - I)/2,
+    ||E||^2 = (I_C^2 - 2 II_C - 2 I_C + 3)/4
+
+    mu = mu_lame, lam = lambda_lame. It is blind to reflections: turned inside out it is at rest,
+    and it softens under compression (no tangent below a stretch of 0.577).
+    """
+    square = (I_C**2 - 2 * II_C - 2 * I_C + 3) / 4
+    return mu * square + lam / 8 * (I_C - 3) ** 2
