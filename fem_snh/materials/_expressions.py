@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from tokenize import TokenError
 
 import sympy
 from sympy.parsing.sympy_parser import parse_expr, standard_transformations
@@ -38,8 +39,8 @@ def parse(text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Expr:
         "Rational": sympy.Rational,
     }
     try:
-        found = parse_expr(str(text), dict(known), names, transformations=standard_transformations)
-    except (SyntaxError, TypeError, AttributeError, ValueError, NameError):
+        found = parse_expr(str(text), dict(known), standard_transformations, global_dict=names)
+    except (SyntaxError, TypeError, AttributeError, ValueError, NameError, TokenError):
         raise BadInput(f"{text!r} cannot be read: expected {accepted}") from None
     if not isinstance(found, sympy.Expr):
         raise BadInput(f"{text!r} is not a number: expected {accepted}")
