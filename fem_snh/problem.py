@@ -49,6 +49,7 @@ class Problem:
     hold : conditions with ``group`` and ``components`` (of "x", "y", "z"): displacement zero.
     move : the same with ``displacement(X, load)``: (n, 3) points to (n, 3).
     traction : loads with ``group`` and ``vector`` [Pa].
+    reactions : names or numbers of the groups whose `reactions` are wanted.
 
     Attributes
     ----------
@@ -70,6 +71,7 @@ class Problem:
         hold: Sequence[Any] = (),
         move: Sequence[Any] = (),
         traction: Sequence[Any] = (),
+        reactions: Sequence[str | int] = (),
     ) -> None:
         if mesh.cell != element.cell:
             raise BadInput(
@@ -87,12 +89,18 @@ class Problem:
             self._traction = Traction(self.V, mesh, [(t.group, t.vector) for t in traction])
         self.terms: list[Any] = [self.elastic, *([self._traction] if self._traction else [])]
         self._condition(hold, move)
+        self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
         self.A = self.elastic.create_matrix()
         self.A.setNearNullSpace(self._rigid_motions())
         volume = self.comm.allreduce(self.elastic.fields(self.x)["volume"].sum())
         self.length = float(volume) ** (1 / 3)
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.law.E * self.length**2
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the material's stress is the gradient of an energy."""
+        return self.material.law.has_energy
 
     @property
     def dofs(self) -> int:
@@ -118,6 +126,12 @@ class Problem:
         axes = [_AXES.index(c) for c in condition.components]
         self.elastic.free[nodes[:, None], axes] = 0.0
         return nodes, axes
+
+    def _owned_nodes(self, key: str | int) -> Array:
+        """The nodes of a group that this rank owns. Collective."""
+        group = self.mesh.group(key)
+        nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
+        return nodes[nodes < _dolfinx.num_nodes(self.V)[0]]
 
     def _rigid_motions(self) -> PETSc.NullSpace:
         """The six rigid motions of the reference shape, for algebraic multigrid."""
@@ -152,7 +166,12 @@ class Problem:
 
     @_timed
     def energy(self, x: PETSc.Vec) -> float:
-        """The energy of all terms [J]; +inf outside the material's domain."""
+        """The energy of all terms [J]; +inf outside the material's domain.
+
+        Raises BadInput for a material that has stresses and no energy.
+        """
+        if not self.has_energy:
+            raise BadInput(f"material '{self.material.law.name}' has no energy, only a stress")
         _forward(x)
         return sum(term.energy(x) for term in self.terms)
 
@@ -176,6 +195,21 @@ class Problem:
         """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
         _forward(x)
         return self.elastic.jacobian(x, filter)
+
+    def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
+        """For each of the groups asked for, the force [N] that its support exerts on the body.
+
+        The sum of dE/du over the group's nodes: positive along the way a support pulls. Costs
+        nothing where no group was asked for.
+        """
+        if not self._reacting:
+            return {}
+        r = self.x.duplicate()
+        self.gradient(x, r)
+        forces = r.array_r.reshape(-1, 3)
+        mine = np.array([forces[nodes].sum(axis=0) for nodes in self._reacting.values()])
+        total = self.comm.allreduce(mine)
+        return dict(zip(self._reacting, total.tolist(), strict=True))
 
     def measures(self, x: PETSc.Vec) -> dict[str, float]:
         """Deformed over undeformed volume, and the smallest J at any quadrature point."""

@@ -23,6 +23,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("terms",),
     ("problem",),
     ("solver",),
+    ("modes",),
     ("runs",),
     ("plots", "render", "doctor", "studies"),
     ("cli",),
@@ -44,6 +45,7 @@ ONLY = {
     "plots": {"errors", "render"},
     "render": {"errors"},
     "doctor": {"errors"},
+    "modes": {"errors", "_dolfinx", "terms", "problem"},
     "solver": {"errors", "choices"},  # given a problem, it needs no more of one than its methods
 }
 
@@ -57,6 +59,7 @@ OUTSIDE = {
     "pyvista": {"render"},
     "matplotlib": {"plots", "render"},
     "pydantic": {"scenes"},
+    "slepc4py": {"modes"},
 }
 #: And what some parts may not.
 FORBIDDEN = {
@@ -133,7 +136,17 @@ def loaded_after(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-HEAVY = {"dolfinx", "petsc4py", "mpi4py", "gmsh", "basix", "ffcx", "pyvista", "vtkmodules"}
+HEAVY = {
+    "dolfinx",
+    "petsc4py",
+    "slepc4py",
+    "mpi4py",
+    "gmsh",
+    "basix",
+    "ffcx",
+    "pyvista",
+    "vtkmodules",
+}
 
 
 @pytest.mark.parametrize(
