@@ -12,7 +12,7 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fem_snh import elements, scenes, solver
+from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
 from fem_snh._petsc import option_used
 from fem_snh.kernels.pointwise import material
@@ -48,6 +48,11 @@ class Result:
     def u(self) -> Any:
         return self.problem.u
 
+    @property
+    def frequencies(self) -> list[float]:
+        """The eigenfrequencies [Hz] that the scene's ``modes`` asked for, in ascending order."""
+        return list(self.record.get("modes", {}).get("frequencies", ()))
+
 
 def run(
     scene: str | Path | scenes.Scene,
@@ -63,8 +68,9 @@ def run(
     Parameters
     ----------
     scene : a built-in scene's name, a .toml file, or a `fem_snh.scenes.Scene`.
-    out : folder for run.json and steps.csv (written after every step) and fields.pvd. A folder
-        that already holds a run is refused, unless ``overwrite``.
+    out : folder for run.json and steps.csv (written after every step) and fields.pvd; modes.csv and
+        modes.pvd if the scene asks for modes. A folder that already holds a run is refused, unless
+        ``overwrite``.
     progress : print a line per step on rank 0.
     overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
         steps, predictor, petsc (a dict of PETSc options), and a scene's own parameters.
@@ -83,7 +89,11 @@ def run(
         meshing = perf_counter()
         domain = make_mesh(comm, scene, element)
         setting_up = perf_counter()
-        problem = Problem(domain, element, law, scene.hold, scene.move, scene.traction)
+        problem = Problem(
+            domain, element, law, scene.hold, scene.move, scene.traction, scene.reactions
+        )
+        if scene.modes:
+            modes.check(problem, scene.modes.count)
         snes = solver.create(problem, scene.hessian)
         stepper = Stepper(problem, snes, scene.steps, scene.predictor)
         jit = problem.seconds["jit"]
@@ -100,6 +110,12 @@ def run(
                 show.step(step)
                 with interrupts.undivided():
                     recorder.step(step)
+            if scene.modes and stepper.done:
+                found = modes.lowest(
+                    problem, scene.modes.density, scene.modes.count, f"{solver.PREFIX}modes_"
+                )
+                with interrupts.undivided():
+                    recorder.modes(found)
         status = "converged" if stepper.done else stepper.failure()
         recorder.keep(status)
         comm.barrier()  # what a rank reads after this is complete

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
+from fem_snh.modes import Modes
 from fem_snh.problem import Problem
 from fem_snh.scenes import Scene
 
@@ -25,6 +27,7 @@ COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "residual", "energy",
     "volume_ratio", "min_J", "seconds",
 )  # fmt: skip
+MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
 def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
@@ -88,19 +91,25 @@ class Folder:
     def clear(self) -> None:
         """Remove an earlier run's files: when the new one is ready to begin. Collective."""
         if self.comm.rank == 0:
-            for file in (*self.path.glob("fields*"), self.path / "steps.csv"):
-                file.unlink(missing_ok=True)
+            for pattern in ("fields*.pvd", "fields*vtu", "modes*.pvd", "modes*vtu"):
+                for file in self.path.glob(pattern):
+                    file.unlink(missing_ok=True)
+            for name in ("steps.csv", "modes.csv"):
+                (self.path / name).unlink(missing_ok=True)
         self.comm.barrier()
 
     def write(self, record: dict[str, Any]) -> None:
         """Write run.json and steps.csv; each is old or new, never half. Not collective."""
         if self.comm.rank:
             return
-        table = io.StringIO()
-        rows = csv.DictWriter(table, COLUMNS, lineterminator="\n")
-        rows.writeheader()
-        rows.writerows(record["steps"])
-        _replace(self.path / "steps.csv", table.getvalue())
+        steps = [_flat(step) for step in record["steps"]]
+        columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
+        _replace(self.path / "steps.csv", _table(list(columns), steps))
+        if "modes" in record:
+            modes = record["modes"]
+            numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
+            rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
+            _replace(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
         _replace(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
 
 
@@ -109,7 +118,7 @@ class Fields:
 
     def __init__(self, path: Path, problem: Problem) -> None:
         constant = _dolfinx.function_space(problem.mesh.domain, 0, family="DG")
-        names = ("J", "energy_density", "min_eigenvalue")
+        names = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
         self._open = _dolfinx.vtk_writer(problem.comm, path)
@@ -129,6 +138,37 @@ class Fields:
 
     def close(self) -> None:
         self._open.__exit__(None, None, None)
+
+
+def write_modes(path: Path, modes: Modes) -> None:
+    """Write the shapes to a .pvd, at times 1, 2, ..., each with the state it is about. Collective.
+
+    ``mode`` [m] is scaled so that its mean square over the body's mass is ``length`` squared.
+    """
+    problem = modes.problem
+    shape = _dolfinx.function(problem.V, "mode")
+    with _dolfinx.vtk_writer(problem.comm, path) as writer:
+        for number, vector in enumerate(modes.shapes, 1):
+            x = _dolfinx.petsc_vec(shape)
+            vector.copy(x)
+            x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+            writer.write([problem.u, shape], float(number))
+
+
+def _flat(step: dict[str, Any]) -> dict[str, Any]:
+    """A step as a row of the table: a column for each component of each reaction."""
+    row = {key: value for key, value in step.items() if key != "reactions"}
+    for group, force in step.get("reactions", {}).items():
+        row |= {f"reaction_{group}_{axis}": f for axis, f in zip("xyz", force, strict=True)}
+    return row
+
+
+def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def _replace(path: Path, text: str) -> None:

@@ -39,7 +39,12 @@ class Progress:
         )
 
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
-        where = f"; {out}/run.json, steps.csv, fields.pvd" if out else ""
+        files = "run.json, steps.csv, fields.pvd"
+        if modes := record.get("modes"):
+            listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"])
+            self._console.print(f"  frequencies [Hz]: {listed}")
+            files += ", modes.csv, modes.pvd"
+        where = f"; {out}/{files}" if out else ""
         self._console.print(f"  {record['status']} in {record['seconds']['total']:.1f} s{where}")
         if unused:
             self._console.print(

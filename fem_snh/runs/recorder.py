@@ -6,7 +6,8 @@ import resource
 from time import perf_counter
 from typing import Any
 
-from fem_snh.runs.folder import Fields, Folder
+from fem_snh.modes import Modes
+from fem_snh.runs.folder import Fields, Folder, write_modes
 from fem_snh.runs.stepping import Stepper
 
 
@@ -45,6 +46,15 @@ class Recorder:
         """Add a step's row; its fields if it converged. Collective."""
         self.record["steps"].append(row)
         self.keep("running", fields=row["converged"])
+
+    def modes(self, modes: Modes) -> None:
+        """Add the eigenfrequencies, and write their shapes. Collective."""
+        start = perf_counter()
+        self.record["modes"] = modes.record
+        self._seconds = self._seconds | {"modes": modes.seconds}
+        if self._folder:
+            write_modes(self._folder.path / "modes.pvd", modes)
+        self._output += perf_counter() - start
 
     def keep(self, status: str, fields: bool = False) -> None:
         """Write everything as it is now. Collective."""

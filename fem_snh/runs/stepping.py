@@ -69,7 +69,6 @@ class Stepper:
         else:
             kept.copy(problem.x)
             problem.set_load(load)
-        self.seconds += perf_counter() - start
         self._last = {
             "load": to,
             "converged": converged,
@@ -79,8 +78,11 @@ class Stepper:
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": predicted + sum(i.linear for i in history),
             "residual": residual,
-            "energy": problem.energy(problem.x),
+            "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),
             "seconds": perf_counter() - start,
         }
+        if converged and (reactions := problem.reactions(problem.x)):
+            self._last["reactions"] = reactions
+        self.seconds += perf_counter() - start
         return self._last

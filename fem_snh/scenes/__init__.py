@@ -24,10 +24,19 @@ from pydantic import ValidationError, validate_call
 
 from fem_snh.errors import BadInput, choose, nearest
 from fem_snh.scenes._table import one_line
-from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Move, Rotate, Scene, Traction
+from fem_snh.scenes.model import (
+    Geometry,
+    Hold,
+    MaterialChoice,
+    Modes,
+    Move,
+    Rotate,
+    Scene,
+    Traction,
+)
 
 __all__ = [
-    "Geometry", "Hold", "MaterialChoice", "Move", "Rotate", "Scene", "Traction",
+    "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Rotate", "Scene", "Traction",
     "describe", "load", "names", "own_parameters",
 ]  # fmt: skip
 

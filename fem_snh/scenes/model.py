@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from inspect import formatannotation
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
-    TypeAdapter,
-    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -21,11 +17,11 @@ from pydantic import (
 
 from fem_snh.choices import HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
-from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.scenes._table import Expect, Table
+from fem_snh.errors import BadInput, choose
+from fem_snh.scenes._material import MaterialChoice
+from fem_snh.scenes._table import Expect, Finite, Table
 
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Number = Annotated[Finite, Expect("a finite number")]
 Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
 Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
@@ -33,7 +29,6 @@ GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
     Expect("the name or number of a physical group"),
 ]
-_FINITE = ConfigDict(allow_inf_nan=False)
 Axis = Literal["x", "y", "z"]
 Components = Annotated[
     tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
@@ -48,53 +43,6 @@ class Geometry(Table):
     parameters: Annotated[
         dict[str, Annotated[int, Field(strict=True)] | Finite], Expect("a table of numbers")
     ] = {}
-
-
-class MaterialChoice(Table):
-    """A material by name, its Young's modulus E [Pa] and Poisson's ratio, its shape parameters."""
-
-    model_config = ConfigDict(extra="allow")  # checked against the material's own, below
-
-    name: Annotated[str, Expect("the name of a material, see `fem-snh materials`")]
-    E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")]
-    nu: Annotated[
-        Finite,
-        Field(gt=-1, lt=0.5),
-        Expect("a number in (-1, 0.5); 0.5 itself is incompressible, try 0.499"),
-    ]
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """The shape parameters that were given, e.g. ``{"barrier": True}``."""
-        return dict(self.model_extra or {})
-
-    @field_validator("name")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        from fem_snh.materials import names
-
-        return choose("material", name, names())
-
-    @model_validator(mode="after")
-    def _shape(self) -> MaterialChoice:
-        from fem_snh.materials import defaults, function
-
-        known = ["name", "E", "nu", *defaults(self.name)]
-        kinds = get_type_hints(function(self.name))
-        given = self.model_extra or {}
-        for key, value in given.items():
-            if key not in known:
-                raise BadInput(
-                    f"{self.name} has no shape parameter '{key}'{nearest(key, known)}: "
-                    f"choose from {', '.join(known)}"
-                )
-            kind = kinds.get(key, Any)
-            try:
-                given[key] = TypeAdapter(kind, config=_FINITE).validate_python(value)
-            except ValidationError:
-                accepted = formatannotation(kind).replace(" | ", " or ")
-                raise BadInput(f"{key} = {value!r}: expected {accepted}") from None
-        return self
 
 
 class Hold(Table):
@@ -158,6 +106,13 @@ class Traction(Table):
     vector: Vector
 
 
+class Modes(Table):
+    """The ``count`` lowest eigenfrequencies at the end, for a mass density [kg/m^3]."""
+
+    count: Count = 10
+    density: Annotated[Finite, Field(gt=0), Expect("a number > 0 (mass density)")] = 1000.0
+
+
 Mesh = Annotated[
     Annotated[Geometry, Tag("built-in")]
     | Annotated[Path, Expect("a gmsh file or a built-in geometry"), Tag("file")],
@@ -169,8 +124,10 @@ class Scene(Table):
     """One quasi-static experiment: everything `fem_snh.run` needs to know.
 
     The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
-    ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``petsc`` holds PETSc
-    options without the leading dash, to go under the solver's prefix; a flag's value is None.
+    ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
+    groups whose total force each step reports; ``modes`` asks for eigenfrequencies at the end.
+    ``petsc`` holds PETSc options without the leading dash, to go under the solver's prefix; a
+    flag's value is None.
     """
 
     name: Text
@@ -183,6 +140,10 @@ class Scene(Table):
     hold: list[Hold] = []
     move: list[Move] = []
     traction: list[Traction] = []
+    reactions: Annotated[
+        list[GroupKey], Expect("a list of names or numbers of physical groups")
+    ] = []
+    modes: Modes | None = None
     predictor: str = "extrapolate"
     petsc: Annotated[
         dict[str, Scalar | None], Expect("a table of numbers, texts, true and false")
