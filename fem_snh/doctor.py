@@ -187,6 +187,11 @@ def _rows() -> list[Callable[[], Finding]]:
             "import pyvista, vtk; print(f'{pyvista.__version__}, VTK {vtk.VTK_VERSION}')",
             SETUP,
         ),
+        _probe(
+            "SLEPc",
+            "from slepc4py import SLEPc; print(*SLEPc.Sys.getVersion(), sep='.')",
+            "needed for eigenfrequencies alone: install python3-slepc4py-real",
+        ),
         _probe("packages", packages, SETUP),
         _probe("compiler", _COMPILES, ""),  # its error says what to do
         _probe("cache folder", _WRITES, "set FEM_SNH_CACHE to a folder that can be written"),
