@@ -52,14 +52,22 @@ def main(
     out: Path | None = None,
     loads: Sequence[float] | None = None,
     field: str = "J",
+    modes: bool = False,
 ) -> Path:
     """Draw the body of run ``folder`` at ``loads`` (in 0..1), side by side, and return the PNG.
 
     By default every load step if there are at most four, otherwise those at 1/3, 2/3 and the end.
     ``out`` defaults to ``folder/<field>.png``. BadInput if the folder's files are missing or
     unreadable, a load was not stored, or nothing here can draw.
+
+    With ``modes`` the eigenmodes are drawn instead, see `fem_snh.render.modes.main`; ``loads`` are
+    then their numbers.
     """
     folder = Path(folder)
+    if modes:
+        from fem_snh.render.modes import main as draw_modes
+
+        return draw_modes(folder, out, loads)
     choose("field", field, FIELDS)
     record = read_record(folder)
     stored = stored_loads(folder / "fields.pvd")

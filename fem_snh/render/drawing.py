@@ -31,6 +31,7 @@ NAMES = {
     "J": "J  (volume ratio)",
     "displacement": "|u|  (displacement)",
     "energy_density": "energy density [Pa]",
+    "mode": "|u| / max |u|  (displacement of a mode)",
     "min_eigenvalue": "smallest eigenvalue of the Hessian [Pa]",
 }
 
@@ -46,6 +47,8 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
         raise BadInput(f"'{field}' has no finite value")
     low, high = np.percentile(values, [1, 99])
     signed = field == "min_eigenvalue" and low < 0 < high
+    if field == "mode":
+        return "viridis", Normalize(0, 1), "neither"
     centre = 1.0 if field == "J" else 0.0 if signed else None
     if centre is not None:
         half = nice(max(high - centre, centre - low, 1e-3))
@@ -148,7 +151,9 @@ def draw(job: dict[str, Any]) -> None:
     cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
     where = view(bodies)
     count = len(bodies)
-    columns = 1 if where.width > 2 * where.height else count if count <= 3 else (count + 1) // 2
+    columns = count if count <= 3 else (count + 1) // 2
+    if where.width > 2 * where.height:
+        columns = 1 if count <= 4 else 2
     rows = -(-count // columns)
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
@@ -164,9 +169,10 @@ def draw(job: dict[str, Any]) -> None:
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
         figure.text(x, y, panel["label"], ha="center", va="center", fontsize=8.5)
+    ticks = MaxNLocator(5 if field == "mode" else 7)
     bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
     colour = ScalarMappable(norm, cmap)
-    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=MaxNLocator(7))
+    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
     bar.tick_params(labelsize=8)
     bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
     try:

@@ -12,6 +12,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 from fem_snh.errors import BadInput
 
 EDGES_UP_TO = 6000  # boundary faces; finer meshes would be all lines
+_EXAGGERATION = 0.12  # the largest displacement of a mode, in diagonals of the body
 
 
 def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
@@ -65,6 +66,20 @@ def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
     return pv.PolyData(surface.points, lines=cells.ravel())
 
 
+def exaggerate(grid: pv.UnstructuredGrid) -> None:
+    """Make the deformed state that of rest, and the mode a displacement from it that shows.
+
+    The mode itself becomes its length over its largest, so that all panels share their colours.
+    """
+    mode = np.asarray(grid["mode"])
+    largest = np.linalg.norm(mode, axis=1).max()
+    if not largest > 0:
+        raise BadInput("a mode without a shape")
+    grid.points = grid.points + grid["displacement"]
+    grid["displacement"] = mode * (_EXAGGERATION * grid.length / largest)
+    grid["mode"] = mode / largest
+
+
 @dataclass
 class Body:
     """What one panel shows."""
@@ -79,6 +94,8 @@ class Body:
 def body(files: list[str], field: str) -> Body:
     """Surface, element edges, outline at rest and values (one per cell or point) of one load."""
     grid = read_grid(files, field)
+    if field == "mode":
+        exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
     faces = boundary(grid, 0).n_cells

@@ -1,0 +1,65 @@
+"""Pictures of eigenmodes from a run folder: exaggerated, side by side, coloured by their size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fem_snh import render
+from fem_snh.errors import BadInput
+
+#: Frequencies below this fraction of the highest are rigid motions, not shown unless asked for.
+_RIGID = 1e-3
+_SHOWN = 6
+
+
+def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None = None) -> Path:
+    """Draw modes of run ``folder``, by their ``numbers`` (1, 2, ...), and return the PNG.
+
+    By default the first six that deform the body. ``out`` defaults to ``folder/modes.png``. The
+    outline is the state they are about; amplitudes are exaggerated alike. BadInput if the run has
+    no modes, no such number, or nothing here can draw.
+    """
+    folder = Path(folder)
+    record = render.read_record(folder)
+    frequencies = read_frequencies(folder, record)
+    stored = render.stored_loads(folder / "modes.pvd")
+    out = Path(out) if out is not None else folder / "modes.png"
+    panels = []
+    for number in choose(frequencies, numbers):
+        if number not in stored:
+            raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
+        files = [str(file) for file in stored[number]]
+        panels.append(render.Panel(files, label(number, frequencies[number - 1])))
+    render.draw_elsewhere(render.Job("mode", render.title(record), panels, str(out)))
+    return out
+
+
+def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
+    """The eigenfrequencies [Hz] of a run's record; BadInput if it has none."""
+    try:
+        return [float(f) for f in record["modes"]["frequencies"]]
+    except (KeyError, TypeError, ValueError):
+        raise BadInput(
+            f"{folder / 'run.json'}: this run has no modes: its scene needs a table [modes]"
+        ) from None
+
+
+def choose(frequencies: list[float], wanted: Sequence[float] | None) -> list[int]:
+    """The numbers of the modes to show."""
+    count = len(frequencies)
+    if wanted:
+        for number in wanted:
+            if number not in range(1, count + 1):
+                raise BadInput(f"no mode {number:g}: the run has 1 to {count}")
+        return [int(number) for number in wanted]
+    highest = max(abs(f) for f in frequencies)
+    shown = [i for i, f in enumerate(frequencies, 1) if abs(f) > _RIGID * highest]
+    return (shown or list(range(1, count + 1)))[:_SHOWN]
+
+
+def label(number: int, frequency: float) -> str:
+    """``mode 3  ·  1.28 Hz``; a negative frequency is that of an unstable state."""
+    text = f"mode {number}  ·  {abs(frequency):.4g} Hz"
+    return text if frequency >= 0 else text.replace("Hz", "i Hz, unstable")
