@@ -6,7 +6,7 @@ from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Modes, Scene
 
 
 def modes(
-    cells: int = 4, aspect: PositiveFloat = 4.0, count: int = 6, density: PositiveFloat = 1000.0
+    cells: int = 6, aspect: PositiveFloat = 4.0, count: int = 6, density: PositiveFloat = 1000.0
 ) -> Scene:
     """A round bar of diameter 1 m, its left end held, at rest: its lowest eigenfrequencies.
 
