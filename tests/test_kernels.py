@@ -9,7 +9,6 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-import ufl
 from hypothesis import assume, given
 from hypothesis.extra.numpy import arrays
 from points import (
@@ -18,13 +17,14 @@ from points import (
     deformations,
     every_kind,
     every_material,
+    filtered,
     law,
+    observed_order,
     rotations,
     spread,
     vec,
 )
 
-from fem_snh import forms, materials
 from fem_snh.choices import FILTERS
 from fem_snh.kernels.pointwise import EIGENSOLVERS, Material, svd
 from fem_snh.materials.energy import Energy
@@ -45,14 +45,6 @@ def inside(m: Material, F: np.ndarray) -> np.ndarray:
 # --- derivatives ---------------------------------------------------------------------------------
 
 
-def observed_order(h: np.ndarray, error: np.ndarray, floor: np.ndarray) -> float:
-    """The slope of log error over log h before rounding (``floor``) takes over."""
-    before = error > 30 * floor
-    steps = int(np.argmin(before)) if not before.all() else len(h)
-    assert steps >= 3, "rounding took over too early to see an order"
-    return float(np.log2(error[steps - 2] / error[steps - 1]))
-
-
 @every_state
 @every_material
 def test_stress_and_hessian_by_order_of_convergence(m, state):
@@ -71,28 +63,6 @@ def test_stress_and_hessian_by_order_of_convergence(m, state):
     error = np.linalg.norm((up - down) / (2 * h[:, None]) - m.hessian(F) @ vec(D), axis=1)
     size = np.linalg.norm(m.pk1(F)) + np.linalg.norm(m.hessian(F)) * np.linalg.norm(F)
     assert observed_order(h, error, 1e-16 * size / h) == pytest.approx(2, abs=0.15)
-
-
-@every_state
-@pytest.mark.parametrize(
-    "name", [n for n in materials.names() if not law(n, 0.3).law.needs_stretches]
-)
-@pytest.mark.parametrize("nu", [0.3, 0.49])
-def test_ufl_agrees(name, nu, state):
-    """psi, P and the Hessian of the UFL form, differentiated by UFL and evaluated at one F."""
-    m = law(name, nu)
-    F = inside(m, deformations(STATES[state], seed=5))
-    variable = ufl.variable(ufl.as_matrix(F.tolist()))
-    psi = forms.energy_density(m.law, variable)
-    P = ufl.diff(psi, variable)
-    assert m.energy(F) == pytest.approx(psi(()), rel=1e-12)
-    stress = np.array([[P[i, j](()) for j in range(3)] for i in range(3)])
-    assert abs(m.pk1(F) - stress).max() <= 1e-12 * abs(stress).max()
-    for A, B in np.random.default_rng(6).standard_normal((2, 2, 3, 3)):
-        along = ufl.diff(ufl.inner(P, ufl.as_matrix(A.tolist())), variable)
-        expected = ufl.inner(along, ufl.as_matrix(B.tolist()))(())
-        scale = np.linalg.norm(m.hessian(F)) * np.linalg.norm(A) * np.linalg.norm(B)
-        assert abs(vec(A) @ m.hessian(F) @ vec(B) - expected) <= 1e-12 * scale
 
 
 # --- 50 digits -----------------------------------------------------------------------------------
@@ -346,13 +316,6 @@ def test_equation_44_has_one_wrong_sign_and_67_is_right(block):
 
 
 # --- filters -------------------------------------------------------------------------------------
-
-
-def filtered(H: np.ndarray, filter: str) -> np.ndarray:
-    """numpy's answer."""
-    values, Q = np.linalg.eigh(H)
-    values = np.maximum(values, 0) if filter == "clamp" else abs(values)
-    return (Q * values[..., None, :]) @ np.swapaxes(Q, -1, -2)
 
 
 @pytest.mark.parametrize("solver", EIGENSOLVERS)

@@ -1,0 +1,189 @@
+"""What is asked of every material: energy, stress, Hessian and filters at any stretches."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+import ufl
+from points import (
+    STATES,
+    deformations,
+    every_name,
+    filtered,
+    law,
+    observed_order,
+    spread,
+    vec,
+)
+
+from fem_snh import forms, materials
+from fem_snh.errors import BadInput
+from fem_snh.kernels.pointwise import EIGENSOLVERS, Material, svd
+from fem_snh.materials.invariants import SIGMA
+
+NU = 0.3
+PAIRS = ((1, 2), (0, 2), (0, 1))
+#: Regular, equal, near-equal and collapsed stretches, then inverted ones.
+UPRIGHT = [STATES["random"], STATES["stretched"], STATES["flat"], (1.3, 1.3, 0.7), (0.8, 0.8, 0.8)]
+UPRIGHT += [(1.3 + 1e-9, 1.3, 0.7), (1.1 + 1e-6, 1.1, 1.1 - 1e-6), (1.2, 1e-2, 1e-2), (2, 1, 1e-5)]
+INVERTED = [STATES["inverted"], STATES["everted"], (1.1, 1.0, -0.9), (1.2, 0.5, -1e-3)]
+
+NO_REST = {"mooney_length", "neo_hookean_wang"}
+NO_ENERGY = {"filtered_neo_hookean"}
+FINITE = {
+    "arap", "c2_neo_hookean", "corotational", "filtered_neo_hookean", "fixed_corotational",
+    "gamma_model", "mooney_length", "stable_arruda_boyce", "stable_fung", "stable_neo_hookean",
+    "stvk", "stvk_kikuuwe",
+}  # fmt: skip
+#: An energy of the stretches divides differences of its stresses (kernels/quotient.h).
+DIGITS = {True: 1e-9, False: 1e-12}
+
+
+def states(m: Material) -> np.ndarray:
+    """The stretches that are in the domain of m."""
+    return np.array(UPRIGHT + (INVERTED if m.law.inversion_safe else []))
+
+
+def exact(m: Material, s: np.ndarray) -> tuple[list, list]:
+    """Principal stresses and their derivatives at s (50 digits), from the expression."""
+    rows = [[sympy.diff(p, t) for t in SIGMA] for p in m.law.slopes]
+    call = sympy.lambdify((*SIGMA, *m.law.constants), (list(m.law.slopes), rows), "mpmath")
+    with mpmath.workdps(60):
+        # Equal stretches are told apart by 1e-25: a divided difference is then its limit.
+        apart = [mpmath.mpf(float(x)) + k * mpmath.mpf(10) ** -25 for k, x in enumerate(s)]
+        first, second = call(*apart, *m.law.values)
+        pairs = [(apart[j] + apart[k], apart[j] - apart[k]) for j, k in PAIRS]
+        twist = [(first[j] + first[k]) / p for (j, k), (p, _) in zip(PAIRS, pairs, strict=True)]
+        flip = [(first[j] - first[k]) / d for (j, k), (_, d) in zip(PAIRS, pairs, strict=True)]
+        block = [[(second[i][j] + second[j][i]) / 2 for j in range(3)] for i in range(3)]
+        scaling = sorted(mpmath.eigsy(mpmath.matrix(block), eigvals_only=True), reverse=True)
+        return [float(x) for x in first], [float(x) for x in (*scaling, *twist, *flip)]
+
+
+@every_name
+def test_it_is_what_it_says(name):
+    """Where it is finite, whether it rests, whether it has an energy."""
+    m = law(name, NU)
+    assert m.law.inversion_safe == (name in FINITE)
+    assert m.law.has_energy == (name not in NO_ENERGY)
+    assert (abs(m.law.rest_stress) > 1e-3 * m.law.E) == (name in NO_REST)
+    rest = m.pk1(np.eye(3))
+    assert rest == pytest.approx(m.law.rest_stress * np.eye(3), abs=1e-14 * m.law.E)
+    if m.law.has_energy:
+        assert m.energy(np.eye(3)) == pytest.approx(0, abs=1e-15 * m.law.E)
+    else:
+        with pytest.raises(BadInput, match="has no energy"):
+            m.energy(np.eye(3))
+
+
+@every_name
+def test_derivatives_by_order_of_convergence(name):
+    """Central differences of psi tend to P, and of P to the Hessian, as h^2 until rounding."""
+    m = law(name, NU)
+    chosen = ["random", "stretched", *(["inverted"] if m.law.inversion_safe else [])]
+    h = 0.02 * 2.0 ** -np.arange(9)
+    for state in chosen:
+        F = deformations(STATES[state], seed=7)
+        D = np.random.default_rng(8).standard_normal((3, 3))
+        D /= np.linalg.norm(D)
+        points = F + h[:, None, None] * D, F - h[:, None, None] * D
+        if m.law.has_energy:
+            up, down = (m.energy(x) for x in points)
+            error = abs((up - down) / (2 * h) - (m.pk1(F) * D).sum())
+            size = abs(m.energy(F)) + np.linalg.norm(m.pk1(F)) * np.linalg.norm(F) + m.law.E
+            assert observed_order(h, error, 1e-16 * size / h) == pytest.approx(2, abs=0.2)
+        elif state == "inverted":
+            continue  # the derivative of its stress is not symmetric: see below
+        up, down = (vec(m.pk1(x)) for x in points)
+        error = np.linalg.norm((up - down) / (2 * h[:, None]) - m.hessian(F) @ vec(D), axis=1)
+        size = np.linalg.norm(m.pk1(F)) + np.linalg.norm(m.hessian(F)) * np.linalg.norm(F)
+        assert observed_order(h, error, 1e-16 * size / h) == pytest.approx(2, abs=0.2)
+
+
+@every_name
+def test_stress_and_eigenvalues_against_fifty_digits(name):
+    m = law(name, NU)
+    for sigma in states(m):
+        F = np.diag(sigma)
+        s = svd(F)[1]
+        first, expected = exact(m, s)
+        values, _ = m.eigensystem(F)
+        bound = DIGITS[m.law.of_stretches]
+        assert abs(values - expected).max() <= bound * abs(np.array(expected)).max()
+        P = np.linalg.svd(m.pk1(F), compute_uv=False)
+        assert P == pytest.approx(
+            np.sort(np.abs(first))[::-1], abs=1e-12 * (1 + max(map(abs, first)))
+        )
+
+
+@every_name
+def test_eigensystem_and_filters_against_eigh(name):
+    """The closed form diagonalises the Hessian; filters are those of eigh, and semidefinite."""
+    m = law(name, NU)
+    F = deformations(states(m), seed=3)
+    H = m.hessian(F)
+    size = spread(H)[:, None, None]
+    for solver in EIGENSOLVERS:
+        values, vectors = m.eigensystem(F, solver)
+        assert np.all(abs(H @ vectors - vectors * values[:, None, :]) <= 3e-14 * size)
+        assert abs(np.swapaxes(vectors, 1, 2) @ vectors - np.eye(9)).max() <= 1e-14
+        for filter in ("clamp", "abs"):
+            found = m.hessian(F, filter, solver)
+            assert np.all(abs(found - filtered(H, filter)) <= 1e-14 * size)
+            assert np.all(np.linalg.eigvalsh(found / size) >= -1e-14)
+
+
+@every_name
+def test_outside_the_domain(name):
+    """Energy +inf and all else zero where it is infinite; nothing is ever NaN."""
+    m = law(name, NU)
+    F = np.concatenate(
+        [deformations(np.array(INVERTED)), np.zeros((1, 3, 3)), [np.full((3, 3), np.nan)]]
+    )
+    parts = [m.pk1(F), m.hessian(F), m.hessian(F, "clamp"), m.eigensystem(F)[0]]
+    assert all(np.isfinite(part).all() for part in parts)
+    if not m.law.has_energy:
+        return
+    psi = m.energy(F)
+    assert not np.isnan(psi).any() and psi[-1] == np.inf
+    assert np.isfinite(psi[:-1]).all() if m.law.inversion_safe else (psi[:-1] == np.inf).all()
+    outside = np.isinf(psi)
+    assert not any(part[outside].any() for part in parts)
+
+
+WITH_UFL = [n for n in materials.names() if not materials.energy(n, nu=NU).needs_stretches]
+
+
+@pytest.mark.parametrize("name", WITH_UFL)
+def test_ufl_agrees(name):
+    """psi, P and the Hessian of the UFL form, differentiated by UFL and evaluated at one F."""
+    m = law(name, NU)
+    for state in ["random", *(["inverted"] if m.law.inversion_safe else [])]:
+        F = deformations(STATES[state], seed=5)
+        variable = ufl.variable(ufl.as_matrix(F.tolist()))
+        psi = forms.energy_density(m.law, variable)
+        P = ufl.diff(psi, variable)
+        assert m.energy(F) == pytest.approx(psi(()), rel=1e-12)
+        stress = np.array([[P[i, j](()) for j in range(3)] for i in range(3)])
+        assert abs(m.pk1(F) - stress).max() <= 1e-12 * abs(stress).max()
+        A, B = np.random.default_rng(6).standard_normal((2, 3, 3))
+        along = ufl.diff(ufl.inner(P, ufl.as_matrix(A.tolist())), variable)
+        expected = ufl.inner(along, ufl.as_matrix(B.tolist()))(())
+        scale = np.linalg.norm(m.hessian(F)) * np.linalg.norm(A) * np.linalg.norm(B)
+        assert abs(vec(A) @ m.hessian(F) @ vec(B) - expected) <= 1e-12 * scale
+
+
+def test_a_stress_that_is_no_gradient():
+    """filtered_neo_hookean: below the threshold the derivative of P is not symmetric; ours is."""
+    m = law("filtered_neo_hookean", NU)
+    F, h = np.diag([1.4, 0.9, 0.1]), 1e-6
+    jacobian = np.array(
+        [
+            (vec(m.pk1(F + h * D)) - vec(m.pk1(F - h * D))) / (2 * h)
+            for D in np.swapaxes(np.eye(9).reshape(9, 3, 3), 1, 2)
+        ]
+    ).T
+    assert abs(jacobian - jacobian.T).max() > 0.1 * m.law.E
+    assert m.hessian(F) == pytest.approx((jacobian + jacobian.T) / 2, abs=1e-7)
