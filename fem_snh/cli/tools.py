@@ -1,40 +1,12 @@
-"""The small commands: materials, plot, render, bench, doctor."""
+"""The small commands: plot, render, bench, doctor."""
 
 from __future__ import annotations
 
-import sys
 from itertools import zip_longest
 from pathlib import Path
 
 from fem_snh.cli.options import Parser, value
 from fem_snh.errors import BadInput
-
-
-def materials(argv: list[str]) -> int:
-    """List the materials, or describe one."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from fem_snh.materials import defaults, describe, names
-
-    parser = Parser("materials", "List the materials, or describe one.")
-    parser.add_argument("name", metavar="NAME", nargs="?")
-    name = parser.parse(argv).name
-    if name is not None:
-        print(describe(name))
-        return 0
-    table = Table("material", "energy density and source", "shape parameters", show_lines=True)
-    for name in names():
-        title, *body = describe(name).split("\n\n")
-        shown = [title, *(part for part in body if "psi =" in part)]
-        own = [f"{key} = {default}" for key, default in defaults(name).items()]
-        table.add_row(name, Text("\n".join(shown)), Text("\n".join(own) or "-"))
-    Console(width=None if sys.stdout.isatty() else 110).print(table)
-    print(
-        "All take --E [Pa] and --nu, and agree at small strain; `fem-snh materials NAME` says more."
-    )
-    return 0
 
 
 def plot(argv: list[str]) -> int:

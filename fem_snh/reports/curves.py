@@ -1,0 +1,144 @@
+"""Stress against stretch in the four tests of a textbook, beside linear elasticity.
+
+Linear elasticity is here what every material is to first order in the stretches: PK1-linear, that
+is corotational (Chen & Barbic, theorem 3.1). It knows rotations, so it is a line in all tests but
+the shear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.reports.probe import Array, stress
+
+#: From (prescribed stretch, free stretch) to the three stretches, and which of them is free.
+Test = tuple[Callable[[Array, Array], Array], int]
+
+UNIAXIAL: Test = (lambda s, t: np.stack([s, t, t], axis=-1), 2)
+EQUIBIAXIAL: Test = (lambda s, t: np.stack([s, s, t], axis=-1), 2)
+
+_FREE = np.geomspace(0.02, 50, 241)  # where free stretches are looked for
+_JUMP = 1.6  # from one stretch to the next, a free stretch changes by less on one branch
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One test of a material; arrays of the same length.
+
+    x : stretch, or amount of shear.
+    stress : PK1 [Pa] in the direction of the test; NaN where there is no solution.
+    linear : the same of linear elasticity.
+    stretches : the principal stretches (n, 3), or None for the shear.
+    """
+
+    name: str
+    x: Array
+    stress: Array
+    linear: Array
+    stretches: Array | None = None
+
+
+def around_rest(low: float, high: float) -> Array:
+    """121 stretches from ``low`` to ``high``, the 61st of them exactly 1."""
+    return np.concatenate([np.geomspace(low, 1, 61)[:-1], np.geomspace(1, high, 61)])
+
+
+def curves(m: Material) -> tuple[Curve, Curve, Curve, Curve]:
+    """The four tests over their default ranges."""
+    return uniaxial(m), equibiaxial(m), shear(m), volumetric(m)
+
+
+def uniaxial(m: Material, x: Array | None = None) -> Curve:
+    """Pulled along one axis, free of stress across: P_00 against s_0."""
+    x = around_rest(0.25, 4) if x is None else np.asarray(x, dtype=float)
+    s = _with_free_sides(m, UNIAXIAL, x)
+    return Curve("uniaxial", x, stress(m, s)[:, 0], _young(m)[0] * (x - 1), s)
+
+
+def equibiaxial(m: Material, x: Array | None = None) -> Curve:
+    """Pulled equally along two axes, free of stress along the third: P_00 against s_0 = s_1."""
+    x = around_rest(0.4, 3) if x is None else np.asarray(x, dtype=float)
+    s = _with_free_sides(m, EQUIBIAXIAL, x)
+    E, nu = _young(m)
+    return Curve("equibiaxial", x, stress(m, s)[:, 0], E / (1 - nu) * (x - 1), s)
+
+
+def volumetric(m: Material, x: Array | None = None) -> Curve:
+    """The same stretch in all directions: P_00 against it."""
+    x = around_rest(0.3, 2) if x is None else np.asarray(x, dtype=float)
+    s = np.repeat(x[:, None], 3, axis=1)
+    mu, lam = m.lame
+    return Curve("volumetric", x, stress(m, s)[:, 0], (2 * mu + 3 * lam) * (x - 1), s)
+
+
+def shear(m: Material, x: Array | None = None) -> Curve:
+    """Simple shear F = I + x e_0 e_1^T: P_01 against x."""
+    x = np.linspace(0, 3, 121) if x is None else np.asarray(x, dtype=float)
+    F = np.tile(np.eye(3), (len(x), 1, 1))
+    F[:, 0, 1] = x
+    finite = np.isfinite(stress(m, svd(F)[1])[:, 0])
+    U, s, V = svd(F)
+    mu, lam = m.lame
+    p = 2 * mu * (s - 1) + lam * (s.sum(axis=-1, keepdims=True) - 3)
+    linear = np.einsum("ni,ni,ni->n", U[:, 0], p, V[:, 1])
+    return Curve("simple shear", x, np.where(finite, m.pk1(F)[:, 0, 1], np.nan), linear)
+
+
+def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
+    """The stretch near ``guess`` that leaves the free direction without stress; or NaN."""
+    place, free = test
+
+    def across(t: float) -> float:
+        return float(stress(m, place(np.array(s), np.array(t)))[free])
+
+    for factor in (1.02, 1.1, 1.4):
+        low, high = guess / factor, guess * factor
+        if across(low) < 0 < across(high):
+            return float(brentq(across, low, high, xtol=1e-15, rtol=1e-14))
+    return float("nan")
+
+
+def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
+    """Stretches (n, 3) along the branch of solutions that leaves from rest; NaN where it ends.
+
+    All sign changes of the stress across are found on a grid; from rest outwards the one that
+    continues the branch is followed, and refined. Only a stress that grows with its stretch counts:
+    the other solutions are unstable.
+    """
+    place, free = test
+    across = stress(m, place(*np.meshgrid(x, _FREE, indexing="ij")))[..., free]
+    with np.errstate(invalid="ignore"):
+        rising = (across[:, :-1] <= 0) & (across[:, 1:] > 0)
+    t = np.full(len(x), np.nan)
+    start = int(np.argmin(np.abs(x - 1)))
+    for order in (range(start, len(x)), range(start, -1, -1)):
+        previous = 1.0
+        for n in order:
+            found = np.flatnonzero(rising[n])
+            middle = np.sqrt(_FREE[found] * _FREE[found + 1])
+            near = np.exp(np.abs(np.log(middle / previous)))
+            if not len(found) or (n != start and near.min() > _JUMP):
+                break
+            k = found[int(near.argmin())]
+            t[n] = previous = _refined(m, test, x[n], _FREE[k], _FREE[k + 1])
+    return place(x, t)
+
+
+def _refined(m: Material, test: Test, s: float, low: float, high: float) -> float:
+    place, free = test
+
+    def across(t: float) -> float:
+        return float(stress(m, place(np.array(s), np.array(t)))[free])
+
+    return float(brentq(across, low, high, xtol=1e-15, rtol=1e-14))
+
+
+def _young(m: Material) -> tuple[float, float]:
+    """(E [Pa], nu) of the material's own Lame constants (Chen & Barbic, eq. 14)."""
+    mu, lam = m.lame
+    return mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))

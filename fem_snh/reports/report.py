@@ -1,0 +1,151 @@
+"""All that is found out about one material, and how it reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fem_snh.kernels.pointwise import Material
+from fem_snh.reports import collapse, curves, drucker, minima, stability
+from fem_snh.reports.collapse import Collapse
+from fem_snh.reports.curves import Curve
+from fem_snh.reports.drucker import Interval, Region
+from fem_snh.reports.minima import Minima
+from fem_snh.reports.stability import Stability
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an energy is like, measured on the assembly's kernels. Print it, or ``plot`` it.
+
+    E, nu, shape : what was asked for.
+    constants : the material's own, solved for [Pa].
+    mu_lame, lambda_lame : recovered from the energy [Pa] (Chen & Barbic, table 1).
+    rest_stress : principal PK1 stress at rest [Pa].
+    domain : expressions that must be positive, or the energy is +inf.
+    needs_stretches : whether energy and stress need the singular values of F.
+    inversion, reflection, rest, degeneracy : the four stabilities.
+    lone : whether rest is the only minimum; minima : all that were found.
+    curves : uniaxial, equibiaxial, simple shear, volumetric.
+    drucker, regions : where the exact tangent is positive.
+    collapse : psi and stress as J -> 0 and under inversion.
+    """
+
+    name: str
+    E: float
+    nu: float
+    shape: dict[str, Any]
+    constants: dict[str, float]
+    mu_lame: float
+    lambda_lame: float
+    rest_stress: float
+    has_energy: bool
+    domain: tuple[str, ...]
+    needs_stretches: bool
+    inversion: Stability
+    reflection: Stability
+    rest: Stability
+    degeneracy: Stability
+    lone: Stability
+    minima: Minima
+    curves: tuple[Curve, ...]
+    drucker: tuple[Interval, ...]
+    regions: tuple[Region, ...]
+    collapse: tuple[Collapse, ...]
+
+    @property
+    def stabilities(self) -> tuple[Stability, Stability, Stability, Stability]:
+        """In the paper's order."""
+        return self.inversion, self.reflection, self.rest, self.degeneracy
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw it all into one picture. Raises BadInput if ``path`` cannot be written."""
+        from fem_snh.plots.materials import main
+
+        return main(self, Path(path))
+
+    def __str__(self) -> str:
+        return "\n".join(_lines(self))
+
+
+def report(m: Material) -> Report:
+    """Measure everything about ``m``: half a second, once its kernel is compiled."""
+    found = minima.minima(m)
+    tests = curves.curves(m)
+    return Report(
+        name=m.name,
+        E=m.law.E,
+        nu=m.law.nu,
+        shape=dict(m.law.shape),
+        constants={str(c): v for c, v in zip(m.law.constants, m.law.values, strict=True)},
+        mu_lame=m.lame[0],
+        lambda_lame=m.lame[1],
+        rest_stress=m.law.rest_stress,
+        has_energy=m.law.has_energy,
+        domain=tuple(map(str, m.law.domain)),
+        needs_stretches=m.law.needs_stretches,
+        inversion=stability.inversion(m, found),
+        reflection=stability.reflection(m),
+        rest=stability.rest(m),
+        degeneracy=stability.degeneracy(m),
+        lone=stability.lone(found),
+        minima=found,
+        curves=tests,
+        drucker=drucker.intervals(m, tests),
+        regions=drucker.regions(m),
+        collapse=collapse.collapses(m),
+    )
+
+
+def _lines(r: Report) -> list[str]:
+    own = ", ".join(f"{k} = {v}" for k, v in r.shape.items() if v is not None)
+    constants = ", ".join(f"{k} = {v:.6g}" for k, v in r.constants.items())
+    where = domain(r.domain)
+    lines = [
+        f"{r.name}: E = {r.E:g} Pa, nu = {r.nu:g}" + (f", {own}" if own else ""),
+        "",
+        f"constants        {constants} [Pa]",
+        f"Lame constants   mu = {r.mu_lame:.6g}, lambda = {r.lambda_lame:.6g} [Pa], recovered",
+        f"stress at rest   {r.rest_stress:.6g} Pa",
+        f"energy           {'finite for ' + where if r.has_energy else 'none, only a stress'}",
+        "computed from    "
+        + ("the stretches (an SVD for energy and stress)" if r.needs_stretches else "I_C, II_C, J"),
+        "",
+        "Stabilities, measured (numbers in units of E):",
+    ]
+    for s in (*r.stabilities, r.lone):
+        lines.append(f"  {s.name:<13}  {s}")
+        numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
+        lines += [f"  {'':<13}  {numbers}"] if numbers else []
+    lines += ["", "Tangent positive (stretches around rest)     all nine         stretching alone"]
+    for i in r.drucker:
+        both = (_span(x, i.searched) for x in (i.tangent, i.scaling))
+        lines.append(f"  {i.path:<38}" + "".join(f"   {text:<16}" for text in both).rstrip())
+    lines += ["", "Crushed: energy, and stress along the last stretch, as it goes to 0 [E]"]
+    for c in r.collapse:
+        psi = _short(c.at_zero / r.E) if r.has_energy else "none"
+        lines.append(f"  {c.path:<22} energy {psi:<10} stress {_short(c.stress_at_zero / r.E)}")
+    return lines
+
+
+def domain(positive: tuple[str, ...]) -> str:
+    """In words, what must be positive for a finite energy."""
+    left = set(positive)
+    if {"s0", "s1", "s2"} <= left:  # then so are their products
+        left = {d for d in left if set(d) - set("s012*")} | {"s"}
+    left = {"J" if d == "s0*s1*s2" else d for d in left}
+    return ", ".join(f"{d} > 0" for d in sorted(left)) or "every F"
+
+
+def _short(x: float) -> str:
+    return "0" if abs(x) < 1e-12 else f"{x:.3g}"
+
+
+def _span(found: tuple[float, float] | None, searched: tuple[float, float]) -> str:
+    """An interval; an end that is only the end of the search is not closed."""
+    if found is None:
+        return "nowhere"
+    low = f"< {searched[0]:.3g}" if found[0] == searched[0] else f"{found[0]:.4g}"
+    high = f"> {searched[1]:.3g}" if found[1] == searched[1] else f"{found[1]:.4g}"
+    return f"{low} to {high}"

@@ -1,0 +1,232 @@
+"""The four stabilities of Smith et al. 2018 (section 3), measured, and a search for other minima.
+
+inversion    finite energy, stress and Hessian at every F, with a force that turns an element back
+reflection   the same energy, stress and Hessian whichever stretch carries the sign
+rest         no energy and no stress at rest, and Hooke's law around it
+degeneracy   crushed to a plane: a force along its normal; to a line: no force, and a direction of
+             negative curvature to leave by; to a point: no force, and no stable minimum
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement, permutations
+
+import numpy as np
+
+from fem_snh.kernels.pointwise import Material
+from fem_snh.materials.normalise import lame
+from fem_snh.reports.minima import Minima
+from fem_snh.reports.probe import Array, diagonal, eigenvalues, has_energy, inside, stress
+from fem_snh.reports.signs import Signed
+
+HOLDS, FAILS, NOT_APPLICABLE = "holds", "fails", "not applicable"
+
+#: The two other stretches of an element whose third one is pushed through 0.
+PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
+#: One, two, three negative stretches, and zero ones.
+INVERTED = ((1.2, 0.9, -0.5), (1.2, -0.9, -0.5), (-1.2, -0.9, -0.5))
+DEGENERATE = ((1.2, 0.9, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 0.0))
+#: Where the polar rotation jumps: two stretches of opposite sign.
+OPPOSITE = (1.2, 0.5, -0.5)
+#: An inverted F = U diag(s) V^T with det U = det V = 1 can be written with four choices of signs.
+FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float)
+
+_SMALL = 1e-9  # of E: no force, no curvature, no difference
+
+
+@dataclass(frozen=True)
+class Stability:
+    """What was found of one stability: "holds", "fails" or "not applicable", why, and the numbers.
+
+    Numbers with a unit of Pa are divided by E.
+    """
+
+    name: str
+    verdict: str
+    why: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.verdict + (f": {self.why}" if self.why else "")
+
+
+def _judged(name: str, faults: list[str], numbers: dict[str, float], good: str = "") -> Stability:
+    return Stability(name, FAILS if faults else HOLDS, "; ".join(faults) or good, numbers)
+
+
+# --- inversion -----------------------------------------------------------------------------------
+
+
+def inversion(m: Material, minima: Minima) -> Stability:
+    """Finite everywhere, its Hessian bounded, driven back when inverted, at rest nowhere inverted.
+
+    Numbers: ``finite`` (share of the six kinds of inverted and degenerate states), ``growth`` (of
+    the largest |eigenvalue| from 1e-2 to 1e-6 beside singular states), ``force`` (the largest
+    stress along a stretch pushed through 0 to negative: it must be negative), ``inverted minima``.
+    """
+    F = diagonal(np.array(INVERTED + DEGENERATE))
+    finite = inside(m, F)
+    for values in (m.pk1(F), m.hessian(F)):
+        finite &= np.isfinite(values).all(axis=(-1, -2))
+    numbers = {"finite": float(finite.mean())}
+    if not finite.all():
+        turned = [0, 2, 3, 4, 5]  # two negative stretches are a rotation
+        where = "some inverted states" if finite[turned].any() else "J <= 0"
+        return Stability("inversion", FAILS, f"infinite for {where}", numbers)
+    force, inverted = restoring(m), sum(s[2] < -1e-6 for s in minima.stretches)
+    numbers |= {
+        "growth": growth(m), "force": force / m.law.E, "inverted minima": float(inverted)
+    }  # fmt: skip
+    faults = []
+    if numbers["growth"] > 1e3:
+        faults.append("Hessian unbounded")
+    if force >= 0:
+        faults.append("not driven back")
+    if inverted:
+        faults.append("inverted minimum")
+    return _judged("inversion", faults, numbers)
+
+
+def restoring(m: Material) -> float:
+    """The largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
+
+    Negative: the energy falls all the way back to the plane and through it.
+    """
+    worst = -np.inf
+    for s1, s0 in PLANES:
+        s2 = s1 * np.linspace(-0.99, 0, 60)
+        s = np.stack([np.full_like(s2, s0), np.full_like(s2, s1), s2], axis=-1)
+        worst = max(worst, float(np.nanmax(stress(m, s)[:, 2])))
+    return worst
+
+
+def growth(m: Material) -> float:
+    """The largest |eigenvalue| at 1e-6 beside singular states over that at 1e-2; 1 if bounded."""
+    sizes = []
+    for d in (1e-2, 1e-6):
+        near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
+        sizes.append(np.abs(eigenvalues(m, np.array(near))).max(axis=-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = sizes[1] / np.maximum(sizes[0], _SMALL * m.law.E)
+    return float(ratio.max()) if np.isfinite(ratio).all() else float("inf")
+
+
+def lone(found: Minima) -> Stability:
+    """Rest is the one shape an element comes to rest in.
+
+    Numbers: ``spurious`` minima, ``collapsed`` and ``lost`` starts of the search.
+    """
+    numbers = {
+        "spurious": float(len(found.spurious)),
+        "collapsed": float(found.collapsed),
+        "lost": float(found.lost),
+    }
+    alone = found.rest and not (len(found.spurious) or found.collapsed)
+    return Stability("minima", HOLDS if alone else FAILS, str(found), numbers)
+
+
+# --- reflection ----------------------------------------------------------------------------------
+
+
+def reflection(m: Material) -> Stability:
+    """Energy, stress and eigenvalues from every choice of the negative stretch, in every order.
+
+    Numbers: the largest relative differences between the four choices of signs of an inverted
+    element: ``energy``, ``stress``, ``eigenvalues``; and ``order``, between the six orders of the
+    stretches of one choice.
+    """
+    signed = Signed(m.law)
+    sizes = np.random.default_rng(7).uniform(0.3, 2.0, (24, 3))
+    choices = sizes[:, None] * FLIPS
+    psi, p, e = signed.energy(choices), signed.stress(choices), signed.eigenvalues(choices)
+    if not (np.isfinite(psi).all() and np.isfinite(p).all() and np.isfinite(e).all()):
+        return Stability("reflection", NOT_APPLICABLE, "no inverted states in its domain")
+    orders = choices[:, 0][:, list(permutations(range(3)))]
+    scale = float(np.abs(e).mean())
+    numbers = {
+        "energy": float(np.ptp(psi, axis=1).max()) / scale,
+        # A pair of signs moved is a rotation: the stress turns with it.
+        "stress": float(np.ptp(p * FLIPS, axis=1).max()) / scale,
+        "eigenvalues": float(np.ptp(e, axis=1).max()) / scale,
+        "order": float(np.ptp(signed.energy(orders), axis=1).max()) / scale,
+    }
+    faults = [f"{what} differs" for what, size in numbers.items() if size > _SMALL]
+    return _judged("reflection", faults[:1], numbers)
+
+
+# --- rest ----------------------------------------------------------------------------------------
+
+
+def rest(m: Material) -> Stability:
+    """psi(I) = 0, P(I) = 0 and Hessian(I) = Hooke's law, to rounding.
+
+    Numbers: ``energy`` and ``stress`` at rest, ``Hooke`` (difference of the Hessians relative to
+    Hooke's).
+    """
+    E, eye = m.law.E, np.eye(3)
+    mu, lam = lame(E, m.law.nu)
+    C = lam * np.einsum("ij,kl->ijkl", eye, eye)
+    C += mu * (np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye))
+    hooke = C.reshape(9, 9)
+    numbers = {
+        "energy": abs(float(m.energy(eye))) / E if has_energy(m) else 0.0,
+        "stress": float(np.abs(m.pk1(eye)).max()) / E,
+        "Hooke": float(np.abs(m.hessian(eye) - hooke).max() / np.abs(hooke).max()),
+    }
+    faults = []
+    if numbers["energy"] > _SMALL:
+        faults.append("energy at rest")
+    if numbers["stress"] > _SMALL * (mu + abs(lam)) / E:
+        faults.append(f"stress at rest {float(m.pk1(eye)[0, 0]) / E:.3g} E")
+    elif numbers["Hooke"] > _SMALL:
+        faults.append("not Hooke's law")
+    return _judged("rest", faults, numbers)
+
+
+# --- degeneracy ----------------------------------------------------------------------------------
+
+
+def degeneracy(m: Material) -> Stability:
+    """Signs of stress and Hessian crushed to a plane, a line and a point (section 3.3).
+
+    Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
+    and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),
+    ``point force`` and ``point curvature`` (smallest eigenvalue at F = 0: positive would be a
+    stable minimum) with its ``point basin`` (the uniform stretch below which it attracts).
+    """
+    E = m.law.E
+    crushed = diagonal(np.array([(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]))
+    if not inside(m, crushed).all():
+        return Stability("degeneracy", NOT_APPLICABLE, "outside its domain")
+    plane = np.array([(b, a, 0.0) for a, b in PLANES])
+    line, point = m.pk1(crushed[1]), m.pk1(crushed[2])
+    across = [4, 5, 7, 8]  # of vec(F): the directions that leave the line
+    numbers = {
+        "plane force": float(stress(m, plane)[:, 2].max()) / E,
+        "line force": float(np.abs(line.reshape(9)[across]).max()) / E,
+        "line curvature": float(_lowest(m.hessian(crushed[1])[np.ix_(across, across)])) / E,
+        "point force": float(np.abs(point).max()) / E,
+        "point curvature": float(_lowest(m.hessian(crushed[2]))) / E,
+    }
+    faults = []
+    if numbers["plane force"] > -_SMALL:
+        faults.append("plane")
+    if numbers["line force"] > _SMALL or numbers["line curvature"] > -_SMALL:
+        faults.append("line")
+    if numbers["point force"] > _SMALL or numbers["point curvature"] > _SMALL:
+        faults.append("point")
+    if numbers["point force"] <= _SMALL < numbers["point curvature"]:
+        numbers["point basin"] = _basin(m)
+    return _judged("degeneracy", [", ".join(faults)] if faults else [], numbers)
+
+
+def _lowest(H: Array) -> float:
+    return float(np.linalg.eigvalsh(H)[0])
+
+
+def _basin(m: Material) -> float:
+    """The uniform stretch below which a stable point attracts."""
+    s = np.geomspace(1e-4, 1, 400)
+    pushed = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
+    return float(s[np.argmax(pushed < 0)]) if (pushed < 0).any() else 1.0
