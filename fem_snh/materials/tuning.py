@@ -99,12 +99,12 @@ def parts(name: str, expressions: Sequence[sympy.Expr], mu: Any, lam: Any) -> li
     """
     found = []
     for expression in expressions:
-        own, other = (sympy.diff(expression, x) for x in (mu, lam))
-        if any(sympy.simplify(sympy.diff(p, x)) != 0 for p in (own, other) for x in (mu, lam)):
+        # What does not depend on the symbols may have them in it uncancelled: at 1 they are gone.
+        own, other = (sympy.diff(expression, x).subs({mu: 1, lam: 1}) for x in (mu, lam))
+        if sympy.simplify(expression - mu * own - lam * other) != 0:
             raise BadInput(
                 f"material '{name}' is not a sum of a mu part and a lambda part (Chen & Barbic "
                 "eq. 19): it takes one alpha, and no lambda_part"
             )
-        # They do not depend on the symbols, which may stand in them uncancelled.
-        found.append(tuple(p.subs({mu: 1, lam: 1}) for p in (own, other)))
+        found.append((own, other))
     return found
