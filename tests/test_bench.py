@@ -34,15 +34,14 @@ def test_stretch_has_the_papers_order() -> None:
     rows = {row["material"]: row for row in stretch.rows(elements="P2", cells=4)}
     assert set(rows) == set(stretch.PAPER)
     volume = {name: row["volume_percent"] for name, row in rows.items()}
-    good = [name for name in volume if name != "corotational"]
-    assert all(rows[name]["ok"] for name in good)
-    paper = sorted(good, key=lambda name: stretch.PAPER[name])
-    assert sorted(good, key=lambda name: volume[name]) == paper
+    assert all(row["ok"] for row in rows.values())
+    paper = sorted(rows, key=lambda name: stretch.PAPER[name])
+    assert sorted(rows, key=lambda name: volume[name]) == paper
     assert 0 < volume[paper[0]]
 
 
 def test_every_material_against_the_stable_one() -> None:
-    """At most 1.5 times its assembly; here on few cells, so that a busy machine may not break it."""
+    """At most 1.5 times its assembly: 1.13 on a quiet machine, so a busy one may not break it."""
     rows = list(assembly.compare("Q1", 4, 20, ["ogden", "valanis_landel_xu"]))
     assert [row["material"] for row in rows] == ["ogden", "valanis_landel_xu"]
     assert all(row["ok"] and row["filtered"] > 0.4 for row in rows)
