@@ -26,6 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("modes",),
     ("runs",),
     ("plots", "render", "doctor", "studies"),
+    ("reports",),
     ("cli",),
     ("__main__",),
 )
@@ -44,6 +45,7 @@ ONLY = {
     "scenes": {"errors", "choices", "materials", "elements", "mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},
+    "reports": {"errors", "materials", "kernels", "plots"},  # plots when asked to draw
     "doctor": {"errors"},
     "modes": {"errors", "_dolfinx", "terms", "problem"},
     "solver": {"errors", "choices"},  # given a problem, it needs no more of one than its methods
@@ -65,6 +67,7 @@ OUTSIDE = {
 FORBIDDEN = {
     "materials": {"mpi4py", "petsc4py", "numpy", "cffi"},
     "kernels": {"mpi4py", "petsc4py"},
+    "reports": {"mpi4py", "petsc4py"},
     "scenes": {"mpi4py", "petsc4py"},
     "elements": {"mpi4py", "petsc4py"},
     "plots": {"mpi4py", "petsc4py"},

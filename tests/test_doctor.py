@@ -53,7 +53,16 @@ def test_table_is_all_there(capsys: pytest.CaptureFixture[str], monkeypatch) -> 
         monkeypatch.setenv(name, "1")
     assert doctor.main() == 0, capsys.readouterr().out
     shown = capsys.readouterr().out
-    for row in ("Python", "dolfinx", "PETSc", "SLEPc", "MPI ranks", "BLAS", "compiler", "cache folder"):
+    for row in (
+        "Python",
+        "dolfinx",
+        "PETSc",
+        "SLEPc",
+        "MPI ranks",
+        "BLAS",
+        "compiler",
+        "cache folder",
+    ):
         assert row in shown
     assert "missing" not in shown
 

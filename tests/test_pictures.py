@@ -21,7 +21,7 @@ from fem_snh import _dolfinx, plots, render
 from fem_snh.errors import BadInput, on_root
 from fem_snh.plots.runs import run_figure
 from fem_snh.plots.sweeps import read_sweep, sweep_figure
-from fem_snh.render import drawing, surfaces
+from fem_snh.render import drawing, modes, surfaces
 
 CELLS = 3  # along an edge of the cube
 
@@ -138,6 +138,66 @@ def test_render_draws_every_load(comm, folder, element):
 def test_render_other_fields_and_chosen_loads(twisted, field):
     out = render.main(twisted, twisted / "pictures" / "a.png", loads=[1.0], field=field)
     assert matplotlib.image.imread(out).shape[1] == 1600
+
+
+def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> Path:
+    """A run folder with modes of a sheared cube: displacements that grow with their number."""
+    cells = [dolfinx.mesh.CellType.hexahedron]
+    domain = dolfinx.mesh.create_unit_cube(comm, CELLS, CELLS, CELLS, *cells)
+    V = _dolfinx.function_space(domain, 1, (3,))
+    u, mode = _dolfinx.function(V, "displacement"), _dolfinx.function(V, "mode")
+    u.interpolate(lambda x: np.array([0.5 * x[2], 0 * x[0], 0 * x[0]]))
+    with _dolfinx.vtk_writer(comm, folder / "modes.pvd") as file:
+        for number in range(1, len(frequencies) + 1):
+            mode.interpolate(lambda x, n=number: np.array([0 * x[0], n * x[2], 0 * x[0]]))
+            file.write([u, mode], float(number))
+    del file
+    told = {"density": 1.0, "frequencies": frequencies, "residuals": [0.0] * len(frequencies)}
+    on_root(comm, write_record, folder, record(modes=told))
+    comm.barrier()
+    return folder
+
+
+@pytest.mark.mpi
+def test_render_modes(comm, folder):
+    write_modes(comm, folder, [0.0, 1e-9, 3.0, 4.0])
+    out = on_root(comm, lambda: render.main(folder, modes=True))
+    assert out == folder / "modes.png"
+    image = matplotlib.image.imread(out)
+    body = np.ptp(image[..., :3], axis=2) > 0.1
+    for half in (body[200:-200, :800], body[200:-200, 800:]):  # those that deform the body
+        assert half.mean() > 0.2
+
+
+def test_modes_are_exaggerated_alike_about_the_state_they_are_of(comm, folder):
+    write_modes(comm, folder, [1.0, 2.0])
+    for files in render.stored_loads(folder / "modes.pvd").values():
+        item = surfaces.body([str(f) for f in files], "mode")
+        rest, moved = item.rest.bounds, item.surface.bounds
+        assert rest[:2] == pytest.approx((0, 1.5)) and rest[2:4] == pytest.approx((0, 1))
+        diagonal = np.sqrt(1.5**2 + 1 + 1)
+        assert moved[3] == pytest.approx(1 + surfaces._EXAGGERATION * diagonal)
+        assert (item.values.min(), item.values.max()) == pytest.approx((0, 1))
+    assert drawing.colours("mode", np.array([0.1, 0.9]))[1].vmax == 1
+
+
+def test_which_modes_are_shown_and_what_they_are_called():
+    zeros = [0.0, -1e-9, 1e-9, 0.0, 0.0, 0.0]
+    assert modes.choose([*zeros, 1.0, 2.0], None) == [7, 8]
+    assert modes.choose([*map(float, range(1, 11))], None) == [1, 2, 3, 4, 5, 6]
+    assert modes.choose(zeros[:1] * 3, None) == [1, 2, 3]
+    assert modes.choose([1.0, 2.0, 3.0], [3, 1]) == [3, 1]
+    assert modes.label(2, 12.345) == "mode 2  ·  12.35 Hz"
+    assert modes.label(1, -0.5) == "mode 1  ·  0.5 i Hz, unstable"
+
+
+def test_render_modes_bad_files(twisted):
+    assert "this run has no modes" in bad(render.main, twisted, None, None, "J", True)
+    write_modes(MPI.COMM_WORLD, twisted, [1.0, 2.0])
+    assert "no mode 3: the run has 1 to 2" in bad(render.main, twisted, None, [3], "J", True)
+    assert "no mode 1.5" in bad(render.main, twisted, None, [1.5], "J", True)
+    (twisted / "modes.pvd").unlink()
+    assert "modes.pvd" in bad(render.main, twisted, None, None, "J", True)
 
 
 def test_render_of_long_bodies_stacks_the_panels(twisted, monkeypatch):

@@ -144,6 +144,22 @@ def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
     assert at_top == pytest.approx(-0.5 * 0.75 * t, rel=1e-12)
 
 
+@mpi
+def test_without_an_energy_there_are_forces(comm):
+    """Stresses that are no gradient balance all the same, and do so in an unmoved body."""
+    law = material("filtered_neo_hookean", nu=0.3)
+    p = Problem(
+        cube(comm, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, [Hold("left")], reactions=["left"]
+    )
+    assert not p.has_energy and problem(cube(comm, "hexahedron", 1), "Q1").has_energy
+    with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
+        p.energy(p.x)
+    assert p.reactions(p.x)["left"] == pytest.approx([0, 0, 0], abs=1e-14)
+    put(p, lambda X: 0.1 * X * [1, 0, 0])
+    (force,) = p.reactions(p.x).values()
+    assert force[0] == pytest.approx(-law.pk1(np.diag([1.1, 1, 1]))[0, 0], rel=1e-10)
+
+
 # --- rigid motions -------------------------------------------------------------------------------
 
 

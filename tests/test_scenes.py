@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from fem_snh import scenes
+from fem_snh import materials, scenes
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Hold, Move, Rotate, Scene
 
@@ -65,8 +65,9 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
     assert isinstance(scene.mesh, scenes.Geometry)
     cell = ELEMENTS[scene.element].cell
     mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
-    for constraint in (*scene.hold, *scene.move, *scene.traction):
-        assert mesh.group(constraint.group).count > 0
+    groups = [c.group for c in (*scene.hold, *scene.move, *scene.traction)]
+    for group in (*groups, *scene.reactions):
+        assert mesh.group(group).count > 0
 
 
 @pytest.mark.parametrize("name", scenes.names())
@@ -107,6 +108,87 @@ def test_another_material_drops_the_shape_parameters_of_the_first(toml: Path) ->
     other = scenes.load(toml, material="neo_hookean").material
     assert (other.name, other.E, other.nu, other.parameters) == ("neo_hookean", 1e4, 0.49, {})
     assert scenes.load(toml, material="stable_neo_hookean").material.parameters
+
+
+def test_what_any_material_takes_beside_its_own() -> None:
+    tuning = {
+        "material.alpha_mu": 2,
+        "material.alpha_lambda": np.float64(0.5),
+        "material.lambda_part": "neo_hookean",
+        "material.epsilon": 0,
+        "material.alpha": None,
+    }
+    assert {key.partition(".")[2] for key in tuning} == set(materials.TUNING)
+    given = scenes.load("twist", **{"material.barrier": True}, **tuning).material.parameters
+    assert given == {
+        "barrier": True,
+        "alpha": None,
+        "alpha_mu": 2.0,
+        "alpha_lambda": 0.5,
+        "lambda_part": "neo_hookean",
+        "epsilon": 0.0,
+    }
+    assert isinstance(given["alpha_mu"], float)
+
+
+def test_tuning_of_a_scene_file(toml: Path) -> None:
+    toml.write_text(TOML.replace("barrier = true", 'alpha = 2\nlambda_part = "neo_hookean"'))
+    assert scenes.load(toml).material.parameters == {"alpha": 2.0, "lambda_part": "neo_hookean"}
+    assert scenes.load(toml, material="neo_hookean").material.parameters == {}
+
+
+@pytest.fixture
+def parametrised(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A material of many constants and of shape parameters of every kind."""
+
+    def many(  # type: ignore[no-untyped-def]
+        I_C,
+        J,
+        C1: Any = 0.1,
+        C2: Any = 0.05,
+        kappa: Any = 1.0,
+        *,
+        powers: tuple[float, ...] = (1.0,),
+        volume: str = "J",
+        n: float = 2.0,
+        terms: int | None = None,
+    ):
+        """Many."""
+
+    known = materials.function
+    monkeypatch.setattr(materials, "function", lambda name: many if name == "many" else known(name))
+    names = materials.names()
+    monkeypatch.setattr(materials, "names", lambda: [*names, "many"])
+    return "many"
+
+
+def test_parameters_of_every_kind(parametrised: str) -> None:
+    table = {"name": parametrised, "powers": [1, 2.5], "volume": "log", "n": 3, "C2": 0, "terms": 2}
+    table |= {"E": 1.0, "nu": 0.3}
+    given = scenes.load("twist", material=table).material.parameters
+    assert given == {"powers": (1.0, 2.5), "volume": "log", "n": 3.0, "C2": 0.0, "terms": 2}
+    also = scenes.load("twist", material=table | {"powers": np.array([1.5])})
+    assert also.material.parameters["powers"] == (1.5,)
+    assert Scene.model_validate(also.model_dump()) == also
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("powers", 2.0, r"powers = 2.0: expected a list of float"),
+        ("powers", ["a"], r"powers = \['a'\]: expected a list of float"),
+        ("powers", [float("nan")], r"powers = \[nan\]: expected a list of float"),
+        ("volume", 1, "volume = 1: expected str"),
+        ("n", "x", "n = 'x': expected float"),
+        ("n", True, "n = True: expected float"),
+        ("terms", 2.5, "terms = 2.5: expected int or None"),
+        ("C2", "x", "C2 = 'x': expected float or None"),
+        ("C3", 1.0, "no shape parameter 'C3' .did you mean 'C[12]'.*C1, C2, kappa, alpha"),
+    ],
+)
+def test_mistakes_in_parameters(parametrised: str, key: str, value: Any, told: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: material: .*{told}"):
+        scenes.load("twist", material={"name": parametrised, key: value})
 
 
 def test_scene_file(toml: Path) -> None:
@@ -179,6 +261,19 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"angle": "x"}, "angle = 'x': expected a number"),
     ({"angle": float("inf")}, "angle = inf: expected a finite number"),
     ({"material.barier": True}, "no shape parameter 'barier' .did you mean 'barrier'"),
+    ({"material.alpah": 2}, "no shape parameter 'alpah' .did you mean 'alpha'.*lambda_part"),
+    ({"material.alpha": 0}, "material: alpha = 0.0: expected a number > 0"),
+    ({"material.alpha_mu": "x"}, "material: alpha_mu = 'x': expected float or None"),
+    ({"material.alpha": float("inf")}, "material: alpha = inf: expected float or None"),
+    ({"material.epsilon": -1}, "material: epsilon = -1.0: expected a number >= 0"),
+    (
+        {"material.lambda_part": "stbl_neo_hookean"},
+        "unknown lambda_part .* .did you mean 'stable_neo",
+    ),
+    ({"material.lambda_part": 3}, "material: lambda_part = 3: expected str or None"),
+    ({"material.mu": 3}, "no shape parameter 'mu'"),
+    ({"reactions": "top"}, "reactions = 'top': expected a list of names or numbers"),
+    ({"reactions": [1.5]}, r"reactions = \[1.5\]: expected a list of names or numbers"),
     ({"material.barrier": 3}, "material: barrier = 3: expected bool or None"),
     ({"move.0.rotat": 1}, "move.0: unknown key 'rotat' .did you mean 'rotate'.*translate"),
     ({"move.0.rotate": {"axis": [0, 0, 1]}}, "move.0.rotate: missing key 'angle': expected a fin"),

@@ -56,8 +56,7 @@ class MaterialChoice(Table):
 
         kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
         kinds["lambda_part"] = str | None
-        kinds |= dict.fromkeys(pins(self.name), float | None)
-        kinds |= get_type_hints(function(self.name))
+        kinds |= get_type_hints(function(self.name)) | dict.fromkeys(pins(self.name), float | None)
         own = [*defaults(self.name), *pins(self.name)]
         known = ["name", "E", "nu", *own, *TUNING]
         given = self.model_extra or {}
