@@ -37,7 +37,7 @@ class Modes:
 
     frequencies : omega / (2 pi) [Hz]; negative where omega^2 is: the state is unstable that way.
     residuals : ||K phi - omega^2 M phi|| / ((|omega^2| + E / (density length^2)) ||M phi||).
-    shapes : ghostless vectors like the problem's x [m], phi.M phi = mass length^2, the largest
+    shapes : vectors like the problem's x [m], phi.M phi = mass length^2, the largest
         component positive.
     """
 

@@ -57,6 +57,11 @@ def test_against_a_dense_solver(comm, element, strained):
     expected = hertz(eigh((K + K.T) / 2, M, eigvals_only=True)[:8])
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
     assert max(found.residuals) <= 1e-9
+    pencil = modes._Pencil(p, 2.0, "")
+    ordered = eigh((K + K.T) / 2, M, eigvals_only=True)
+    for k in (0, 3, len(ordered) - 1):
+        bound = ordered[k] - 1e-3 * abs(ordered[k])
+        assert pencil._below(bound) == (ordered < bound).sum()
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
@@ -211,8 +216,31 @@ def test_frequencies_scale_as_the_square_root_of_E_over_density_over_length(comm
     assert found[2] == pytest.approx(found[0], rel=1e-9)
 
 
+def rest_stiffness(name, E, nu):
+    law = fem_snh.material(name, E=E, nu=nu)
+    p = Problem(cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, [Hold("left")])
+    p.jacobian(p.x, "exact")
+    return dense(p.A)
+
+
+def test_normalised_materials_have_one_stiffness_at_rest():
+    """Chen & Barbič's Figure 1: SNH and corotational at nu = 0.2, right and as it is often done.
+
+    Naively SNH gets the Lame constants in the places of its own mu and lambda, of which it makes
+    lambda_lame = lambda - mu (their Table 1): another E, and a nu below 0.
+    """
+    mine, theirs = (rest_stiffness(m, 1.0, 0.2) for m in ("stable_neo_hookean", "corotational"))
+    assert abs(mine - theirs).max() <= 1e-10 * abs(theirs).max()
+    mu, lam = 1 / 2.4, 1 / 2.4 * 0.4 / 0.6
+    lam -= mu
+    E, nu = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
+    assert (E, nu) == (pytest.approx(0.625), pytest.approx(-0.25))
+    naive = rest_stiffness("stable_neo_hookean", E, nu)
+    assert abs(naive - theirs).max() > 0.1 * abs(theirs).max()
+
+
 @mpi
-@pytest.mark.parametrize("material", ["fixed_corotational", "neo_hookean"])
+@pytest.mark.parametrize("material", ["fixed_corotational", "neo_hookean", "corotational"])
 def test_materials_of_the_same_E_and_nu_have_the_same_frequencies(comm, material):
     setup = {"cells": 3, "count": 4}
     expected = solve(**setup).frequencies
@@ -296,9 +324,16 @@ def test_without_slepc(comm, monkeypatch):
         solve(cells=3)
 
 
-def test_no_convergence_is_told():
+@mpi
+def test_no_convergence_is_told(comm, folder):
+    few = {"modes_eps_max_it": 1, "modes_eps_ncv": 7, "modes_eps_tol": 1e-15}
     with pytest.raises(BadInput, match=r"SLEPc found \d+ of 6 eigenvalues .*-snh_modes_eps_max_it"):
-        solve(cells=3, petsc={"modes_eps_max_it": 1, "modes_eps_ncv": 7, "modes_eps_tol": 1e-15})
+        solve(cells=3, petsc=few, out=folder)
+    comm.barrier()
+    kept = json.loads((folder / "run.json").read_text())
+    assert kept["status"].startswith("failed: modes: SLEPc found") and not kept["converged"]
+    assert kept["steps"][0]["converged"] and "modes" not in kept
+    comm.barrier()
 
 
 def test_a_scene_without_modes_does_not_load_slepc():

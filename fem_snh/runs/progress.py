@@ -41,7 +41,8 @@ class Progress:
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
         files = "run.json, steps.csv, fields.pvd"
         if modes := record.get("modes"):
-            listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"])
+            listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:10])
+            listed += ", ..." if len(modes["frequencies"]) > 10 else ""
             self._console.print(f"  frequencies [Hz]: {listed}")
             files += ", modes.csv, modes.pvd"
         where = f"; {out}/{files}" if out else ""

@@ -14,7 +14,7 @@ from fem_snh.runs.stepping import Stepper
 class Recorder:
     """Brings ``record`` up to date after every step, and writes it if there is a folder.
 
-    A context: leaving it closes the fields, and on Ctrl-C first notes the interruption.
+    A context: leaving it closes the fields, and first notes an interruption or a failure.
     """
 
     def __init__(
@@ -35,10 +35,10 @@ class Recorder:
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: Any) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: Any, *_: Any) -> None:
         # After an interruption the other ranks may be anywhere: nothing collective then.
-        if kind is KeyboardInterrupt and self._problem.comm.rank == 0:
-            self._write("interrupted")
+        if kind is not None and self._problem.comm.rank == 0:
+            self._write("interrupted" if kind is KeyboardInterrupt else f"failed: {error}")
         if self._fields:
             self._fields.close()
 
