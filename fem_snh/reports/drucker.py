@@ -63,7 +63,7 @@ def smallest(m: Material, s: Array) -> tuple[Array, Array]:
 
 def region(m: Material, plane: str, axis: Array | None = None) -> Region:
     """The map over a plane of `PLANES`; ``axis`` (n,) are the stretches of both axes."""
-    axis = np.linspace(0.04, 3, 75) if axis is None else np.asarray(axis, dtype=float)
+    axis = np.linspace(0.01, 3, 300) if axis is None else np.asarray(axis, dtype=float)
     s0, s1 = np.meshgrid(axis, axis)
     s = np.stack([s0, s1, PLANES[plane](s0, s1)], axis=-1)
     return Region(plane, axis, axis, *smallest(m, s))

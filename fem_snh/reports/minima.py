@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.materials.normalise import lame
 from fem_snh.reports.probe import Array, has_energy, inside
 
 STEPS = 150  # of the descent, at most
+_FLAT = 1e-6  # of E: eigenvalues of that size are none
+_FAR = 1e3  # a stretch larger than this has no end
 _SAME = 1e-3  # stretches that differ by less are one minimum
 
 
@@ -54,7 +58,7 @@ class Minima:
             found += f" and {more} more" if more else ""
         if self.collapsed:
             found += f"; {self.collapsed} of {self.starts} starts collapsed"
-        if self.lost > self.starts // 50:
+        if self.lost > self.starts // 50:  # one may have met the end of the descent on its way
             found += f"; {self.lost} of {self.starts} starts lost"
         return found
 
@@ -62,65 +66,78 @@ class Minima:
 def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
     """Descend from ``starts`` random F of every size and orientation, inverted ones too.
 
-    Only minima in all nine directions count: the Hessian there has no negative eigenvalue.
+    Only minima in all nine directions count: there the Hessian has no negative eigenvalue, and all
+    of stretching is positive. A flat spot, such as F = 0 can be, is left again by a kick.
     """
-    F = _starts(m, starts, seed)
-    scale = m.law.E
+    rng = np.random.default_rng(seed)
+    F = _starts(m, starts, rng)
     done = np.zeros(len(F), dtype=bool)
     for _ in range(STEPS):
         left = np.flatnonzero(~done)
         if not len(left):
             break
         with np.errstate(over="ignore"):
-            F[left], done[left] = _step(m, F[left])
-    values = m.eigensystem(F)[0].min(axis=-1)
-    s = svd(F)[1]
-    away = (np.abs(s[:, 2]) < 1e-3) | (s[:, 0] > 1e3)
-    if has_energy(m):
-        away &= m.energy(F) < -1e-6 * scale
-    still = done & inside(m, F) & (values > -1e-6 * scale) & (s[:, 0] < 1e3)
+            F[left], done[left], flat = _step(m, F[left])
+        kicked = left[flat]
+        moved = F[kicked] + 0.1 * rng.normal(size=(len(kicked), 3, 3))
+        F[kicked] = np.where(inside(m, moved)[:, None, None], moved, F[kicked])
+    s, E = svd(F)[1], m.law.E
+    still = done & inside(m, F) & _stable(m.eigensystem(F)[0], E) & (s[:, 0] < _FAR)
+    away = ~still & ((np.abs(s[:, 2]) < 1e-3) | (s[:, 0] > _FAR))
+    away &= m.energy(F) < -_FLAT * E if has_energy(m) else False
     stretches, hits = _distinct(s[still])
-    return Minima(stretches, hits, len(F), int((away & ~still).sum()), int((~away & ~still).sum()))
+    return Minima(stretches, hits, len(F), int(away.sum()), int((~away & ~still).sum()))
 
 
-def _starts(m: Material, n: int, seed: int) -> Array:
+def _starts(m: Material, n: int, rng: np.random.Generator) -> Array:
     """Random F, half of them near 1 in size, the others down to 1/1000; inside the domain."""
-    rng = np.random.default_rng(seed)
     F = rng.normal(size=(6 * n, 3, 3))
     F *= np.where(rng.random(6 * n) < 0.5, 1.0, 10 ** rng.uniform(-3, 0.3, 6 * n))[:, None, None]
     return F[inside(m, F)][:n]
 
 
-def _step(m: Material, F: Array) -> tuple[Array, Array]:
-    """One step of Newton's method on |Hessian|, with backtracking: the next F, and who is done."""
-    E = m.law.E
-    P = m.pk1(F)
-    g = np.swapaxes(P, -1, -2).reshape(-1, 9)
+def _stable(values: Array, E: float) -> npt.NDArray[np.bool_]:
+    """Whether eigenvalues (n, 9), in the paper's order, are those of a minimum.
+
+    Where there is no stress, turning costs nothing: twist and flip are 0.
+    """
+    return (values.min(axis=-1) > -_FLAT * E) & (values[:, :3].min(axis=-1) > _FLAT * E)
+
+
+def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """One step of Newton's method on |Hessian|, with backtracking.
+
+    Returns the next F, who has arrived (at a minimum, or too far away), and who is on flat ground.
+    """
+    E, (mu, lam) = m.law.E, lame(m.law.E, m.law.nu)
+    g = np.swapaxes(m.pk1(F), -1, -2).reshape(-1, 9)
     values, vectors = m.eigensystem(F)
-    size = np.abs(values)
     along = np.einsum("nij,ni->nj", vectors, g)
     # A saddle has no slope to leave by: a little push along its negative directions.
-    along = np.where((values < -1e-6 * E) & (np.abs(along) < 1e-9 * E), 1e-7 * E, along)
-    step = -np.einsum("nij,nj->ni", vectors, along / np.maximum(size, 1e-6 * E))
+    along = np.where((values < -_FLAT * E) & (np.abs(along) < 1e-9 * E), 1e-7 * E, along)
+    step = -np.einsum("nij,nj->ni", vectors, along / np.maximum(np.abs(values), _FLAT * E))
     length = np.linalg.norm(step, axis=-1, keepdims=True)
     reach = 0.5 * np.maximum(np.linalg.norm(F, axis=(-1, -2))[:, None], 0.1)
     step *= np.minimum(1, reach / np.maximum(length, 1e-300))
     step = np.swapaxes(step.reshape(-1, 3, 3), -1, -2)
-    mu, lam = m.lame
-    done = (np.abs(g).max(axis=-1) < 1e-8 * (E + mu + abs(lam))) & (values.min(axis=-1) > -1e-6 * E)
-    done |= np.abs(F).max(axis=(-1, -2)) > 1e4
+    force = np.abs(g).max(axis=-1)
+    calm = (force < 1e-8 * (E + mu + abs(lam))) & (values.min(axis=-1) > -_FLAT * E)
+    # Near a minimum that is almost flat the force is small long before it is reached.
+    stable = _stable(values, E)
+    near = stable & (length[:, 0] < 1e-5)
+    arrived = (calm & near) | (np.abs(F).max(axis=(-1, -2)) > 10 * _FAR)
     if not has_energy(m):
-        return np.where(done[:, None, None], F, F + 0.5 * step), done
+        return np.where(arrived[:, None, None], F, F + 0.5 * step), arrived, calm & ~stable
     psi, t = m.energy(F), np.ones((len(F), 1, 1))
     for _ in range(30):
         worse = ~(m.energy(F + t * step) <= psi)
         if not worse.any():
             break
         t[worse] /= 3
-    t[worse | done] = 0
+    t[worse | arrived] = 0
     # Nowhere lower, to rounding: it is at rest.
-    stuck = worse & (np.abs(g).max(axis=-1) < 1e-5 * E) & (values.min(axis=-1) > -1e-6 * E)
-    return F + t * step, done | stuck
+    arrived |= worse & near & (force < 1e-5 * E)
+    return F + t * step, arrived, calm & ~stable
 
 
 def _distinct(s: Array) -> tuple[Array, tuple[int, ...]]:

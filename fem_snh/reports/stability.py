@@ -122,7 +122,8 @@ def lone(found: Minima) -> Stability:
         "collapsed": float(found.collapsed),
         "lost": float(found.lost),
     }
-    alone = found.rest and not (len(found.spurious) or found.collapsed)
+    strays = found.collapsed or found.lost > found.starts // 50
+    alone = found.rest and not (len(found.spurious) or strays)
     return Stability("minima", HOLDS if alone else FAILS, str(found), numbers)
 
 

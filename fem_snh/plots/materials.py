@@ -1,0 +1,173 @@
+"""What an energy is like in one picture: its report (`fem_snh.reports.report.Report`) drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
+
+from fem_snh.plots import save
+from fem_snh.plots.looks import COLOURS, colour, thousands
+from fem_snh.render import pretty
+
+MATERIAL, LINEAR = colour(0), "0.45"
+#: Of the tangent: infinite energy, negative, positive without turning, positive.
+SHADES = ("0.80", "white", "#B9DCF0", "#0072B2")
+MEANINGS = (
+    "infinite energy",
+    "negative eigenvalue in stretching",
+    "stretching positive, turning not",
+    "all nine eigenvalues ≥ 0",
+)
+_VERDICTS = {"holds": COLOURS[2], "fails": COLOURS[1], "not applicable": "0.45"}
+_PLACES = {
+    "uniaxial": ("stretch", r"$P_{00}/E$"),
+    "equibiaxial": ("stretch", r"$P_{00}/E$"),
+    "simple shear": ("amount of shear", r"$P_{01}/E$"),
+    "volumetric": ("stretch in all directions", r"$P_{00}/E$"),
+}
+
+
+def main(report: Any, out: Path) -> Path:
+    """Draw ``report`` into ``out``. Raises BadInput if it cannot be written."""
+    return save(material_figure(report), out)
+
+
+def material_figure(report: Any) -> Figure:
+    """Four tests; where the tangent is positive, in two planes; crushed; the four stabilities."""
+    figure = Figure(figsize=(15, 7.6), layout="constrained")
+    axes = list(figure.subplots(2, 4).flat)
+    for ax, curve in zip(axes, report.curves, strict=False):
+        _test(ax, curve, report.E)
+    axes[0].legend(frameon=False, fontsize=9)
+    for ax, region in zip(axes[4:6], report.regions, strict=True):
+        _tangent(ax, region, report)
+    _crushed(axes[6], report)
+    _verdicts(axes[7], report)
+    for ax in axes[:7]:
+        ax.spines[["top", "right"]].set_visible(False)
+    handles = [
+        Patch(facecolor=shade, edgecolor="0.6", label=text)
+        for shade, text in zip(SHADES[::-1], MEANINGS[::-1], strict=True)
+    ]
+    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08, rect=(0, 0.06, 1, 0.94))
+    figure.legend(
+        handles=handles, loc="lower left", ncols=4, frameon=False, fontsize=9, title_fontsize=9,
+        title="exact tangent", alignment="left",
+    )  # fmt: skip
+    own = [f"{k} = {v}" for k, v in report.shape.items() if v is not None]
+    figure.suptitle(
+        "  ·  ".join([pretty(report.name), rf"$\nu$ = {report.nu:g}", *own]), fontsize=13
+    )
+    return figure
+
+
+def _test(ax: Axes, curve: Any, E: float) -> None:
+    """Stress against stretch, beside linear elasticity; vertically no further than is readable."""
+    stress, linear = curve.stress / E, curve.linear / E
+    ax.plot(curve.x, linear, color=LINEAR, ls="--", lw=1.3, label="linear elasticity")
+    ax.plot(curve.x, stress, color=MATERIAL, lw=2, label="material")
+    far = 2.5 * max(float(np.abs(linear).max()), 1e-12)
+    known = np.append(linear, stress[np.isfinite(stress)])
+    low, high = max(known.min(), -far), min(known.max(), far)
+    margin = 0.05 * (high - low)
+    ax.set_ylim(low - margin, high + margin)
+    ax.set_xlim(curve.x[0], curve.x[-1])
+    ended = np.flatnonzero(np.isfinite(stress))
+    for end, limit in ((ended[:1], 0), (ended[-1:], len(stress) - 1)):
+        if len(end) and end[0] != limit:  # beyond it nothing leaves the sides free of stress
+            ax.plot(curve.x[end], stress[end], "x", color=MATERIAL, ms=8, mew=2, clip_on=False)
+    _cross_hairs(ax, 0.0 if curve.name == "simple shear" else 1.0)
+    ax.set_title(curve.name, fontsize=11)
+    ax.set_xlabel(_PLACES[curve.name][0])
+    ax.set_ylabel(_PLACES[curve.name][1])
+    ax.yaxis.set_major_formatter(FuncFormatter(thousands))
+
+
+def _cross_hairs(ax: Axes, rest: float) -> None:
+    ax.grid(True, lw=0.4, color="0.88")
+    ax.set_axisbelow(True)
+    ax.axhline(0, lw=0.8, color="0.6", zorder=1)
+    ax.axvline(rest, lw=0.8, color="0.6", zorder=1)
+
+
+def _tangent(ax: Axes, region: Any, report: Any) -> None:
+    """The four kinds of stretches in a plane, rest, and the path of the uniaxial test."""
+    small = -1e-8 * report.E
+    kind = np.where(region.tangent >= small, 3, np.where(region.scaling >= small, 2, 1))
+    kind[~np.isfinite(region.tangent)] = 0
+    ax.pcolormesh(
+        region.s0, region.s1, kind, cmap=ListedColormap(SHADES), vmin=0, vmax=3, shading="nearest"
+    )
+    if region.plane == "s2 = s1":
+        s = report.curves[0].stretches
+        ax.plot(s[:, 0], s[:, 1], color="black", lw=1.2)
+        last = np.flatnonzero((s[:, 0] < 2.9) & np.isfinite(s[:, 1]))[-1:]
+        for k in last:
+            ax.annotate(
+                "uniaxial", s[k, :2], (-2, 6), textcoords="offset points", ha="right", fontsize=9
+            )
+    ax.plot(1, 1, "o", ms=6, mfc="white", mec="black")
+    ax.set(xlim=(0, region.s0[-1]), ylim=(0, region.s1[-1]), aspect="equal")
+    sign = region.plane.replace("s2", r"\sigma_2").replace("s1", r"\sigma_1")
+    ax.set_title(f"exact tangent, ${sign}$", fontsize=11)
+    ax.set_xlabel(r"$\sigma_0$")
+    ax.set_ylabel(r"$\sigma_1$")
+
+
+def _crushed(ax: Axes, report: Any) -> None:
+    """psi through J = 0 and inverted; the stress of a material that has no energy."""
+    what = "energy" if report.has_energy else "stress"
+    label = r"$\psi/E$" if report.has_energy else r"$\partial\psi/\partial\sigma_2\,/E$"
+    top = []
+    for index, path in enumerate(report.collapse):
+        values = getattr(path, what) / report.E
+        end = ""
+        if np.isinf(path.at_zero):
+            end = rf": $\psi \to$ {'∞' if path.at_zero > 0 else '−∞'}"
+        ax.plot(path.s, values, color=colour(index), lw=2, label=path.path + end)
+        near = np.abs(values[(path.s > 0.2) & (path.s < 1.5)])
+        top.append(1.6 * float(np.nanmax(np.append(near[np.isfinite(near)], 1e-12))))
+    shown = [getattr(p, what) / report.E for p in report.collapse]
+    known = np.concatenate([v[np.isfinite(v)] for v in shown] + [np.zeros(1)])
+    high, low = min(known.max(), max(top)), max(known.min(), -max(top))
+    ax.set_ylim(low - 0.05 * (high - low), high + 0.1 * (high - low) + 1e-12)
+    ax.axvspan(-1.5, 0, color="0.94", zorder=0)
+    ax.annotate(
+        "inverted", (0.02, 0.1), xycoords="axes fraction", fontsize=9, color="0.35",
+        bbox={"facecolor": "0.94", "edgecolor": "none", "pad": 1},
+    )  # fmt: skip
+    _cross_hairs(ax, 1.0)
+    ax.set_xlim(-1.5, 2)
+    ax.set_title("crushed and inverted", fontsize=11)
+    ax.set_xlabel("stretch s")
+    ax.set_ylabel(label)
+    ax.yaxis.set_major_formatter(FuncFormatter(thousands))
+    ax.legend(fontsize=8.5, loc="upper right", edgecolor="none", framealpha=0.85)
+
+
+def _verdicts(ax: Axes, report: Any) -> None:
+    """The four stabilities and the constants in words."""
+    ax.set_axis_off()
+    ax.set_title("stabilities, measured", fontsize=11)
+    y = 0.97
+    for s in (*report.stabilities, report.lone):
+        ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)
+        ax.text(
+            0.36, y, s.verdict, fontsize=10, va="top", weight="bold", transform=ax.transAxes,
+            color=_VERDICTS[s.verdict],
+        )  # fmt: skip
+        why = s.why if len(s.why) <= 62 else s.why[:59] + "..."
+        ax.text(0.0, y - 0.065, why, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes)
+        y -= 0.145
+    mu, lam = report.mu_lame / report.E, report.lambda_lame / report.E
+    numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest " + (
+        f"{report.rest_stress / report.E:.3g} E"
+    )
+    ax.text(0.0, y - 0.02, numbers, fontsize=9, va="top", transform=ax.transAxes)
