@@ -63,6 +63,18 @@ MISTAKES = [
     ("sweep twist --out x --jobs 0", "jobs = 0: expected a whole number"),
     ("sweep twist --out x --timeout soon", "timeout = soon: expected seconds"),
     ("materials neohookean", "unknown material 'neohookean' .did you mean 'neo_hookean'"),
+    ("materials --report", "which one. give NAME, or --table"),
+    ("materials --plot neo_hookean", "which one. give NAME"),
+    ("materials neo_hookean --nu 0.3", "--nu, --set: only with NAME --report"),
+    ("materials neo_hookean --report --nu x", "nu = 'x': expected a number"),
+    ("materials neo_hookean --report --nu 0.6", "nu = 0.6: Poisson's ratio must lie"),
+    ("materials neo_hookean --report --E 0", "E = 0.0: Young's modulus must be"),
+    ("materials neo_hookean --report --set alhpa=2", "'alhpa' .did you mean 'alpha'"),
+    ("materials neo_hookean --report --set alpha", "--set alpha: expected key=value"),
+    ("materials neo_hookean --plot a.xyz", "a.xyz: cannot be written"),
+    ("materials neo_hookean --table", "--table: of all materials, without NAME"),
+    ("materials neo_hookean --csv a.csv", "--csv: only with --table"),
+    ("materials --table --nu 0.6", "nu = 0.6: "),
     ("plot", "required: DIR"),
     ("plot nowhere", "nowhere: no run.json"),
     ("bench twst", "unknown bench 'twst' .did you mean 'twist'"),
@@ -196,6 +208,29 @@ def test_materials_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_material_is_described(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["materials", name]) == 0
     assert "psi" in capsys.readouterr().out
+
+
+def test_a_material_is_measured(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = "materials neo_hookean --nu 0.3 --set material.alpha=1.5 --report --plot"
+    assert cli.main(words.split()) == 0
+    said = capsys.readouterr().out
+    assert "nu = 0.3, alpha = 1.5" in said and "infinite for J <= 0" in said
+    assert said.endswith("neo_hookean.png\n") and Path("neo_hookean.png").stat().st_size > 10_000
+
+
+def test_materials_are_compared(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    some = ["neo_hookean", "stable_neo_hookean"]
+    monkeypatch.setattr(materials, "names", lambda: some)
+    assert cli.main(["materials", "--table", "--nu=0.3", "--csv", str(tmp_path / "a.csv")]) == 0
+    said = capsys.readouterr()
+    assert all(name in said.out for name in some) and not said.err
+    rows = (tmp_path / "a.csv").read_text().splitlines()
+    assert len(rows) == 3 and rows[0].startswith("name,nu,mu_lame,lambda_lame,inversion,")
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
