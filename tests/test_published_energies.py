@@ -1,0 +1,318 @@
+"""The published formulas, written out once more: in numbers, in the stretches, by hand."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from points import law
+
+import fem_snh
+from fem_snh import materials
+from fem_snh.errors import BadInput
+
+NU = 0.3
+STATES = [(1.3, 0.9, 0.8), (2.1, 0.7, 0.6), (1.0, 1.0, 0.4), (0.7, 0.8, 0.9)]
+
+
+def sums(s):
+    return sum(s), sum(x**2 for x in s), s[0] * s[1] * s[2]
+
+
+def green(s):
+    return [(x**2 - 1) / 2 for x in s]
+
+
+def strains(f):
+    """mu sum f(s)^2 + lambda/2 (sum f(s))^2: the Seth-Hill and Hill families."""
+    return lambda s, mu, lam: mu * sum(f(x) ** 2 for x in s) + lam / 2 * sum(map(f, s)) ** 2
+
+
+def areas(s):
+    return s[0] * s[1], s[0] * s[2], s[1] * s[2]
+
+
+def ogden(s, mu, lam):
+    exponents, weights = (1.3, 5.0, -2.0), (6.3, 0.012, -0.1)
+    scale = mu / (sum(w * a for w, a in zip(weights, exponents, strict=True)) / 2)
+    J = sums(s)[2]
+    terms = (
+        scale * w * (sum(x**a for x in s) - 3) / a for w, a in zip(weights, exponents, strict=True)
+    )
+    return sum(terms) - scale * sum(weights) * mp.log(J) + lam / 2 * (J - 1) ** 2
+
+
+#: psi(s; mu_lame, lambda_lame) of each material with its default shape, as published and completed.
+SMITH = {
+    "stable_neo_hookean": lambda s, m, k: (  # eq. 14: mu = 4/3 m, lambda = k + 5/6 m
+        2 * m / 3 * (sums(s)[1] - 3)
+        + (k + 5 * m / 6) / 2 * (sums(s)[2] - 1 - m / (k + 5 * m / 6)) ** 2
+        - 2 * m / 3 * mp.log(sums(s)[1] + 1)
+    ),
+    "neo_hookean": lambda s, m, k: (
+        m / 2 * (sums(s)[1] - 3) - m * mp.log(sums(s)[2]) + k / 2 * mp.log(sums(s)[2]) ** 2
+    ),
+    "neo_hookean_ogden": lambda s, m, k: (
+        m / 2 * (sums(s)[1] - 3) - m * mp.log(sums(s)[2]) + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "neo_hookean_bower": lambda s, m, k: (
+        m / 2 * (sums(s)[2] ** (-2 / mp.mpf(3)) * sums(s)[1] - 3)
+        + (k + 2 * m / 3) / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "neo_hookean_wang": lambda s, m, k: (  # mu = m + lambda/4, k = lambda/2 - 2/3 mu
+        (m + (k + 2 * m / 3) * 3 / 4) / 2 * (sums(s)[2] ** (-2 / mp.mpf(3)) * sums(s)[1] - 3)
+        + (k + 2 * m / 3) * 3 / 2 * (sums(s)[2] - 1)
+    ),
+    "mooney_length": lambda s, m, k: m * (sums(s)[1] - 3) + k / 2 * (sums(s)[2] - 1) ** 2,
+    "corotational": strains(lambda x: x - 1),
+    "fixed_corotational": lambda s, m, k: (
+        m * sum((x - 1) ** 2 for x in s) + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "stvk": lambda s, m, k: m * sum(e**2 for e in green(s)) + k / 2 * sum(green(s)) ** 2,
+    "stvk_kikuuwe": lambda s, m, k: (
+        m * sum(e**2 for e in green(s))
+        + k / 2 * sum(green(s)) ** 2
+        + 100 * (k + 2 * m) / 12 * (max(0, 1 - sums(s)[2]) / 6) ** 3
+    ),
+    "stable_fung": lambda s, m, k: hardened(s, m, k),
+    "stable_arruda_boyce": lambda s, m, k: hardened(s, m, k, fung=False),
+    "gamma_model": lambda s, m, k: (  # eq. 13
+        m / 2 * (sums(s)[1] - 3) - m * (sums(s)[2] - 1) + (k + m) / 2 * (sums(s)[2] - 1) ** 2
+    ),
+}
+
+
+def hardened(s, m, k, fung=True):
+    """Eq. 53 and 58 with alpha from P(I) = 0, and mu, lambda solved for numerically."""
+    _, I_C, J = sums(s)
+
+    def psi(I_C, J, mu, lam):
+        if fung:
+            gamma, mu_1 = mu / 10, 1
+            alpha = 1 + (mu + gamma * mu_1 / mp.mpf(2)) / lam  # not (mu + gamma mu_1)/lam
+            extra = gamma / 2 * (mp.exp(mu_1 * (I_C - 3) / 2) - 1)
+        else:
+            b1, b2 = mp.mpf("0.025"), mp.mpf(11) / 11200
+            alpha = 1 + mu / lam * (1 + 3 * b1 + 9 * b2)
+            extra = mu * b1 / 4 * (I_C**2 - 9) + mu * b2 / 6 * (I_C**3 - 27)
+        return mu / 2 * (I_C - 3) + extra + lam / 2 * (J - alpha) ** 2
+
+    def moduli(mu, lam):
+        f = lambda a, b: psi(a**2 + b**2 + 1, a * b, mu, lam)  # noqa: E731
+        a, b = mp.diff(f, (1, 1), (2, 0)), mp.diff(f, (1, 1), (1, 1))
+        return (a - b) / 2 - m, b - k
+
+    mu, lam = mp.findroot(moduli, (m, k + m))
+    return psi(I_C, J, mu, lam)
+
+
+CHEN_BARBIC = {
+    "hencky": strains(mp.log),
+    "hill": strains(mp.log),
+    "seth_hill": strains(lambda x: (mp.sqrt(x) - 1) / mp.mpf("0.5")),
+    "symmetric_seth_hill": strains(lambda x: (x - 1 / x) / 2),
+    "sts": lambda s, m, k: SMITH["neo_hookean"](s, m, k) + m / 8 * sum((x**2 - 1) ** 4 for x in s),
+    "valanis_landel": lambda s, m, k: (
+        2 * m * sum(x * (mp.log(x) - 1) for x in s) + k / 2 * mp.log(sums(s)[2]) ** 2
+    ),
+    "valanis_landel_new": lambda s, m, k: (
+        2 * m * sum(x * (mp.log(x) - 1) for x in s) + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "valanis_landel_xu": lambda s, m, k: (  # f'' = 1, g'' = 1/4: m = c (1 + 1/4)/2, k = l + c/4
+        8 * m / 5 * sum(x * (mp.log(x) - 1) for x in s)
+        + 8 * m / 5 / 4 * sum(a * (mp.log(a) - 1) for a in areas(s))
+        + (k - 8 * m / 5 / 4) / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "peng_landel": lambda s, m, k: (
+        3 * m * sum(x - 1 - (t := mp.log(x)) - t**2 / 6 + t**3 / 18 - t**4 / 216 for x in s)
+        + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "arap": lambda s, m, k: SMITH["fixed_corotational"](s, m, k),
+    "symmetric_arap": lambda s, m, k: (
+        m / 2 * sum((x - 1) ** 2 + (1 - 1 / x) ** 2 for x in s) + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "symmetric_dirichlet": lambda s, m, k: (
+        m / 4 * sum((x - 1 / x) ** 2 for x in s) + k / 2 * (sums(s)[2] - 1) ** 2
+    ),
+    "ogden": ogden,
+}
+PUBLISHED = SMITH | CHEN_BARBIC
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_energy_and_stress(name):
+    """Energy less that at rest, and principal stresses by mpmath's derivative."""
+    m = law(name, NU)
+    psi, lame = PUBLISHED[name], [mp.mpf(x) for x in m.lame]
+    with mp.workdps(30):
+        rest = psi([mp.mpf(1)] * 3, *lame)
+        for sigma in STATES:
+            s = [mp.mpf(x) for x in sigma]
+            assert float(psi(s, *lame) - rest) == pytest.approx(
+                float(m.energy(np.diag(sigma))), rel=1e-11, abs=1e-13
+            )
+            slopes = [
+                mp.diff(lambda x, i=i: psi([*s[:i], x, *s[i + 1 :]], *lame), s[i]) for i in range(3)
+            ]
+            found = np.diag(m.pk1(np.diag(sigma)))
+            assert found == pytest.approx(np.array(slopes, dtype=float), rel=1e-9, abs=1e-10)
+
+
+def test_all_of_them_are_here():
+    elsewhere = {"filtered_neo_hookean", "c2_neo_hookean", "mooney_rivlin"}  # below
+    assert set(PUBLISHED) | elsewhere == set(materials.names())
+
+
+def test_mooney_rivlin():
+    """Table 1's isochoric form with a volume term; (C1, C2) as the library chose them."""
+    m = law("mooney_rivlin", NU)
+    C1, C2, kappa = m.law.values
+    for sigma in STATES:
+        s = np.array(sigma)
+        J, I1, I2 = s.prod(), (s**2).sum(), ((s.prod() / s) ** 2).sum()
+        expected = C1 * (J ** (-2 / 3) * I1 - 3) + C2 * (J ** (-4 / 3) * I2 - 3)
+        expected += kappa / 2 * (J - 1) ** 2
+        assert m.energy(np.diag(s)) == pytest.approx(expected, rel=1e-11)
+    assert m.lame == pytest.approx((2 * (C1 + C2), kappa - 4 / 3 * (C1 + C2)), rel=1e-12)
+
+
+def test_filtered_neo_hookean():
+    """Eq. 5's stress above the threshold; below it only mu s changes, and the rest is as at it."""
+    m, plain = law("filtered_neo_hookean", NU), law("neo_hookean", NU)
+    for sigma in STATES:
+        F = np.diag(sigma)
+        assert m.pk1(F) == pytest.approx(plain.pk1(F), rel=1e-12, abs=1e-14)
+    at = plain.pk1(np.diag([1.2, 1.1, 0.25]))
+    for s in (0.25, 0.1, 0.0, -0.5, -1.0):
+        P = m.pk1(np.diag([1.2, 1.1, s]))
+        expected = at + np.diag([0, 0, m.lame[0] * (s - 0.25)])
+        assert P == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+def test_c2_neo_hookean():
+    """Eq. 5 above J = threshold; two derivatives continuous there, finite and convex in J below."""
+    m, plain = law("c2_neo_hookean", NU), law("neo_hookean", NU)
+    for sigma in STATES:
+        if np.prod(sigma) >= 0.4:
+            assert m.energy(np.diag(sigma)) == pytest.approx(
+                plain.energy(np.diag(sigma)), rel=1e-12
+            )
+    above, below = (np.diag([1.0, 1.0, 0.4 + d]) for d in (1e-9, -1e-9))
+    assert m.energy(above) == pytest.approx(m.energy(below), rel=1e-7)
+    assert m.pk1(above) == pytest.approx(m.pk1(below), abs=1e-7)
+    assert m.hessian(above) == pytest.approx(m.hessian(below), abs=1e-6)
+    assert np.isfinite(m.energy(np.diag([1.5, 1.0, -2.0])))
+
+
+# --- one family in another -----------------------------------------------------------------------
+
+F = np.array([np.diag(s) for s in STATES])
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "same"),
+    [
+        ("seth_hill", {"n": 1}, "corotational"),
+        ("seth_hill", {"n": 2}, "stvk"),
+        ("hill", {"strain": "(s**2 - 1)/2"}, "stvk"),
+        ("hill", {"strain": "s - 1"}, "corotational"),
+        ("ogden", {"exponents": (2.0,), "weights": (1.0,)}, "neo_hookean_ogden"),
+        ("ogden", {"exponents": (2.0,), "weights": (1.0,), "volume": "log"}, "neo_hookean"),
+        ("arap", {"volume": "J"}, "fixed_corotational"),
+        ("stable_arruda_boyce", {"betas": ()}, "gamma_model"),
+        ("stable_fung", {"gamma": 0.0}, "gamma_model"),
+        ("stvk_kikuuwe", {"kappa": 0.0}, "stvk"),
+        ("sts", {"mu_4": 0.0}, "neo_hookean"),
+        ("valanis_landel_xu", {"area": "0*a"}, "valanis_landel_new"),
+        ("valanis_landel_new", {"length": "s**2/2", "volume": "(J-1)**2/2"}, "neo_hookean_ogden"),
+        ("valanis_landel_new", {"volume": "log(J)**2/2"}, "valanis_landel"),
+        ("gamma_model", {"length": "I_C"}, "gamma_model"),
+        ("gamma_model", {"length": "I_C + exp((I_C - 3)/2)/10"}, "stable_fung"),
+    ],
+)
+def test_special_cases(name, shape, same):
+    one, other = law(name, NU, **shape), law(same, NU)
+    assert one.energy(F) == pytest.approx(other.energy(F), rel=1e-10, abs=1e-13)
+    assert one.pk1(F) == pytest.approx(other.pk1(F), rel=1e-9, abs=1e-11)
+
+
+def test_seth_hill_tends_to_hencky():
+    """As n -> 0, with an error of the first order in n."""
+    expected = law("hencky", NU).energy(F)
+    for family, order in (("seth_hill", 1), ("symmetric_seth_hill", 2)):
+        errors = [abs(law(family, NU, n=n).energy(F) - expected).max() for n in (0.1, 0.05)]
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "name", ["arap", "symmetric_arap", "symmetric_dirichlet", "ogden", "peng_landel"]
+)
+def test_families_without_poisson_have_no_volume_term_at_zero(name):
+    a, b = (fem_snh.material(name, nu=0.0, volume=v) for v in ("J", "log"))
+    inside = F[:, :, :]
+    assert a.energy(inside) == pytest.approx(b.energy(inside), rel=1e-13)
+    assert a.lame == pytest.approx((0.5, 0), abs=1e-14)
+
+
+def test_equation_53_as_printed_is_stressed():
+    """alpha = 1 + (mu_0 + gamma mu_1)/lambda leaves P(I) = -gamma mu_1/2 in its own constants."""
+    m = law("stable_fung", NU)
+    mu, lam = m.law.values
+    gamma, mu_1 = 0.1 * mu, 1.0
+
+    def stress(alpha):
+        return mu + gamma * mu_1 / 2 + lam * (1 - alpha)
+
+    assert stress(1 + (mu + gamma * mu_1 / 2) / lam) == pytest.approx(0, abs=1e-15)
+    assert stress(1 + (mu + gamma * mu_1) / lam) == pytest.approx(-gamma * mu_1 / 2, rel=1e-12)
+    assert m.law.rest_stress == pytest.approx(0, abs=1e-15)
+
+
+def test_table_1_as_printed_ogden_is_stressed():
+    """sum mu_p/a_p (sum s^a_p - 3) alone: P(I) = sum mu_p, which the logarithm takes away."""
+    weights, exponents = (6.3, 0.012, -0.1), (1.3, 5.0, -2.0)
+    slope = sum(w / a * a for w, a in zip(weights, exponents, strict=True))
+    assert slope == pytest.approx(6.212)
+    assert law("ogden", NU).law.rest_stress == pytest.approx(0, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", ["gamma_model", "stable_fung", "stable_arruda_boyce"])
+def test_equation_52(name):
+    """gamma_I +- gamma_H s_i are the twists and flips: gammas from derivatives of the energy."""
+    m = law(name, NU)
+    for sigma in STATES:
+        I_C, J = float(np.dot(sigma, sigma)), float(np.prod(sigma))
+        h = 1e-6
+
+        def psi(a, b):
+            return float(m.law.evaluate("mpmath", mp.mpf(a), mp.mpf(b)))
+
+        gamma_I = 2 * (psi(I_C + h, J) - psi(I_C - h, J)) / (2 * h)
+        gamma_H = (psi(I_C, J + h) - psi(I_C, J - h)) / (2 * h)
+        values = m.eigensystem(np.diag(sigma))[0]
+        s = np.sort(sigma)[::-1]
+        assert values[3:6] == pytest.approx(gamma_I + gamma_H * s, abs=1e-7)
+        assert values[6:9] == pytest.approx(gamma_I - gamma_H * s, abs=1e-7)
+
+
+# --- mistakes ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "words"),
+    [
+        ("seth_hill", {"n": 0}, "its limit is 'hencky'"),
+        ("hill", {"strain": "s**2"}, r"f\(1\) = 0"),
+        ("hill", {"strain": "sin(s)"}, "'sin' is not known"),
+        ("hill", {"strain": "log(s"}, "cannot be read"),
+        ("gamma_model", {"length": "__import__('os')"}, "'__import__' is not known"),
+        ("gamma_model", {"volume": "I_C"}, "'I_C' is not known"),
+        ("arap", {"volume": "K"}, "volume term"),
+        ("ogden", {"exponents": (1.0, 2.0), "weights": (1.0,)}, "2 exponents and 1 weights"),
+        ("ogden", {"exponents": (0.0,), "weights": (1.0,)}, "no exponent may be 0"),
+    ],
+)
+def test_mistakes_are_one_line(name, shape, words):
+    with pytest.raises(BadInput, match=words) as caught:
+        fem_snh.material(name, nu=NU, **shape)
+    assert "\n" not in str(caught.value)
