@@ -72,7 +72,7 @@ SMITH = {
     "stvk_kikuuwe": lambda s, m, k: (
         m * sum(e**2 for e in green(s))
         + k / 2 * sum(green(s)) ** 2
-        + 100 * (k + 2 * m) / 12 * (max(0, 1 - sums(s)[2]) / 6) ** 3
+        + 400 * m / 12 * (max(0, 1 - sums(s)[2]) / 6) ** 3
     ),
     "stable_fung": lambda s, m, k: hardened(s, m, k),
     "stable_arruda_boyce": lambda s, m, k: hardened(s, m, k, fung=False),
