@@ -90,10 +90,13 @@ def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
 
 
 def _starts(m: Material, n: int, rng: np.random.Generator) -> Array:
-    """Random F, half of them near 1 in size, the others down to 1/1000; inside the domain."""
+    """Random F in the domain: half of them near 1 in size, the others down to 1/1000, one to 0."""
     F = rng.normal(size=(6 * n, 3, 3))
     F *= np.where(rng.random(6 * n) < 0.5, 1.0, 10 ** rng.uniform(-3, 0.3, 6 * n))[:, None, None]
-    return F[inside(m, F)][:n]
+    F = F[inside(m, F)][:n]
+    if not m.law.domain:  # the basin of a stable point may be as small as 1/2 - nu
+        F[0] *= 1e-8
+    return F
 
 
 def _stable(values: Array, E: float) -> npt.NDArray[np.bool_]:
