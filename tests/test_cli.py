@@ -81,6 +81,8 @@ MISTAKES = [
     ("bench twist --cels 2", "'cels' .did you mean 'cells'"),
     ("bench twist --cells", "'--cells': expected pairs --key value"),
     ("render nowhere --loads 0.5,x", "--loads 0.5,x: expected numbers"),
+    ("render nowhere --modes 1.5", "--modes 1.5: expected mode numbers"),
+    ("render nowhere --modes --loads 1", "--loads and --modes: a picture is of one of them"),
     ("render nowhere --field Jay", "unknown field 'Jay'"),
     ("doctor now", "unexpected 'now'"),
 ]

@@ -29,18 +29,31 @@ def render(argv: list[str]) -> int:
     parser.add_argument("folder", metavar="DIR", type=Path)
     parser.add_argument("--out", metavar="PNG", type=Path)
     parser.add_argument("--loads", metavar="T,T", help="loads between 0 and 1, e.g. 0.5,1")
+    parser.add_argument(
+        "--modes", metavar="N,N", nargs="?", const="", help="eigenmodes (all, or these numbers)"
+    )
     parser.add_argument("--field", metavar="NAME", default="J", help="the colour (default: J)")
     args = parser.parse(argv)
-    loads = None
-    if args.loads is not None:
-        loads = [value(word) for word in args.loads.split(",")]
-        if not all(isinstance(load, int | float) for load in loads):
-            raise BadInput(f"--loads {args.loads}: expected numbers between 0 and 1, e.g. 0.5,1")
+    if args.modes is not None and args.loads is not None:
+        raise BadInput("--loads and --modes: a picture is of one of them")
+    loads = _numbers("--loads", args.loads, "numbers between 0 and 1, e.g. 0.5,1", (int, float))
+    modes = _numbers("--modes", args.modes, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
     from fem_snh.render import main
 
-    print(main(args.folder, args.out, loads, args.field))
+    pictured = loads if args.modes is None else modes
+    print(main(args.folder, args.out, pictured, args.field, modes=args.modes is not None))
     return 0
+
+
+def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
+    """A comma list of numbers, or None where there is none."""
+    if not text:
+        return None
+    found = [value(word) for word in text.split(",")]
+    if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in found):
+        raise BadInput(f"{option} {text}: expected {accepted}")
+    return found
 
 
 def bench(argv: list[str]) -> int:
