@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -62,9 +63,8 @@ def material_figure(report: Any) -> Figure:
         title="exact tangent", alignment="left",
     )  # fmt: skip
     own = [f"{k} = {v}" for k, v in report.shape.items() if v is not None]
-    figure.suptitle(
-        "  ·  ".join([pretty(report.name), rf"$\nu$ = {report.nu:g}", *own]), fontsize=13
-    )
+    title = "  ·  ".join([pretty(report.name), rf"$\nu$ = {report.nu:g}", *own])
+    figure.suptitle(fill(title, 140), fontsize=13)
     return figure
 
 
@@ -82,7 +82,7 @@ def _test(ax: Axes, curve: Any, E: float) -> None:
     ended = np.flatnonzero(np.isfinite(stress))
     for end, limit in ((ended[:1], 0), (ended[-1:], len(stress) - 1)):
         if len(end) and end[0] != limit:  # beyond it nothing leaves the sides free of stress
-            ax.plot(curve.x[end], stress[end], "x", color=MATERIAL, ms=8, mew=2, clip_on=False)
+            ax.plot(curve.x[end], stress[end], "x", color=MATERIAL, ms=8, mew=2)
     _cross_hairs(ax, 0.0 if curve.name == "simple shear" else 1.0)
     ax.set_title(curve.name, fontsize=11)
     ax.set_xlabel(_PLACES[curve.name][0])
@@ -167,7 +167,6 @@ def _verdicts(ax: Axes, report: Any) -> None:
         ax.text(0.0, y - 0.065, why, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes)
         y -= 0.145
     mu, lam = report.mu_lame / report.E, report.lambda_lame / report.E
-    numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest " + (
-        f"{report.rest_stress / report.E:.3g} E"
-    )
+    stress = report.rest_stress / report.E if report.rest.verdict == "fails" else 0.0
+    numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest {stress:.3g} E"
     ax.text(0.0, y - 0.02, numbers, fontsize=9, va="top", transform=ax.transAxes)

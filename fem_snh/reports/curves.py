@@ -81,8 +81,8 @@ def shear(m: Material, x: Array | None = None) -> Curve:
     x = np.linspace(0, 3, 121) if x is None else np.asarray(x, dtype=float)
     F = np.tile(np.eye(3), (len(x), 1, 1))
     F[:, 0, 1] = x
-    finite = np.isfinite(stress(m, svd(F)[1])[:, 0])
     U, s, V = svd(F)
+    finite = np.isfinite(stress(m, s)[:, 0])
     mu, lam = m.lame
     p = 2 * mu * (s - 1) + lam * (s.sum(axis=-1, keepdims=True) - 3)
     linear = np.einsum("ni,ni,ni->n", U[:, 0], p, V[:, 1])
@@ -91,15 +91,10 @@ def shear(m: Material, x: Array | None = None) -> Curve:
 
 def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
     """The stretch near ``guess`` that leaves the free direction without stress; or NaN."""
-    place, free = test
-
-    def across(t: float) -> float:
-        return float(stress(m, place(np.array(s), np.array(t)))[free])
-
     for factor in (1.02, 1.1, 1.4):
         low, high = guess / factor, guess * factor
-        if across(low) < 0 < across(high):
-            return float(brentq(across, low, high, xtol=1e-15, rtol=1e-14))
+        if _across(low, m, test, s) < 0 < _across(high, m, test, s):
+            return _root(m, test, s, low, high)
     return float("nan")
 
 
@@ -125,17 +120,19 @@ def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
             if not len(found) or (n != start and near.min() > _JUMP):
                 break
             k = found[int(near.argmin())]
-            t[n] = previous = _refined(m, test, x[n], _FREE[k], _FREE[k + 1])
+            t[n] = previous = _root(m, test, x[n], _FREE[k], _FREE[k + 1])
     return place(x, t)
 
 
-def _refined(m: Material, test: Test, s: float, low: float, high: float) -> float:
+def _across(t: float, m: Material, test: Test, s: float) -> float:
+    """The stress [Pa] in the free direction, which has stretch ``t``."""
     place, free = test
+    return float(stress(m, place(np.array(s), np.array(t)))[free])
 
-    def across(t: float) -> float:
-        return float(stress(m, place(np.array(s), np.array(t)))[free])
 
-    return float(brentq(across, low, high, xtol=1e-15, rtol=1e-14))
+def _root(m: Material, test: Test, s: float, low: float, high: float) -> float:
+    """The free stretch between ``low`` and ``high`` that has no stress."""
+    return float(brentq(_across, low, high, args=(m, test, s), xtol=1e-15, rtol=1e-14))
 
 
 def _young(m: Material) -> tuple[float, float]:

@@ -22,7 +22,6 @@ class Minima:
     """Local minima of psi over all F.
 
     stretches : their signed principal stretches (n, 3); rest, if it is one, first.
-
     hits : how many starts ended in each.
     starts : how many there were.
     collapsed, lost : how many fell below the energy of rest, towards a stretch of zero or without

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -132,10 +133,17 @@ def _lines(r: Report) -> list[str]:
 def domain(positive: tuple[str, ...]) -> str:
     """In words, what must be positive for a finite energy."""
     left = set(positive)
-    if {"s0", "s1", "s2"} <= left:  # then so are their products
-        left = {d for d in left if set(d) - set("s012*")} | {"s"}
-    left = {"J" if d == "s0*s1*s2" else d for d in left}
+    products = {d for d in left if re.fullmatch(r"[s\d*/()]+", d)}  # and powers, of the stretches
+    if {"s0", "s1", "s2"} <= left:
+        left = left - products | {"s"}
+    elif "s0*s1*s2" in left:
+        left = {d for d in left if d not in products or not {"s0", "s1", "s2"} <= _stretches(d)}
+        left |= {"J"}
     return ", ".join(f"{d} > 0" for d in sorted(left)) or "every F"
+
+
+def _stretches(product: str) -> set[str]:
+    return set(re.findall(r"s\d", product))
 
 
 def _short(x: float) -> str:

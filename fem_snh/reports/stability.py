@@ -51,8 +51,8 @@ class Stability:
         return self.verdict + (f": {self.why}" if self.why else "")
 
 
-def _judged(name: str, faults: list[str], numbers: dict[str, float], good: str = "") -> Stability:
-    return Stability(name, FAILS if faults else HOLDS, "; ".join(faults) or good, numbers)
+def _judged(name: str, faults: list[str], numbers: dict[str, float]) -> Stability:
+    return Stability(name, FAILS if faults else HOLDS, "; ".join(faults), numbers)
 
 
 # --- inversion -----------------------------------------------------------------------------------
@@ -228,6 +228,6 @@ def _lowest(H: Array) -> float:
 
 def _basin(m: Material) -> float:
     """The uniform stretch below which a stable point attracts."""
-    s = np.geomspace(1e-4, 1, 400)
+    s = np.geomspace(1e-6, 1, 2000)
     pushed = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
     return float(s[np.argmax(pushed < 0)]) if (pushed < 0).any() else 1.0
