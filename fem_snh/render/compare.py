@@ -1,0 +1,40 @@
+"""Pictures of several runs, one body each, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fem_snh import render
+from fem_snh.errors import BadInput, choose
+
+
+def main(
+    folders: Sequence[Path],
+    out: Path,
+    load: float | None = None,
+    labels: Sequence[str] | None = None,
+    field: str = "J",
+) -> Path:
+    """Draw the bodies of the runs ``folders`` side by side, one panel each, and return the PNG.
+
+    ``load`` is in 0..1, by default the last that each run has stored: one that gave up is shown
+    where it did. ``labels`` stand before each panel's load and volume, by default the materials'
+    names. All panels share scale and colours. BadInput as for `fem_snh.render.main`.
+    """
+    choose("field", field, render.FIELDS)
+    folders = [Path(folder) for folder in folders]
+    records = [render.read_record(folder) for folder in folders]
+    if not records:
+        raise BadInput("nothing to draw: give folders of runs")
+    names = labels or [render.pretty(record["material"]["name"]) for record in records]
+    panels = []
+    for folder, record, name in zip(folders, records, names, strict=True):
+        stored = render.stored_loads(folder / "fields.pvd")
+        (at,) = render.choose_loads(sorted(stored), [max(stored) if load is None else load])
+        label = f"{name}  ·  {render.panel_label(record, at)}"
+        panels.append(render.Panel([str(file) for file in stored[at]], label))
+    titles = [render.title(record).split("  ·  ") for record in records]
+    common = [part for part in titles[0] if all(part in other for other in titles)]
+    render.draw_elsewhere(render.Job(field, "  ·  ".join(common), panels, str(out)))
+    return Path(out)
