@@ -15,10 +15,12 @@ def c2_neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any, *, threshold: float = 0.
     psi = mu/2 (I_C - 3) + V(J),  V = -mu log J + lam/2 (log J)^2   (eq. 5) for J >= threshold,
     and its Taylor polynomial of second order at J = threshold below.
 
-    Their convex threshold surface J = threshold, and their idea: extrapolate the energy, not the
-    stress. They extrapolate all of psi along the ray from the identity, here it is V along J, which
-    is all that is singular in psi: one closed expression, and no SVD. mu = mu_lame,
-    lam = lambda_lame.
+    After theirs: the convex threshold surface J = threshold, and that the energy is extrapolated,
+    not the stress. Unlike theirs: they extrapolate all of psi along the ray from the identity
+    (where it meets the surface is the root of a cubic), here it is V along J, which is all that is
+    singular in psi: one closed expression, and no SVD. Both are eq. 5 to second order at the
+    surface and differ by the third. threshold: the default of their code is 0.3.
+    mu = mu_lame, lam = lambda_lame.
     """
     a, L = threshold, log(threshold)
     slope, curve = (lam * L - mu) / a, (mu + lam - lam * L) / a**2
