@@ -16,6 +16,7 @@ from fem_snh import mesh, solver
 from fem_snh.choices import HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.runs import run
 from fem_snh.solver.linesearch import LineSearch
 
 mpi = pytest.mark.mpi
@@ -612,3 +613,44 @@ def test_frame_indifference_of_the_whole_solve(comm, element):
 
 def test_nothing_of_a_test_stays_in_petsc_options():
     assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
+
+
+# --- materials without an energy -----------------------------------------------------------------
+
+
+@mpi
+@pytest.mark.parametrize("hessian", ["clamp", "adaptive"])
+def test_without_an_energy_the_search_is_on_the_residual(hessian):
+    """Where no stretch is below the threshold the filtered stress is the plain one: same states."""
+    states = []
+    for name in ("filtered_neo_hookean", "neo_hookean"):
+        result = run(
+            "stretch", material=name, cells=4, steps=4, stretch=2.0, nu=0.45,
+            hessian=hessian, progress=False,
+        )  # fmt: skip
+        assert result.converged
+        states.append(result)
+    filtered, plain = states
+    assert len(filtered.steps) == 4
+    assert all(step["energy"] is None for step in filtered.steps)
+    for a, b in zip(filtered.steps, plain.steps, strict=True):
+        assert a["volume_ratio"] == pytest.approx(b["volume_ratio"], abs=1e-7)
+        assert a["residual"] <= 1e-7 * filtered.problem.force_scale
+    difference = filtered.problem.x - plain.problem.x
+    assert difference.norm() <= 1e-5 * plain.problem.x.norm()
+
+
+@mpi
+@pytest.mark.parametrize("name", ["filtered_neo_hookean", "neo_hookean"])
+def test_a_filtered_stress_survives_inversion(name):
+    """A face jumps through the other: the plain energy is infinite, the filtered stress goes on."""
+    result = run(
+        "pull", material=name, cells=3, steps=1, hessian="clamp", predictor="none", progress=False,
+        **{"move.0.translate": [-1.1, 0.0, 0.0]},
+    )  # fmt: skip
+    first = result.steps[0]
+    if name == "neo_hookean":
+        assert first["reason"] == "DIVERGED_FUNCTION_DOMAIN"
+    else:
+        assert result.converged and len(result.steps) == 1
+        assert first["newton"] > 5
