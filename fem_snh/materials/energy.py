@@ -117,7 +117,7 @@ class Energy:
             return self._stress
         return tuple(sympy.diff(self.psi_sigma, s) for s in SIGMA)
 
-    @property
+    @cached_property
     def lame(self) -> tuple[float, float]:
         """(mu_lame, lambda_lame) [Pa] from the energy itself, by differentiating it at rest.
 
@@ -127,7 +127,7 @@ class Energy:
         mu, lam = (float(e.subs(self._numbers)) for e in normalise.linearised(self.slopes))
         return mu, lam
 
-    @property
+    @cached_property
     def rest_stress(self) -> float:
         """The principal PK1 stress at F = I [Pa]: 0 for a material that stays at rest."""
         stress = sympy.simplify(normalise.at_rest(self.slopes[0]))

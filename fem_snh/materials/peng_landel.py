@@ -14,7 +14,7 @@ def peng_landel(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, volume: str = "
 
     psi = 3 mu sum (s_i - 1 - log s_i - (log s_i)^2/6 + (log s_i)^3/18 - (log s_i)^4/216) + volume
 
-    3 mu is their E; mu = mu_lame. It has nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2,
+    Its -log^4 falls without bound as a stretch goes to 0. 3 mu is their E; mu = mu_lame. It has nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2,
     "log": lam/2 (log J)^2) gives it another, and vanishes at nu = 0.
     """
     length = sum(
