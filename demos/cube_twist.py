@@ -37,14 +37,17 @@ for material in PAPER:
     runs[material] = fem_snh.run("twist", material=material, out=out, overwrite=True, **options)
 
 if MPI.COMM_WORLD.rank == 0:
-    print(f"\n{'Newton, CG iterations':<22}{'quarter turn 1':<26}{'quarter turn 2':<32}volume")
+    print(f"\n{'Newton, CG iterations':<22}{'quarter turn 1':<30}{'quarter turn 2':<34}volume")
     for material, result in runs.items():
         line = f"{material:<22}"
-        for load, paper, width in zip((0.5, 1.0), PAPER[material], (26, 32), strict=True):
+        for load, paper, width in zip((0.5, 1.0), PAPER[material], (30, 34), strict=True):
             first = next(step for step in result.steps if step["load"] == load)
             ours = f"{first['newton']}, {first['linear']}" if first["converged"] else "stalls"
             line += f"{ours} (paper: {paper})".ljust(width)
-        print(line + f"{100 * (result.steps[-1]['volume_ratio'] - 1):+.1f} %, {result.status}")
+        halved = sum(not step["converged"] for step in result.steps)
+        print(line + f"{100 * (result.steps[-1]['volume_ratio'] - 1):+.1f} %, {halved} halved")
+        if not result.converged:
+            print(f"  {result.status}")
     picture = compare([args.out / material for material in PAPER], args.out / "figure_9.png")
     print(f"picture: {picture}\nfields and tables: {args.out}/*/")
 
