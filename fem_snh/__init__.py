@@ -8,8 +8,8 @@
 
 One way through: `materials` (an energy, written once) -> `kernels` (its C, eight points at a time)
 -> `forms` (its UFL) -> `problem` (mesh, element, conditions) -> `solver` (projected Newton, a
-PETSc SNES) -> `runs` (load steps, output) -> `studies`, `cli`. Beside it, `reports` (what an energy is like)
-and `modes` (eigenfrequencies).
+PETSc SNES) -> `runs` (load steps, output) -> `studies`, `cli`. Beside it, `reports` (what an energy
+is like) and `modes` (eigenfrequencies).
 """
 
 from __future__ import annotations

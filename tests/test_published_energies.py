@@ -306,6 +306,7 @@ def test_equation_52(name):
         ("hill", {"strain": "sin(s)"}, "'sin' is not known"),
         ("hill", {"strain": "log(s"}, "cannot be read"),
         ("gamma_model", {"length": "__import__('os')"}, "'__import__' is not known"),
+        ("gamma_model", {"length": "I_C**9**9**9"}, "an exponent is beyond 64"),
         ("gamma_model", {"volume": "I_C"}, "'I_C' is not known"),
         ("arap", {"volume": "K"}, "volume term"),
         ("ogden", {"exponents": (1.0, 2.0), "weights": (1.0,)}, "2 exponents and 1 weights"),

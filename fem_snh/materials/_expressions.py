@@ -12,6 +12,10 @@ from sympy.parsing.sympy_parser import parse_expr, standard_transformations
 from fem_snh.errors import BadInput
 
 _FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
+#: What sympy's parser writes in its calls.
+_PARTS = ("Symbol", "Integer", "Float", "Rational", "Add", "Mul", "Pow")
+#: Of exponents: sympy would write out 9**9**9, and a kernel would multiply as often.
+_LARGEST = 64
 _TOKEN = re.compile(
     r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\w+)|(\*\*|[-+*/()]))"
 )
@@ -31,17 +35,16 @@ def parse(text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Expr:
             what = token[2] if token else rest[0]
             raise BadInput(f"{text!r}: '{what}' is not known: expected {accepted}")
         rest = rest[token.end() :].strip()
-    names = {
-        "__builtins__": {},
-        "Symbol": sympy.Symbol,
-        "Integer": sympy.Integer,
-        "Float": sympy.Float,
-        "Rational": sympy.Rational,
-    }
+    names = {"__builtins__": {}} | {part: getattr(sympy, part) for part in _PARTS}
     try:
-        found = parse_expr(str(text), dict(known), standard_transformations, global_dict=names)
+        found = parse_expr(
+            str(text), dict(known), standard_transformations, global_dict=names, evaluate=False
+        )
     except (SyntaxError, TypeError, AttributeError, ValueError, NameError, TokenError):
         raise BadInput(f"{text!r} cannot be read: expected {accepted}") from None
     if not isinstance(found, sympy.Expr):
         raise BadInput(f"{text!r} is not a number: expected {accepted}")
-    return sympy.nsimplify(found, rational=True)
+    for part in sympy.postorder_traversal(found):  # the parts of a part come before it
+        if part.is_Pow and part.exp.is_number and abs(float(part.exp.doit())) > _LARGEST:
+            raise BadInput(f"{text!r}: an exponent is beyond {_LARGEST}: expected {accepted}")
+    return sympy.nsimplify(found.doit(), rational=True)

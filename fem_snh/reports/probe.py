@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels.pointwise import Material
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 
 
 def diagonal(s: npt.ArrayLike) -> Array:
@@ -23,7 +25,8 @@ def has_energy(m: Material) -> bool:
 
 def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
     """Whether the energy is finite at F (..., 3, 3); everywhere for a material without one."""
-    return np.isfinite(m.energy(F)) if has_energy(m) else np.isfinite(F).all(axis=(-1, -2))
+    finite = np.isfinite(m.energy(F)) if has_energy(m) else np.isfinite(F).all(axis=(-1, -2))
+    return np.asarray(finite)
 
 
 def stress(m: Material, s: npt.ArrayLike) -> Array:

@@ -61,7 +61,7 @@ class Signed:
         Where two stretches are opposite the twist is a division by zero, and infinite.
         """
         p, A = self.stress(s), self._call(self._second, s).reshape(*s.shape[:-1], 3, 3)
-        finite = np.isfinite(A).all(axis=(-1, -2), keepdims=True)
+        finite = np.asarray(np.isfinite(A).all(axis=(-1, -2), keepdims=True))
         block = np.linalg.eigvalsh(np.where(finite, (A + np.swapaxes(A, -1, -2)) / 2, 0))
         pairs = []
         with np.errstate(all="ignore"):
