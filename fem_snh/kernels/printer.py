@@ -24,6 +24,12 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
             return f"({product})" if exponent > 0 else f"(1/({product}))"
         return f"({self._print(fractions_shared(expr))})"
 
+    def _print_Abs(self, expr: sympy.Abs) -> str:
+        return f"absolute(splat(0) + {self._print(expr.args[0])})"
+
+    def _print_sign(self, expr: sympy.sign) -> str:
+        return f"lane_where(splat(0) + {self._print(expr.args[0])}, splat(1), splat(-1))"
+
     def _print_power(self, expr: sympy.Function) -> str:
         base, exponent = expr.args
         lanes = f"splat(0) + {self._print(base)}"

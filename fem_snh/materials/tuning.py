@@ -82,14 +82,21 @@ def nonlinear(
     """Energy and principal stresses of psi_alpha (eq. 16, 17), all in the stretches."""
     if alpha == 1:
         return psi, tuple(slopes)
-    power = [stretch_power(s, alpha, epsilon) for s in SIGMA]
+    # Bare powers are for positive stretches alone: so (s^2)^1.3 is s^2.6, and not |s|^2.6.
+    stretches = SIGMA if epsilon else sympy.symbols("t0 t1 t2", positive=True)
+    power = [stretch_power(s, alpha, epsilon) for s in stretches]
     swap = dict(zip(SIGMA, power, strict=True))
+    back = dict(zip(stretches, SIGMA, strict=True))
     a2 = sympy.Rational(str(alpha)) ** 2
-    moved = tuple(
-        sympy.diff(g, s) * p.subs(swap, simultaneous=True) / a2
-        for p, g, s in zip(slopes, power, SIGMA, strict=True)
+
+    def moved(expression: sympy.Expr) -> sympy.Expr:
+        return expression.subs(swap, simultaneous=True) / a2
+
+    pulled = tuple(
+        (sympy.diff(g, s) * moved(p)).xreplace(back)
+        for p, g, s in zip(slopes, power, stretches, strict=True)
     )
-    return (None if psi is None else psi.subs(swap, simultaneous=True) / a2), moved
+    return (None if psi is None else moved(psi).xreplace(back)), pulled
 
 
 def parts(name: str, expressions: Sequence[sympy.Expr], mu: Any, lam: Any) -> list[Any]:
