@@ -168,11 +168,11 @@ def test_tension_at_two_and_a_half():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"alpha": 0}, "alpha = 0: expected a positive number"),
+        ({"alpha": 0}, "alpha = 0: expected a number > 0"),
         ({"alpha": -1.0}, "alpha = -1.0"),
         ({"alpha": "two"}, "alpha = 'two'"),
         ({"alpha_mu": float("nan")}, "alpha_mu = nan"),
-        ({"alpha": 2, "epsilon": -0.1}, "epsilon = -0.1: expected 0 or more"),
+        ({"alpha": 2, "epsilon": -0.1}, "epsilon = -0.1: expected a number >= 0"),
         ({"lambda_part": "neo_hokean"}, "did you mean 'neo_hookean'"),
         ({"alfa": 2}, "did you mean 'alpha'"),
     ],

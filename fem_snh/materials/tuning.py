@@ -58,7 +58,7 @@ def check(tuning: dict[str, Any]) -> dict[str, Any]:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         low = 0 if key == "epsilon" else 1e-9
         if not (number and low <= value < float("inf")):
-            wanted = "0 or more" if key == "epsilon" else "a positive number"
+            wanted = "a number >= 0" if key == "epsilon" else "a number > 0"
             raise BadInput(f"{key} = {value!r}: expected {wanted}")
     return given
 

@@ -53,6 +53,7 @@ class MaterialChoice(Table):
     @model_validator(mode="after")
     def _shape(self) -> MaterialChoice:
         from fem_snh.materials import TUNING, defaults, function, names, pins
+        from fem_snh.materials.tuning import check
 
         kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
         kinds["lambda_part"] = str | None
@@ -77,11 +78,7 @@ class MaterialChoice(Table):
                 raise BadInput(f"{key} = {value!r}: expected {accepted}") from None
         if given.get("lambda_part") is not None:
             choose("lambda_part", given["lambda_part"], names())
-        for key in ("alpha", "alpha_mu", "alpha_lambda"):
-            if given.get(key) is not None and given[key] <= 0:
-                raise BadInput(f"{key} = {given[key]}: expected a number > 0 (nonlinearity)")
-        if given.get("epsilon") is not None and given["epsilon"] < 0:
-            raise BadInput(f"epsilon = {given['epsilon']}: expected a number >= 0 (a stretch)")
+        check({key: given[key] for key in TUNING if key in given})
         return self
 
 
