@@ -49,8 +49,9 @@ class _Generator:
                 self._add(self.first, s, f"psi_{s}", slopes[s])
             for s, t in combinations_with_replacement(SIGMA, 2):
                 # The symmetric part: of a stress that is no gradient there is no other matrix.
-                both = (sympy.diff(slopes[s], t) + sympy.diff(slopes[t], s)) / 2
-                derivative = sympy.diff(slopes[s], t) if energy.has_energy or s == t else both
+                derivative = sympy.diff(slopes[s], t)
+                if not energy.has_energy:
+                    derivative = (derivative + sympy.diff(slopes[t], s)) / 2
                 self._add(self.second, (s, t), f"psi_{s}_{t}", derivative)
             return
         for m in energy.measures:

@@ -6,6 +6,8 @@ from typing import Any
 
 from sympy import log
 
+from fem_snh.materials._strains import quadratic
+
 
 def hencky(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
     """Hencky's energy (Chen & Barbic, Table 1).
@@ -17,5 +19,4 @@ def hencky(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
     mu = mu_lame, lam = lambda_lame. The limit of `seth_hill` for n -> 0; the nonlinearity alpha
     leaves it as it is. It softens beyond a stretch of e.
     """
-    logs = [log(s) for s in (s0, s1, s2)]
-    return mu * sum(x**2 for x in logs) + lam / 2 * sum(logs) ** 2
+    return quadratic([log(s) for s in (s0, s1, s2)], mu, lam)

@@ -9,6 +9,7 @@ from sympy import Symbol, simplify
 from fem_snh.errors import BadInput
 from fem_snh.materials._expressions import parse
 from fem_snh.materials._functions import positive
+from fem_snh.materials._strains import quadratic
 
 
 def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)") -> Any:
@@ -24,4 +25,4 @@ def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)"
     if simplify(f.subs(s, 1)) != 0 or simplify(f.diff(s).subs(s, 1) - 1) != 0:
         raise BadInput(f"strain = {strain!r}: a strain function has f(1) = 0 and f'(1) = 1")
     strains = [f.subs(s, positive(x)) for x in (s0, s1, s2)]
-    return mu * sum(e**2 for e in strains) + lam / 2 * sum(strains) ** 2
+    return quadratic(strains, mu, lam)

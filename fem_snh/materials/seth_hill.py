@@ -8,6 +8,7 @@ from sympy import Rational
 
 from fem_snh.errors import BadInput
 from fem_snh.materials._functions import positive
+from fem_snh.materials._strains import quadratic
 
 
 def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -> Any:
@@ -23,4 +24,4 @@ def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -
     power = Rational(str(n))
     bases = (s0, s1, s2) if n > 0 else map(positive, (s0, s1, s2))
     strains = [(s**power - 1) / power for s in bases]
-    return mu * sum(e**2 for e in strains) + lam / 2 * sum(strains) ** 2
+    return quadratic(strains, mu, lam)

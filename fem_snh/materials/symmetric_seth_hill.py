@@ -8,6 +8,7 @@ from sympy import Rational
 
 from fem_snh.errors import BadInput
 from fem_snh.materials._functions import positive
+from fem_snh.materials._strains import quadratic
 
 
 def symmetric_seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 1.0) -> Any:
@@ -22,4 +23,4 @@ def symmetric_seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: floa
         raise BadInput("n = 0: symmetric_seth_hill divides by it; its limit is 'hencky'")
     power = Rational(str(n))
     strains = [(positive(s) ** power - positive(s) ** -power) / (2 * power) for s in (s0, s1, s2)]
-    return mu * sum(e**2 for e in strains) + lam / 2 * sum(strains) ** 2
+    return quadratic(strains, mu, lam)

@@ -20,7 +20,7 @@ alpha.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import sympy
@@ -39,8 +39,6 @@ TUNING: dict[str, float | str | None] = {
 }
 #: Stretch below which s^alpha is extended, where the energy is finite for inverted elements.
 EPSILON = 0.1
-
-Map = Callable[[sympy.Expr], sympy.Expr]
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Symbol, log
-
-from fem_snh.materials._expressions import parse
-from fem_snh.materials._functions import positive
+from fem_snh.materials.valanis_landel_xu import valanis_landel_xu
 
 
 def valanis_landel_new(
@@ -31,8 +28,5 @@ def valanis_landel_new(
     is free of stress; the table has none. Then mu_lame = mu (f''(1) + f'(1))/2 and
     lambda_lame = lam (h''(1) + h'(1)).
     """
-    s, J = Symbol("s", real=True), positive(s0 * s1 * s2)
-    x = Symbol("J", real=True)
-    f, h = parse(length, {"s": s}), parse(volume, {"J": x})
-    one = sum(f.subs(s, positive(y)) for y in (s0, s1, s2)) - f.diff(s).subs(s, 1) * log(J)
-    return mu * one + lam * (h.subs(x, J) - h.diff(x).subs(x, 1) * log(J))
+    shapes = {"length": length, "area": "0", "volume": volume}
+    return valanis_landel_xu(s0, s1, s2, mu, lam, **shapes)

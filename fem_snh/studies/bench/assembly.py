@@ -119,8 +119,8 @@ def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     element = elements.element(name)
     domain, u = deformed(name, cells)
     V, x = u.function_space, _dolfinx.petsc_vec(u)
-    law = make_material(material).law
-    elastic = elastic_term(u, name, Material(law))
+    chosen = make_material(material)
+    law, elastic = chosen.law, elastic_term(u, name, chosen)
     filtered = elastic.jacobian(x, "clamp")
     ways: dict[str, Callable[[], Any]] = {
         kind: lambda kind=kind: elastic.jacobian(x, kind)  # type: ignore[misc]

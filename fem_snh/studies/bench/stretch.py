@@ -8,7 +8,7 @@ from fem_snh.runs import run
 from fem_snh.studies.bench import Row, words
 
 #: Volume change [%] at nu = 0.49, stretch 3.4 (paper, section 6). The cylinder's proportions are
-#: not published. The paper's corotational one (-83) collapses: demos/figure_5.py.
+#: not published. The paper's corotational one (-83) collapses: demos/cylinder_stretch.py.
 PAPER = {
     "stable_neo_hookean": 4.3,
     "fixed_corotational": 4.5,
