@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem_snh.kernels.pointwise import Material
-from fem_snh.reports.probe import Array, diagonal, has_energy, stress
+from fem_snh.reports.probe import Array, diagonal, stress
 
 #: How an element is crushed: to a plane, to a point.
 PATHS = {"flattened (1, 1, s)": (0.0, 0.0, 1.0), "shrunk (s, s, s)": (1.0, 1.0, 1.0)}
@@ -44,7 +44,7 @@ def collapse(m: Material, path: str) -> Collapse:
     def along(s: Array) -> tuple[Array, Array]:
         stretches = np.where(moves > 0, s[:, None], 1.0)
         F = diagonal(stretches)
-        psi = m.energy(F) if has_energy(m) else np.full(len(s), np.nan)
+        psi = m.energy(F) if m.law.has_energy else np.full(len(s), np.nan)
         return np.where(np.isfinite(psi), psi, np.nan), stress(m, stretches)[:, 2]
 
     s = np.linspace(-1.5, 2, 281)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.normalise import lame
-from fem_snh.reports.probe import Array, has_energy, inside
+from fem_snh.reports.probe import Array, inside
 
 STEPS = 150  # of the descent, at most
 _FLAT = 1e-6  # of E: eigenvalues of that size are none
@@ -83,7 +83,7 @@ def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
     s, E = svd(F)[1], m.law.E
     still = done & inside(m, F) & _stable(m.eigensystem(F)[0], E) & (s[:, 0] < _FAR)
     away = ~still & ((np.abs(s[:, 2]) < 1e-3) | (s[:, 0] > _FAR))
-    away &= m.energy(F) < -_FLAT * E if has_energy(m) else False
+    away &= m.energy(F) < -_FLAT * E if m.law.has_energy else False
     stretches, hits = _distinct(s[still])
     return Minima(stretches, hits, len(F), int(away.sum()), int((~away & ~still).sum()))
 
@@ -128,7 +128,7 @@ def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDAr
     stable = _stable(values, E)
     near = stable & (length[:, 0] < 1e-5)
     arrived = (calm & near) | (np.abs(F).max(axis=(-1, -2)) > 10 * _FAR)
-    if not has_energy(m):
+    if not m.law.has_energy:
         return np.where(arrived[:, None, None], F, F + 0.5 * step), arrived, calm & ~stable
     psi, t = m.energy(F), np.ones((len(F), 1, 1))
     for _ in range(30):

@@ -18,14 +18,9 @@ def diagonal(s: npt.ArrayLike) -> Array:
     return s[..., None] * np.eye(3)
 
 
-def has_energy(m: Material) -> bool:
-    """Whether the stress is the gradient of an energy."""
-    return bool(getattr(m.law, "has_energy", True))
-
-
 def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
     """Whether the energy is finite at F (..., 3, 3); everywhere for a material without one."""
-    finite = np.isfinite(m.energy(F)) if has_energy(m) else np.isfinite(F).all(axis=(-1, -2))
+    finite = np.isfinite(m.energy(F)) if m.law.has_energy else np.isfinite(F).all(axis=(-1, -2))
     return np.asarray(finite)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from fem_snh.kernels.pointwise import Material
 from fem_snh.materials.normalise import lame
 from fem_snh.reports.minima import Minima
-from fem_snh.reports.probe import Array, diagonal, eigenvalues, has_energy, inside, stress
+from fem_snh.reports.probe import Array, diagonal, eigenvalues, inside, stress
 from fem_snh.reports.signs import Signed
 
 HOLDS, FAILS, NOT_APPLICABLE = "holds", "fails", "not applicable"
@@ -171,7 +171,7 @@ def rest(m: Material) -> Stability:
     C += mu * (np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye))
     hooke = C.reshape(9, 9)
     numbers = {
-        "energy": abs(float(m.energy(eye))) / E if has_energy(m) else 0.0,
+        "energy": abs(float(m.energy(eye))) / E if m.law.has_energy else 0.0,
         "stress": float(np.abs(m.pk1(eye)).max()) / E,
         "Hooke": float(np.abs(m.hessian(eye) - hooke).max() / np.abs(hooke).max()),
     }
