@@ -6,5 +6,8 @@ FILTERS = ("exact", "clamp", "abs")
 #: Which of them Newton's method asks for; ``adaptive`` decides by itself.
 HESSIANS = (*FILTERS, "adaptive")
 
+#: Of the 3x3 scaling block; the default first (docs/eigensolver.md).
+EIGENSOLVERS = ("cubic", "jacobi")
+
 #: Where a load step starts.
 PREDICTORS = ("none", "extrapolate", "tangent")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fem_snh.errors import choose
 
@@ -36,6 +36,10 @@ ELEMENTS = {
 }
 
 
-def element(name: str) -> Element:
-    """The element called ``name``. Raises BadInput for an unknown name."""
-    return ELEMENTS[choose("element", name, ELEMENTS)]
+def element(name: str, quadrature: int | None = None) -> Element:
+    """The element called ``name``, perhaps with another quadrature degree.
+
+    Raises BadInput for an unknown name.
+    """
+    found = ELEMENTS[choose("element", name, ELEMENTS)]
+    return found if quadrature is None else replace(found, quadrature=quadrature)

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.choices import EIGENSOLVERS
 from fem_snh.elements import Element
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, choose
 from fem_snh.kernels.pointwise import Material
 from fem_snh.mesh import Mesh
 from fem_snh.terms import Elastic, Traction
@@ -50,6 +51,7 @@ class Problem:
     move : the same with ``displacement(X, load)``: (n, 3) points to (n, 3).
     traction : loads with ``group`` and ``vector`` [Pa].
     reactions : names or numbers of the groups whose `reactions` are wanted.
+    eigensolver : of the Hessian's 3x3 scaling block, one of EIGENSOLVERS.
 
     Attributes
     ----------
@@ -72,12 +74,14 @@ class Problem:
         move: Sequence[Any] = (),
         traction: Sequence[Any] = (),
         reactions: Sequence[str | int] = (),
+        eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         if mesh.cell != element.cell:
             raise BadInput(
                 f"element '{element.name}' needs {element.cell} cells; the mesh has {mesh.cell}s"
             )
         self.mesh, self.element, self.material = mesh, element, material
+        self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.comm = mesh.domain.comm
         self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
         self.u = _dolfinx.function(self.V, "displacement")
@@ -194,7 +198,7 @@ class Problem:
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
         _forward(x)
-        return self.elastic.jacobian(x, filter)
+        return self.elastic.jacobian(x, filter, self.eigensolver)
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
         """For each of the groups asked for, the force [N] that its support exerts on the body.

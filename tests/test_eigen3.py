@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from points import KINDS, every_kind, law, rotations, spread
 
+from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
-from fem_snh.kernels.pointwise import EIGENSOLVERS, eigen3
+from fem_snh.kernels.pointwise import eigen3
 from fem_snh.studies import eigensolvers as study
 
 each_solver = pytest.mark.parametrize("solver", EIGENSOLVERS)

@@ -19,8 +19,9 @@ from points import (
 )
 
 from fem_snh import forms, materials
+from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
-from fem_snh.kernels.pointwise import EIGENSOLVERS, Material, svd
+from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.invariants import SIGMA
 
 NU = 0.3

@@ -25,8 +25,8 @@ from points import (
     vec,
 )
 
-from fem_snh.choices import FILTERS
-from fem_snh.kernels.pointwise import EIGENSOLVERS, Material, svd
+from fem_snh.choices import EIGENSOLVERS, FILTERS
+from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.studies.eigensolvers import cubic_coefficients, cubic_vector, paper_terms

@@ -9,12 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import materials
-from fem_snh.choices import FILTERS
+from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build, codegen
 from fem_snh.materials.energy import Energy
-
-EIGENSOLVERS = ("cubic", "jacobi")  # of the scaling block; the default first (docs/eigensolver.md)
 
 Array = npt.NDArray[np.float64]
 

@@ -20,7 +20,8 @@ import mpmath
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.kernels.pointwise import EIGENSOLVERS, Material, eigen3, material
+from fem_snh.choices import EIGENSOLVERS
+from fem_snh.kernels.pointwise import Material, eigen3, material
 
 Array = npt.NDArray[np.float64]
 

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.choices import FILTERS
+from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.elements import Element
 from fem_snh.errors import choose, on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.cells import CellLoops, Tables, c_source
-from fem_snh.kernels.pointwise import EIGENSOLVERS, Material
+from fem_snh.kernels.pointwise import Material
 from fem_snh.sparse import BlockMatrix
 
 Array = npt.NDArray[Any]
