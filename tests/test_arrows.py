@@ -22,7 +22,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("forms", "sparse"),
     ("terms",),
     ("problem",),
-    ("solver",),
+    ("solver", "probes"),
     ("modes",),
     ("runs",),
     ("plots", "render", "doctor", "studies"),
@@ -48,6 +48,7 @@ ONLY = {
     "reports": {"errors", "materials", "kernels", "plots"},  # plots when asked to draw
     "doctor": {"errors"},
     "modes": {"errors", "_dolfinx", "terms", "problem"},
+    "probes": {"errors", "_dolfinx"},
     "solver": {"errors", "choices"},  # given a problem, it needs no more of one than its methods
 }
 

@@ -51,6 +51,7 @@ def rows(folder):
 KEYS = {
     "scene", "material", "element", "hessian", "terms", "cells", "dofs", "ranks", "converged",
     "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name", "load_range",
+    "quadrature", "eigensolver",
 }  # fmt: skip
 
 
@@ -84,7 +85,10 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
 
     assert [step["load"] for step in found["steps"]] == [0.5, 1.0]
     for step, seen in zip(found["steps"], rows(folder), strict=True):
-        assert tuple(step) == tuple(seen) == COLUMNS
+        assert tuple(step) == (*COLUMNS, "reactions", "probes")
+        vectors = step["reactions"] | step["probes"]
+        assert tuple(seen)[: len(COLUMNS)] == COLUMNS
+        assert len(seen) == len(COLUMNS) + 3 * len(vectors)
         assert step["converged"] is True and step["reason"].startswith("CONVERGED")
         assert step["newton"] > 0 and step["linear"] > step["newton"] >= step["clamped"] >= 0
         assert step["residual"] <= found["tolerance"]

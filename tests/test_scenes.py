@@ -19,6 +19,7 @@ TOML = """
 mesh = "block.msh"
 element = "P2"
 steps = 4
+quadrature = 4
 [material]
 name = "stable_neo_hookean"
 E = 1e4
@@ -33,6 +34,9 @@ rotate = { axis = [1, 0, 0], through = [0, 0, 0], angle = 1.57 }
 [[traction]]
 group = "top"
 vector = [0, 6.25, 0]
+[[probe]]
+name = "tip"
+point = [1, 0.5, 0]
 [petsc]
 -ksp_rtol = 1e-6
 snes_monitor = true
@@ -68,6 +72,21 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
     groups = [c.group for c in (*scene.hold, *scene.move, *scene.traction)]
     for group in (*groups, *scene.reactions):
         assert mesh.group(group).count > 0
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
+    from fem_snh import _dolfinx
+    from fem_snh.elements import ELEMENTS
+    from fem_snh.mesh import generate
+    from fem_snh.probes import Probes
+
+    scene = scenes.load(name, cells=3)
+    assert isinstance(scene.mesh, scenes.Geometry)
+    cell = ELEMENTS[scene.element].cell
+    mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
+    u = _dolfinx.function(_dolfinx.function_space(mesh.domain, 1, (3,)), "u")
+    assert list(Probes(u, scene.probe).values()) == [probe.name for probe in scene.probe]
 
 
 @pytest.mark.parametrize("name", scenes.names())
@@ -197,6 +216,8 @@ def test_scene_file(toml: Path) -> None:
     assert scene.hold[0].components == ("x",) and scene.move[0].group == 7
     assert scene.petsc == {"ksp_rtol": 1e-6, "snes_monitor": True}
     assert scene.traction[0].vector == (0, 6.25, 0)
+    assert (scene.quadrature, scene.eigensolver) == (4, "cubic")
+    assert (scene.probe[0].name, scene.probe[0].point) == ("tip", (1, 0.5, 0))
 
 
 # --- moves ---------------------------------------------------------------------------------------
@@ -252,6 +273,14 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"steps": 0}, "steps = 0: expected a whole number, 1 or more"),
     ({"element": "Q3"}, "unknown element 'Q3' .did you mean 'Q.'.*P1"),
     ({"element": 3}, "element = 3: expected one of .*P1"),
+    ({"quadrature": 0}, "quadrature = 0: expected a whole number, 1 or more"),
+    ({"quadrature": 2.0}, "quadrature = 2.0: expected a whole number"),
+    ({"eigensolver": "cubik"}, "unknown eigensolver 'cubik' .did you mean 'cubic'.*jacobi"),
+    ({"probe": [{"point": [0, 0, 0]}]}, "probe.0: missing key 'name': expected a name"),
+    ({"probe": [{"name": "a"}]}, "probe.0: missing key 'point': expected three finite numbers"),
+    ({"probe": [{"name": "a", "point": [0, 0]}]}, "probe.0.point = .*: expected three finite"),
+    ({"probe": [{"name": "a", "point": [0, 0, 0]}] * 2}, "two probes are called 'a'"),
+    ({"probe": {"name": "a"}}, "probe = .*: expected a list of tables"),
     ({"hessian": "clmp"}, "unknown hessian 'clmp' .did you mean 'clamp'.*adaptive"),
     ({"predictor": "tangnt"}, "unknown predictor 'tangnt' .did you mean 'tangent'"),
     ({"material": "neo_hookan"}, "unknown material 'neo_hookan' .did you mean 'neo_hookean'"),

@@ -36,6 +36,7 @@ from fem_snh._dolfinx.meshes import (
     reference_corners,
 )
 from fem_snh._dolfinx.output import Writer, vtk_writer
+from fem_snh._dolfinx.points import bounding_box, locate
 from fem_snh._dolfinx.spaces import (
     constant,
     degree,
@@ -49,16 +50,17 @@ from fem_snh._dolfinx.spaces import (
     surface_measure,
     tabulate,
     tabulate_geometry,
+    tabulate_values,
 )
 
 version: str = dolfinx.__version__
 
 __all__ = [
-    "Writer", "assemble_matrix", "assemble_scalar", "assemble_vector", "cell_name",
+    "Writer", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box", "cell_name",
     "constant", "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
     "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
-    "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global",
+    "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global", "locate",
     "locate_dofs", "node_dofs", "num_exterior_facets", "num_nodes", "num_owned", "petsc_vec",
     "quadrature", "reference_corners", "surface_measure", "tabulate", "tabulate_geometry",
-    "version", "vtk_writer",
+    "tabulate_values", "version", "vtk_writer",
 ]  # fmt: skip

@@ -76,13 +76,23 @@ def local_to_global(V: Any) -> Array:
     return np.concatenate([owned, np.asarray(index_map.ghosts, dtype=np.int64)])
 
 
-def _gradients(cell: str, degree: int, points: Array) -> Array:
+def _table(cell: str, degree: int, points: Array) -> Array:
+    """(4, points, nodes): the basis functions, then their derivatives in x, y, z."""
     family = basix.ElementFamily.P
     element = basix.create_element(
         family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
     )
-    table = element.tabulate(1, np.ascontiguousarray(points, dtype=np.float64))
-    return np.ascontiguousarray(np.moveaxis(table[1:4, :, :, 0], 0, -1))
+    table: Array = element.tabulate(1, np.ascontiguousarray(points, dtype=np.float64))[..., 0]
+    return table
+
+
+def _gradients(cell: str, degree: int, points: Array) -> Array:
+    return np.ascontiguousarray(np.moveaxis(_table(cell, degree, points)[1:], 0, -1))
+
+
+def tabulate_values(V: Any, points: Array) -> Array:
+    """(points, nodes) V's scalar basis functions at reference points, nodes as in `node_dofs`."""
+    return np.ascontiguousarray(_table(cell_name(V.mesh), degree(V), points)[0])
 
 
 def tabulate(V: Any, points: Array) -> Array:

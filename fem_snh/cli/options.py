@@ -6,6 +6,7 @@ import argparse
 import tomllib
 from typing import Any, NoReturn
 
+from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, nearest
 
 # What a scene lets the command line say directly: key, placeholder, help.
@@ -14,7 +15,8 @@ SCENE_OPTIONS = (
     ("E", "X", "Young's modulus [Pa]"),
     ("nu", "X", "Poisson's ratio, in (-1, 0.5)"),
     ("cells", "N", "resolution of a built-in geometry"),
-    ("element", "E", "Q1, Q2 (hexahedra), P1 or P2 (tetrahedra)"),
+    ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
+    ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),
     ("hessian", "H", "exact, clamp, abs or adaptive"),
     ("steps", "N", "load steps"),
     ("predictor", "P", "start of a step: none, extrapolate or tangent"),

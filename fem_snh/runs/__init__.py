@@ -16,6 +16,7 @@ from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
 from fem_snh._petsc import option_used
 from fem_snh.kernels.pointwise import material
+from fem_snh.probes import Probes
 from fem_snh.problem import Problem
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
@@ -73,7 +74,8 @@ def run(
         ``overwrite``.
     progress : print a line per step on rank 0.
     overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
-        steps, predictor, petsc (a dict of PETSc options), and a scene's own parameters.
+        steps, predictor, quadrature, eigensolver, petsc (a dict of PETSc options), and a scene's
+        own parameters.
 
     A step that fails is rolled back and halved, down to 1/64; when that fails too the run ends with
     ``converged`` False and keeps what it has. Raises BadInput, on every rank.
@@ -83,19 +85,19 @@ def run(
     folder = Folder(comm, Path(out), overwrite) if out is not None else None
     show = Progress(comm, progress)
     with petsc_options(solver.PREFIX, scene.petsc) as unused:
-        element = elements.element(scene.element)
+        element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
         meshing = perf_counter()
         domain = make_mesh(comm, scene, element)
         setting_up = perf_counter()
-        problem = Problem(
-            domain, element, law, scene.hold, scene.move, scene.traction, scene.reactions
-        )
+        conditions = scene.hold, scene.move, scene.traction, scene.reactions
+        problem = Problem(domain, element, law, *conditions, eigensolver=scene.eigensolver)
+        probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)
         snes = solver.create(problem, scene.hessian)
-        stepper = Stepper(problem, snes, scene.steps, scene.predictor)
+        stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes)
         jit = problem.seconds["jit"]
         seconds = {
             "jit": jit,

@@ -46,7 +46,9 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
             "parameters": own | law.shape,
         },
         "element": scene.element,
+        "quadrature": problem.element.quadrature,
         "hessian": scene.hessian,
+        "eigensolver": problem.eigensolver,
         "terms": [term.name for term in problem.terms],
         "cells": problem.mesh.num_cells,
         "dofs": problem.dofs,
@@ -156,10 +158,11 @@ def write_modes(path: Path, modes: Modes) -> None:
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:
-    """A step as a row of the table: a column for each component of each reaction."""
-    row = {key: value for key, value in step.items() if key != "reactions"}
-    for group, force in step.get("reactions", {}).items():
-        row |= {f"reaction_{group}_{axis}": f for axis, f in zip("xyz", force, strict=True)}
+    """A step as a row of the table: a column for each component of each reaction and probe."""
+    row = {key: value for key, value in step.items() if key not in ("reactions", "probes")}
+    for kind in ("reaction", "probe"):
+        for name, vector in step.get(f"{kind}s", {}).items():
+            row |= {f"{kind}_{name}_{axis}": v for axis, v in zip("xyz", vector, strict=True)}
     return row
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh import solver
+from fem_snh.probes import Probes
 from fem_snh.problem import Problem
 
 #: A step is halved at most this many times.
@@ -22,8 +23,15 @@ class Stepper:
     success the next one doubles again.
     """
 
-    def __init__(self, problem: Problem, snes: PETSc.SNES, steps: int, predictor: str) -> None:
-        self.problem, self.snes, self.steps = problem, snes, steps
+    def __init__(
+        self,
+        problem: Problem,
+        snes: PETSc.SNES,
+        steps: int,
+        predictor: str,
+        probes: Probes | None = None,
+    ) -> None:
+        self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.done = False
         self.seconds = 0.0
@@ -84,5 +92,7 @@ class Stepper:
         }
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
+        if converged and self.probes:
+            self._last["probes"] = self.probes.values()
         self.seconds += perf_counter() - start
         return self._last

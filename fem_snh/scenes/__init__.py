@@ -30,14 +30,15 @@ from fem_snh.scenes.model import (
     MaterialChoice,
     Modes,
     Move,
+    Probe,
     Rotate,
     Scene,
     Traction,
 )
 
 __all__ = [
-    "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Rotate", "Scene", "Traction",
-    "describe", "load", "names", "own_parameters",
+    "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
+    "Traction", "describe", "load", "names", "own_parameters",
 ]  # fmt: skip
 
 _NOT_SCENES = {"model"}

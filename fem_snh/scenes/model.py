@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from fem_snh.choices import HESSIANS, PREDICTORS
+from fem_snh.choices import EIGENSOLVERS, HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.scenes._material import MaterialChoice
@@ -106,6 +106,13 @@ class Traction(Table):
     vector: Vector
 
 
+class Probe(Table):
+    """A point of the body, in reference coordinates, whose displacement each step reports."""
+
+    name: Text
+    point: Vector
+
+
 class Modes(Table):
     """The ``count`` lowest eigenfrequencies at the end, for a mass density [kg/m^3]."""
 
@@ -125,16 +132,19 @@ class Scene(Table):
 
     The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
-    groups whose total force each step reports; ``modes`` asks for eigenfrequencies at the end.
-    ``petsc`` holds PETSc options without the leading dash, to go under the solver's prefix; a
-    flag's value is None.
+    groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
+    for eigenfrequencies at the end. ``quadrature`` is a polynomial degree, None the element's own;
+    ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds
+    PETSc options without the leading dash, to go under the solver's prefix; a flag's value is None.
     """
 
     name: Text
     mesh: Mesh
     cells: Count | None = None
     element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))]
+    quadrature: Count | None = None
     hessian: str = "adaptive"
+    eigensolver: str = EIGENSOLVERS[0]
     steps: Count = 1
     material: MaterialChoice
     hold: list[Hold] = []
@@ -143,6 +153,7 @@ class Scene(Table):
     reactions: Annotated[
         list[GroupKey], Expect("a list of names or numbers of physical groups")
     ] = []
+    probe: list[Probe] = []
     modes: Modes | None = None
     predictor: str = "extrapolate"
     petsc: Annotated[
@@ -151,12 +162,26 @@ class Scene(Table):
     load_name: Text = "load"
     load_range: Annotated[tuple[Finite, Finite], Expect("two finite numbers")] = (0.0, 1.0)
 
-    @field_validator("element", "hessian", "predictor")
+    @field_validator("element", "hessian", "eigensolver", "predictor")
     @classmethod
     def _known(cls, name: str, info: ValidationInfo) -> str:
-        known = {"element": ELEMENTS, "hessian": HESSIANS, "predictor": PREDICTORS}
+        known = {
+            "element": ELEMENTS,
+            "hessian": HESSIANS,
+            "eigensolver": EIGENSOLVERS,
+            "predictor": PREDICTORS,
+        }
         key = str(info.field_name)
         return choose(key, name, known[key])
+
+    @field_validator("probe")
+    @classmethod
+    def _named_once(cls, probes: list[Probe]) -> list[Probe]:
+        names = [probe.name for probe in probes]
+        for name in names:
+            if names.count(name) > 1:
+                raise BadInput(f"two probes are called '{name}': give each a name of its own")
+        return probes
 
     @field_validator("petsc")
     @classmethod

@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Move, Scene
+from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Move, Probe, Scene
 
 
 def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat = 1.0) -> Scene:
@@ -23,6 +23,11 @@ def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
         hold=[Hold(group="left")],
         move=[Move(group="right", translate=((stretch - 1) * aspect, 0, 0))],
+        reactions=["right"],
+        probe=[
+            Probe(name="axis", point=(aspect / 4, 0, 0)),
+            Probe(name="inside", point=(aspect / 2, 0.25, 0.25)),
+        ],
         # Looser linear solves are a little cheaper, but then ranks differ by a Newton step.
         petsc={"snes_forcing_max": 5e-3},
         load_name="stretch",

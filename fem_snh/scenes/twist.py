@@ -2,7 +2,7 @@
 
 from math import pi
 
-from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
+from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Move, Probe, Rotate, Scene
 
 
 def twist(cells: int = 15, angle: float = pi) -> Scene:
@@ -26,6 +26,12 @@ def twist(cells: int = 15, angle: float = pi) -> Scene:
                 group="top",
                 rotate=Rotate(axis=(0, 0, 1), through=(0.5, 0.5, 0.5), angle=angle),
             )
+        ],
+        reactions=["top"],
+        probe=[
+            Probe(name="side", point=(1, 0.5, 0.5)),
+            Probe(name="edge", point=(1, 1, 0.5)),
+            Probe(name="inside", point=(0.75, 0.5, 0.75)),
         ],
         predictor="none",  # the response to a quarter turn is not linear
         # Looser linear solves are cheaper, but rounding then decides how inverted cells unfold.
