@@ -14,10 +14,12 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from fem_snh.cli.sweep import axis
+from fem_snh import scenes
+from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
+from fem_snh.studies.campaign import Campaign, Limits, Point, arguments
 from fem_snh.studies.processes import Child, _session, environment, program
-from fem_snh.studies.sweep import arguments, combinations, sweep
+from fem_snh.studies.sweep import combinations, sweep
 from fem_snh.studies.table import ASKED, FOUND, Table
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
@@ -153,7 +155,44 @@ def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
     child = Child([*mpirun, sys.executable, "-c", stubborn], tmp_path / "log.txt", timeout=1)
     while child.poll() is None:
         time.sleep(0.1)
-    assert child.timed_out and not _session(child._process.pid)
+    assert child.given_up == "given up after 1 s" and not _session(child._process.pid)
+
+
+def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
+    """Neither rank alone is above the limit."""
+    hungry = "import time; kept = b'x' * (300 << 20); time.sleep(300)"
+    words = [*program(2)[:3], sys.executable, "-c", hungry]
+    child = Child(words, tmp_path / "log.txt", timeout=30, memory=0.5)
+    while child.poll() is None:
+        time.sleep(0.05)
+    assert child.given_up == "given up above 0.5 GiB" and not _session(child._process.pid)
+    alone = Child([sys.executable, "-c", hungry], tmp_path / "log.txt", timeout=1.5, memory=0.5)
+    while alone.poll() is None:
+        time.sleep(0.05)
+    assert alone.given_up == "given up after 1.5 s"
+
+
+def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
+    """A finer mesh than one that was given up, or than one that took too long by itself."""
+    scene = scenes.load("twist", **TINY)
+    said: list[str] = []
+    campaign = Campaign(
+        tmp_path, "study", {}, ["point", *ASKED, *FOUND], Limits(2, timeout=0.05),
+        report=said.append,
+    )  # fmt: skip
+    points = {
+        "a": Point(TINY, scene),
+        "b": Point(TINY, scene, after="a"),
+        "c": Point(TINY, scene, after="b"),
+        "d": Point(TINY, scene, timeout=60.0),
+        "e": Point(TINY, scene, timeout=60.0, after="d", growth=1e6),
+    }
+    campaign.run("twist", points)
+    status = {row["point"]: row["status"] for row in campaign.table.rows()}
+    assert status.pop("a") == "given up after 0.05 s"
+    assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
+    assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
+    assert len(said) == 5 and not (tmp_path / "b").exists()
 
 
 def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ _SHARING = {
 }
 _ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
 _GRACE = 5.0  # seconds between the request to end and the end
+_LOOK = 0.25  # seconds between two looks at the memory
 
 
 def environment() -> dict[str, str]:
@@ -56,18 +57,28 @@ def program(ranks: int) -> list[str]:
 
 
 class Child:
-    """A running command whose output goes to a log file.
+    """A running command whose output goes to a log file, within limits of time and memory.
+
+    Memory [GiB] is what all its processes have in RAM together, looked at a few times a second:
+    unlike an rlimit it holds for the ranks that mpirun starts, and for their sum.
 
     Attributes:
-        timed_out: whether it was ended because ``timeout`` seconds were over.
+        given_up: which limit ended it, in words; empty if none did.
         seconds: how long it has run, or ran until it was seen to have ended.
     """
 
-    def __init__(self, command: list[str], log: Path, timeout: float | None = None) -> None:
-        self.timeout = timeout
-        self.timed_out = False
+    def __init__(
+        self,
+        command: list[str],
+        log: Path,
+        timeout: float | None = None,
+        memory: float | None = None,
+    ) -> None:
+        self.timeout, self.memory = timeout, memory
+        self.given_up = ""
         self.seconds = 0.0
         self._start = time.monotonic()
+        self._looked = 0.0
         with log.open("w") as file:
             self._process = subprocess.Popen(
                 command,
@@ -81,15 +92,25 @@ class Child:
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
     def poll(self) -> int | None:
-        """The exit code (negative: a signal), or None while it runs; ends it at its timeout."""
+        """The exit code (negative: a signal), or None while it runs; ends it at its limits."""
         code = self._process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
-        if code is None and self.timeout and self.seconds > self.timeout:
-            self.timed_out = True
+        if code is None and (limit := self._limit()):
+            self.given_up = limit
             self.end()
             code = self._process.wait()
         return code
+
+    def _limit(self) -> str:
+        """The limit that it has reached, in words, or nothing."""
+        if self.timeout and self.seconds > self.timeout:
+            return f"given up after {self.timeout:g} s"
+        if self.memory and self.seconds > self._looked + _LOOK:
+            self._looked = self.seconds
+            if _resident(self._process.pid) > self.memory:
+                return f"given up above {self.memory:g} GiB"
+        return ""
 
     def end(self) -> None:
         """Ask, wait a little, then kill: the launcher and every rank it started."""
@@ -108,6 +129,17 @@ class Child:
                     pass
             time.sleep(0.01)
         self._process.wait()
+
+
+def _resident(leader: int) -> float:
+    """What the processes of a session have in RAM [GiB], pages that they share counted for each."""
+    pages = 0
+    for pid in _session(leader):
+        try:
+            pages += int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        except (OSError, IndexError):
+            continue  # it has just ended
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**30
 
 
 def _session(leader: int) -> list[int]:

@@ -37,6 +37,10 @@ class Table:
             file.flush()
             os.fsync(file.fileno())
 
+    def replace(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Put these rows in place of all there are."""
+        self._write(rows)
+
     def drop(self, points: Iterable[str]) -> None:
         """Take the rows of these points out."""
         gone = set(points)
@@ -59,16 +63,21 @@ def write_whole(path: Path, content: str) -> None:
     os.replace(beside, path)
 
 
-def found(folder: Path, code: int) -> dict[str, Any]:
-    """What a run left in its folder, as the columns FOUND; ``code`` is its exit code.
+def read_record(folder: Path) -> dict[str, Any]:
+    """run.json of a run's folder; empty if the run did not come so far."""
+    try:
+        record: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return record
+
+
+def found(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
+    """What a run has to say, as the columns FOUND: its run.json, its log and its exit code.
 
     Iterations are summed over all steps, whatever became of them; energy, volume and the like are
     those of the last step that converged.
     """
-    try:
-        record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        record = {}
     steps = record.get("steps", [])
     good = [step for step in steps if step.get("converged")]
     row = {
@@ -78,7 +87,7 @@ def found(folder: Path, code: int) -> dict[str, Any]:
     row |= {key: good[-1].get(key) for key in ("min_J", "residual") if good}
     row["converged"] = code == 0 and record.get("converged") is True
     row["status"] = record.get("status") if code in (0, 1) else None
-    row["status"] = row["status"] or _last_words(folder / "log.txt", code)
+    row["status"] = row["status"] or _last_words(log, code)
     row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
     row["seconds"] = record.get("seconds", {}).get("total")
     return row

@@ -1,0 +1,75 @@
+"""What the commands that run many points share: lists of values, limits, how they are ended."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+from typing import Any
+
+from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, value
+from fem_snh.cli.run import scene_list
+from fem_snh.errors import BadInput
+
+
+def parser(command: str, description: str) -> Parser:
+    """A parser with the scene's options, which take comma lists here, and the limits."""
+    made = Parser(command, description, scene_list())
+    made.add_argument("scene", metavar="SCENE|FILE.toml")
+    for key, placeholder, help in SCENE_OPTIONS:
+        made.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
+    made.add_argument(
+        "--set",
+        metavar="KEY=VALUE,..",
+        action="append",
+        default=[],
+        help="any other key of the scene: angle=1,2",
+    )
+    made.add_argument("--jobs", metavar="J", default=1, type=value, help="points at a time")
+    made.add_argument("--ranks", metavar="R", default=1, type=value, help="MPI ranks of each point")
+    made.add_argument(
+        "--timeout", metavar="S", type=value, help="seconds after which a point is given up"
+    )
+    made.add_argument(
+        "--memory", metavar="GIB", type=value, help="RAM above which a point is given up"
+    )
+    made.add_argument("--retry", action="store_true", help="run failed points again")
+    made.add_argument("--overwrite", action="store_true", help="begin anew")
+    return made
+
+
+def begin(command: str) -> None:
+    """Refuse to run under mpirun, and end the points when a batch system ends us (SIGTERM)."""
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
+        raise BadInput(f"{command} under mpirun: it starts the ranks itself; use --ranks R instead")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def axes(args: argparse.Namespace) -> dict[str, list[Any]]:
+    """The lists of values that were given for the scene's keys."""
+    given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS if getattr(args, key)}
+    return {key: axis(key, text) for key, text in (given | assignments(args.set)).items()}
+
+
+def limits(args: argparse.Namespace) -> dict[str, Any]:
+    """What the parser's options after --set say, as the studies' keyword arguments."""
+    names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
+    return {name: getattr(args, name) for name in names}
+
+
+def axis(key: str, text: str) -> list[Any]:
+    """The values of a comma list; commas inside brackets and quotes belong to a value."""
+    parts, depth, quoted = [""], 0, ""
+    for letter in text:
+        if quoted:
+            quoted = "" if letter == quoted else quoted
+        elif letter in "\"'":
+            quoted = letter
+        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
+        if letter == "," and not depth and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    if not all(part.strip() for part in parts):
+        raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
+    return [value(part.strip()) for part in parts]
