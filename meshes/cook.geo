@@ -1,0 +1,32 @@
+// Cook's membrane: the panel (0,0), (48,44), (48,60), (0,44) of thickness 1 in one layer, `cells` x
+// `cells` x 1 hexahedra (tets = 0) or tetrahedra (tets = 1).
+SetFactory("Built-in");
+DefineConstant[
+  cells = {16, Min 1, Step 1, Name "cells"}
+  tets = {0, Choices{0, 1}, Name "tets"}
+];
+If (!(cells >= 1) || cells != Floor(cells))
+  Error("cells = %g: must be a whole number, 1 or more", cells);
+EndIf
+
+Point(1) = {0, 0, 0}; Point(2) = {48, 44, 0}; Point(3) = {48, 60, 0}; Point(4) = {0, 44, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4};
+Plane Surface(1) = {1};
+Transfinite Curve {1:4} = cells + 1;
+If (tets)
+  Transfinite Surface {1} Alternate;
+  panel[] = Extrude {0, 0, 1} { Surface{1}; Layers{1}; };
+Else
+  Transfinite Surface {1};
+  Recombine Surface {1};
+  panel[] = Extrude {0, 0, 1} { Surface{1}; Layers{1}; Recombine; };
+EndIf
+
+// panel[]: the opposite surface, the volume, and the sides extruded from lines 1 to 4.
+Physical Volume("body") = {panel[1]};
+Physical Surface("left") = {panel[5]};
+Physical Surface("right") = {panel[3]};
+Physical Surface("bottom") = {panel[2]};
+Physical Surface("top") = {panel[4]};
+Physical Surface("faces") = {1, panel[0]};
