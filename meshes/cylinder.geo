@@ -3,7 +3,7 @@
 //
 // Hexahedra: an O-grid of about 0.84 cells^2 in a section: a core of n x n cells with rounded
 // sides, n = 3/5 cells, and four blocks of n x (cells - n)/2 around it. Tetrahedra: six in the
-// place of each hexahedron.
+// place of each hexahedron. order = 2: cells with curved faces.
 //
 // About the paper's 306,000 hexahedra and 965,000 degrees of freedom (three a node):
 //   length = 2 radius   cells = 71   302,247 hexahedra   938,304 degrees of freedom
@@ -16,12 +16,17 @@ DefineConstant[
   radius = {0.5, Name "radius"}
   length = {1, Name "length"}
   tets = {0, Choices{0, 1}, Name "tets"}
+  order = {1, Choices{1, 2}, Name "order"}
 ];
 If (!(cells >= 3) || cells != Floor(cells))
   Error("cells = %g: must be a whole number, 3 or more", cells);
 EndIf
 If (!(radius > 0) || !(length > 0))
   Error("radius = %g, length = %g: must be positive", radius, length);
+EndIf
+
+If (order != 1 && order != 2)
+  Error("order = %g: must be 1 or 2", order);
 EndIf
 
 layers = Floor(cells * length / (2 * radius) + 0.5);
@@ -85,3 +90,5 @@ Physical Volume("body") = {body[]};
 Physical Surface("left") = {1:5};
 Physical Surface("right") = {right[]};
 Physical Surface("side") = {side[]};
+
+Mesh.ElementOrder = order;

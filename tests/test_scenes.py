@@ -65,7 +65,7 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
     from fem_snh.elements import ELEMENTS
     from fem_snh.mesh import generate
 
-    scene = scenes.load(name, cells=3, element=element)
+    scene = scenes.load(name, cells=4, element=element)
     assert isinstance(scene.mesh, scenes.Geometry)
     cell = ELEMENTS[scene.element].cell
     mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
@@ -81,7 +81,7 @@ def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
     from fem_snh.mesh import generate
     from fem_snh.probes import Probes
 
-    scene = scenes.load(name, cells=3)
+    scene = scenes.load(name, cells=4)
     assert isinstance(scene.mesh, scenes.Geometry)
     cell = ELEMENTS[scene.element].cell
     mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
