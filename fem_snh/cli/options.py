@@ -13,7 +13,7 @@ from fem_snh.errors import BadInput, nearest
 SCENE_OPTIONS = (
     ("material", "NAME", "energy density; `fem-snh materials` lists them"),
     ("E", "X", "Young's modulus [Pa]"),
-    ("nu", "X", "Poisson's ratio, in (-1, 0.5)"),
+    ("nu", "X", "Poisson's ratio, in (-1, 0.5]"),
     ("cells", "N", "resolution of a built-in geometry"),
     ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
     ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),

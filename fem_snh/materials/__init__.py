@@ -30,7 +30,7 @@ from fem_snh.materials.tuning import TUNING
 
 __all__ = ["TUNING", "Energy", "defaults", "describe", "energy", "names", "pins"]
 
-_NOT_MATERIALS = {"energy", "invariants", "normalise", "tuning"}
+_NOT_MATERIALS = {"energy", "invariants", "normalise", "split", "tuning"}
 
 
 def names() -> list[str]:
@@ -69,7 +69,7 @@ def energy(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> Ener
     two (`pins`), and what every material takes (`TUNING`): ``alpha``, ``alpha_mu``,
     ``alpha_lambda``, ``lambda_part``, ``epsilon``.
 
-    Raises BadInput for an unknown name or keyword, E <= 0, nu outside (-1, 0.5), or constants that
+    Raises BadInput for an unknown name or keyword, E <= 0, nu outside (-1, 0.5], or constants that
     cannot be fitted.
     """
     own, pinned = defaults(name), pins(name)

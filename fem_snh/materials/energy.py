@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +13,8 @@ import sympy
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials._functions import PrincipalStress, pieces_hidden, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
+
+_LAME = sympy.symbols("mu_lame lambda_lame", real=True)
 
 
 def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
@@ -32,6 +35,19 @@ def constants_of(function: Callable[..., Any]) -> dict[str, float | None]:
     }
 
 
+def domain(
+    expressions: Iterable[sympy.Expr],
+    measures: Iterable[sympy.Symbol],
+    barriers: Iterable[sympy.Expr] = (),
+) -> tuple[sympy.Expr, ...]:
+    """What must be positive for all expressions to be real; see `Energy.domain`."""
+    bases, mine = set(barriers), set(measures)
+    for expression in map(pieces_hidden, expressions):
+        bases |= {a.args[0] for a in expression.atoms(sympy.log)}
+        bases |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
+    return tuple(sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str))
+
+
 class Energy:
     """One material with its numbers: psi(F) [Pa], zero at rest, normalised to (E, nu).
 
@@ -45,7 +61,10 @@ class Energy:
     psi_sigma : the same in the principal stretches.
     slopes : the principal stresses dpsi/ds_i, in the stretches.
     domain : expressions in ``measures`` that must be positive, else the energy is +inf.
+    pressure : a symbol that psi has besides, see `fem_snh.materials.split`; usually None.
     """
+
+    pressure: sympy.Symbol | None = None
 
     def __init__(
         self,
@@ -75,6 +94,11 @@ class Energy:
         return self.psi is not None
 
     @property
+    def incompressible(self) -> bool:
+        """Whether nu = 0.5: only mixed elements know what to do with it."""
+        return self.nu == 0.5
+
+    @property
     def of_stretches(self) -> bool:
         """Whether it is written in the principal stretches themselves."""
         return bool(set(self.measures) & set(SIGMA))
@@ -95,15 +119,8 @@ class Energy:
 
         What is positive for every F is left out, and so are the pieces of a `where`.
         """
-        bases = set(self._barriers)
-        for expression in [self.psi] if self.psi is not None else self.slopes:
-            shown = pieces_hidden(expression)
-            bases |= {a.args[0] for a in shown.atoms(sympy.log)}
-            bases |= {p.base for p in shown.atoms(sympy.Pow) if not p.exp.is_integer}
-        mine = set(self.measures)
-        return tuple(
-            sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str)
-        )
+        expressions = [self.psi] if self.psi is not None else self.slopes
+        return domain(expressions, self.measures, self._barriers)
 
     @cached_property
     def psi_sigma(self) -> sympy.Expr:
@@ -121,9 +138,13 @@ class Energy:
     def lame(self) -> tuple[float, float]:
         """(mu_lame, lambda_lame) [Pa] from the energy itself, by differentiating it at rest.
 
+        lambda_lame is infinite at nu = 0.5.
+
         PK1-linearisation (Chen & Barbic eq. 3, 4): in stretch space linear elasticity is
         mu sum (s_i - 1)^2 + lambda/2 (sum s_i - 3)^2.
         """
+        if self.incompressible:
+            return normalise.lame(self.E, self.nu)
         mu, lam = (float(e.subs(self._numbers)) for e in normalise.linearised(self.slopes))
         return mu, lam
 
@@ -137,6 +158,33 @@ class Energy:
         """psi with ``measures`` of any kind: ``module`` maps log, exp, where... (ufl, "mpmath")."""
         call = sympy.lambdify((*self.measures, *self.constants), self.psi, modules=module)
         return call(*measures, *self.values)
+
+    @property
+    def lambda_symbol(self) -> sympy.Symbol:
+        """What `by_lame` calls lambda_lame."""
+        return _LAME[1]
+
+    def by_lame(self) -> sympy.Expr:
+        """psi in its measures, its constants written in the symbols mu_lame and lambda_lame."""
+        if self.constants == _LAME:
+            return self.psi
+        solution = self._constants.solve(self._moduli, _LAME, self.E)
+        return self.psi.subs(dict(zip(self.constants, solution, strict=True)), simultaneous=True)
+
+    def at_pressure(
+        self, psi: sympy.Expr, pressure: sympy.Symbol, constants: Mapping[sympy.Symbol, float]
+    ) -> Energy:
+        """The energy psi + pressure J; psi is in the symbols of `by_lame` and more constants."""
+        other = copy.copy(self)
+        J = MEASURES["J"]
+        other.constants = (*_LAME, *constants)
+        other.values = (*normalise.lame(self.E, self.nu), *constants.values())
+        other.pressure = pressure
+        if not self.of_stretches:
+            other.measures = tuple(dict.fromkeys((*self.measures, J)))
+        other.psi = psi + pressure * (J.subs(INVARIANTS) if self.of_stretches else J)
+        other._forget()
+        return other
 
     # --- how it is made --------------------------------------------------------------------------
 
@@ -184,8 +232,12 @@ class Energy:
             {known[k]: v for k, v in defaults.items() if v is not None},
             {known[k]: v for k, v in pins.items()},
         )
-        moduli = normalise.linearised(self.slopes)
-        solution = self._constants.solve(moduli, target, self.E, mixed)
+        self._moduli = normalise.linearised(self.slopes)
+        if self.incompressible:
+            solution = self._constants.solve(self._moduli, (target[0], _LAME[1]), self.E, mixed)
+            solution = tuple(sympy.limit(v, _LAME[1], sympy.oo) for v in solution)
+        else:
+            solution = self._constants.solve(self._moduli, target, self.E, mixed)
         self.values = tuple(float(v) for v in solution)
 
     def _tune(
@@ -198,7 +250,7 @@ class Energy:
         if other is None and alphas[0] == alphas[1]:
             psi, stress = self._nonlinear(self.psi_sigma, self.slopes, alphas[0], given, [self])
         else:
-            mu, lam = sympy.symbols("mu_lame lambda_lame", real=True)
+            mu, lam = _LAME
             mine, theirs = (e._parts(mu, lam) for e in (self, other or self))
             sources = [self, other or self]
             (psi_mu, slopes_mu), (psi_lam, slopes_lam) = mine[0], theirs[1]
@@ -206,12 +258,16 @@ class Energy:
             b = self._nonlinear(psi_lam, slopes_lam, alphas[1], given, sources)
             psi = None if None in (a[0], b[0]) else mu * a[0] + lam * b[0]
             stress = tuple(mu * p + lam * q for p, q in zip(a[1], b[1], strict=True))
-            self.constants, self.values = (mu, lam), target
+            self.constants, self.values = _LAME, target
         barriers = self.domain if other is None else (*self.domain, *other.domain)
         self.measures, self.psi = SIGMA, psi
         self._stress = None if psi is not None else stress
         self._barriers = {b.subs(INVARIANTS) for b in barriers}
-        for name in ("domain", "psi_sigma", "slopes"):
+        self._forget()
+
+    def _forget(self) -> None:
+        """The expression has changed: what was derived from it is derived anew."""
+        for name in ("domain", "psi_sigma", "slopes", "lame", "rest_stress"):
             self.__dict__.pop(name, None)
 
     def _nonlinear(
@@ -224,8 +280,7 @@ class Energy:
 
     def _parts(self, mu: sympy.Symbol, lam: sympy.Symbol) -> Any:
         """((psi, slopes) of the mu part, (psi, slopes) of the lambda part), each of unit size."""
-        moduli = normalise.linearised(self.slopes)
-        solution = self._constants.solve(moduli, (mu, lam), self.E)
+        solution = self._constants.solve(self._moduli, (mu, lam), self.E)
         numbers = dict(zip(self.constants, solution, strict=True))
         if self.psi is None:
             pairs = tuning.parts(self.name, [p.subs(numbers) for p in self.slopes], mu, lam)

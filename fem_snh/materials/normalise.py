@@ -24,14 +24,16 @@ Pair = tuple[sympy.Expr, sympy.Expr]
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
-    """Small-strain constants (mu_lame, lambda_lame) [Pa] of (E [Pa], nu).
+    """Small-strain constants (mu_lame, lambda_lame) [Pa] of (E [Pa], nu); (E/3, inf) at nu = 0.5.
 
-    Raises BadInput unless E > 0 and -1 < nu < 0.5.
+    Raises BadInput unless E > 0 and -1 < nu <= 0.5.
     """
     if not (math.isfinite(E) and E > 0):
         raise BadInput(f"E = {E}: Young's modulus must be a positive number [Pa]")
-    if not -1 < nu < 0.5:
-        raise BadInput(f"nu = {nu}: Poisson's ratio must lie between -1 and 0.5, both excluded")
+    if not -1 < nu <= 0.5:
+        raise BadInput(f"nu = {nu}: Poisson's ratio must be more than -1, and 0.5 at most")
+    if nu == 0.5:
+        return E / 3, math.inf
     return E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
 
 

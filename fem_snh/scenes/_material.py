@@ -34,8 +34,8 @@ class MaterialChoice(Table):
     E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")]
     nu: Annotated[
         Finite,
-        Field(gt=-1, lt=0.5),
-        Expect("a number in (-1, 0.5); 0.5 itself is incompressible, try 0.499"),
+        Field(gt=-1, le=0.5),
+        Expect("a number in (-1, 0.5]; 0.5 itself takes a Taylor-Hood element"),
     ]
 
     @property
