@@ -13,8 +13,8 @@ ffi.cdef("""
 int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, const int **columns);
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
-int MatSetValuesBlocked(void *A, int m, const int *rows, int n, const int *columns,
-                        const double *values, int mode);
+int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
+                 const double *values, int mode);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
 # The extension module's own file: looking a symbol up in it also finds those of its PETSc.

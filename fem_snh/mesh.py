@@ -105,6 +105,14 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
     return _distribute(comm, f"mesh '{path}'", _gmsh.read, str(path))
 
 
+def volume(domain: Any) -> float:
+    """The volume of a dolfinx mesh [m^3]. Collective."""
+    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), 5)
+    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
+    return float(domain.comm.allreduce((np.abs(np.linalg.det(T)) * weights).sum()))
+
+
 def scaled_jacobian(domain: Any) -> np.ndarray:
     """(owned cells,) the worst over each cell's corners and middle; <= 0 where it is inverted.
 

@@ -91,9 +91,14 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
 def check(problem: Problem, count: int) -> None:
     """What can be said before the load steps. Collective.
 
-    Raises BadInput, on every rank, if there are fewer free degrees of freedom than modes, or SLEPc
-    is missing.
+    Raises BadInput, on every rank, if there are fewer free degrees of freedom than modes, a
+    pressure is unknown, or SLEPc is missing.
     """
+    if problem.saddle:
+        raise BadInput(
+            f"modes: element '{problem.element.name}' has a pressure without mass: "
+            "take one with the displacement alone, P2P0 or Q1P0 where nu is close to 0.5"
+        )
     free = int(problem.elastic.free.ravel()[: problem.x.getLocalSize()].sum())
     free = problem.comm.allreduce(free)
     if count > free:

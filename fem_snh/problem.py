@@ -1,4 +1,7 @@
-"""Mesh, element, material, terms and conditions as one minimisation problem of the displacement."""
+"""Mesh, element, material, terms and conditions as one minimisation problem of the displacement.
+
+Or, with a Taylor-Hood element, as a saddle: least in the displacement, greatest in the pressure.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,16 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
+from fem_snh import _dolfinx, unknowns
+from fem_snh import mesh as meshes
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.elements import Element
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels.pointwise import Material
 from fem_snh.mesh import Mesh
+from fem_snh.saddle import Saddle
 from fem_snh.terms import Elastic, Traction
+from fem_snh.unknowns import DisplacementPressure
 
 Array = npt.NDArray[Any]
 
@@ -55,8 +61,10 @@ class Problem:
 
     Attributes
     ----------
-    u : the displacement, a dolfinx Function; ``x`` its ghosted PETSc vector.
+    u : the displacement, a dolfinx Function, ghosts included that of the vector last evaluated.
+    x : the vector of the unknowns: the displacement's own, or one that holds a pressure, too.
     A : the matrix that `jacobian` fills, its near null space the rigid motions.
+    saddle : None, or what a solver has to know of a Taylor-Hood element's pressure.
     terms : the energy terms the scene needs, and no others.
     length : V^(1/3) [m], V the reference volume.
     seconds : spent in compilation ("jit") and in evaluations ("assemble").
@@ -83,21 +91,28 @@ class Problem:
         self.mesh, self.element, self.material = mesh, element, material
         self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.comm = mesh.domain.comm
-        self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
-        self.u = _dolfinx.function(self.V, "displacement")
-        self.x = _dolfinx.petsc_vec(self.u)
+        self.length = meshes.volume(mesh.domain) ** (1 / 3)
+        self._unknowns = unknowns.create(mesh, element)
+        self.V, self.u, self.x = self._unknowns.V, self._unknowns.u, self._unknowns.x
         self.load = 0.0
-        self.elastic = Elastic(self.V, element, material)
+        self.saddle: Saddle | None = None
+        if isinstance(self._unknowns, DisplacementPressure):
+            scale = material.law.E / self.length
+            self.elastic = Elastic(self.V, element, material, self._unknowns.Q, scale)
+            self.saddle = Saddle(self._unknowns, self.elastic, scale, material.lame[0])
+        else:
+            self.elastic = Elastic(self.V, element, material)
         self._traction = None
         if traction:
             self._traction = Traction(self.V, mesh, [(t.group, t.vector) for t in traction])
         self.terms: list[Any] = [self.elastic, *([self._traction] if self._traction else [])]
         self._condition(hold, move)
         self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
-        self.A = self.elastic.create_matrix()
-        self.A.setNearNullSpace(self._rigid_motions())
-        volume = self.comm.allreduce(self.elastic.fields(self.x)["volume"].sum())
-        self.length = float(volume) ** (1 / 3)
+        self.A = self.elastic.create_matrix(self._unknowns.layout())
+        if self.saddle:
+            self.saddle.fields["u"].compose("nearnullspace", self._rigid_motions())
+        else:
+            self.A.setNearNullSpace(self._rigid_motions())
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.law.E * self.length**2
 
@@ -119,9 +134,10 @@ class Problem:
             self._fix(condition)
         for condition in move:
             nodes, axes = self._fix(condition)
+            nodes = nodes[nodes < self._unknowns.owned]
             self._moved.append((nodes, axes, condition, points[nodes]))
-        self._prescribed = np.flatnonzero(self.elastic.free.ravel() == 0)
-        self._prescribed_owned = self._prescribed[self._prescribed < self.x.getLocalSize()]
+        owned = self._unknowns.owned
+        self._prescribed = np.flatnonzero(self.elastic.free[:owned].ravel() == 0)
 
     def _fix(self, condition: Any) -> tuple[Array, list[int]]:
         """Take a condition's degrees of freedom from the free ones: local nodes, components."""
@@ -135,16 +151,16 @@ class Problem:
         """The nodes of a group that this rank owns. Collective."""
         group = self.mesh.group(key)
         nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
-        return nodes[nodes < _dolfinx.num_nodes(self.V)[0]]
+        return nodes[nodes < self._unknowns.owned]
 
     def _rigid_motions(self) -> PETSc.NullSpace:
         """The six rigid motions of the reference shape, for algebraic multigrid."""
-        owned, _ = _dolfinx.num_nodes(self.V)
+        owned = self._unknowns.owned
         X = self.V.tabulate_dof_coordinates()[:owned]
         basis = []
         for axis in range(3):
             for motion in (np.eye(3)[[axis] * owned], np.cross(np.eye(3)[axis], X)):
-                vector = self.x.duplicate()
+                vector = PETSc.Vec().createMPI((3 * owned, None), bsize=3, comm=self.comm)
                 vector.array[:] = (motion * self.elastic.free[:owned]).ravel()
                 basis.append(vector)
         for i, vector in enumerate(basis):
@@ -160,13 +176,12 @@ class Problem:
             self._traction.load = load
 
     def prescribe(self, x: PETSc.Vec) -> None:
-        """Put the boundary values of the present load into ``x``, ghosts included."""
-        with x.localForm() as local:
-            values = local.array
-            values[self._prescribed] = 0.0
-            for nodes, axes, condition, points in self._moved:
-                displacement = condition.displacement(points, self.load)
-                values[3 * nodes[:, None] + axes] = displacement[:, axes]
+        """Put the boundary values of the present load into ``x``."""
+        values = x.array
+        values[self._prescribed] = 0.0
+        for nodes, axes, condition, points in self._moved:
+            displacement = condition.displacement(points, self.load)
+            values[3 * nodes[:, None] + axes] = displacement[:, axes]
 
     @_timed
     def energy(self, x: PETSc.Vec) -> float:
@@ -176,29 +191,26 @@ class Problem:
         """
         if not self.has_energy:
             raise BadInput(f"material '{self.material.law.name}' has no energy, only a stress")
-        _forward(x)
-        return sum(term.energy(x) for term in self.terms)
+        u = self._unknowns.displacement(x)
+        return sum(term.energy(u) for term in self.terms)
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """r = dE/du [N]; zero where the displacement is prescribed."""
         self.gradient(x, r)
-        r.array[self._prescribed_owned] = 0.0
+        r.array[self._prescribed] = 0.0
 
     @_timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """r = dE/du [N] everywhere: at prescribed nodes, the reactions."""
-        _forward(x)
-        with r.localForm() as local:
-            local.set(0.0)
+        u, mine = self._unknowns.displacement(x), self._unknowns.begin_residual(r)
         for term in self.terms:
-            term.add_residual(x, r)
-        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            term.add_residual(u, mine)
+        self._unknowns.end_residual(r)
 
     @_timed
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
-        _forward(x)
-        return self.elastic.jacobian(x, filter, self.eigensolver)
+        return self.elastic.jacobian(self._unknowns.displacement(x), filter, self.eigensolver)
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
         """For each of the groups asked for, the force [N] that its support exerts on the body.
@@ -210,15 +222,14 @@ class Problem:
             return {}
         r = self.x.duplicate()
         self.gradient(x, r)
-        forces = r.array_r.reshape(-1, 3)
+        forces = r.array_r[: 3 * self._unknowns.owned].reshape(-1, 3)
         mine = np.array([forces[nodes].sum(axis=0) for nodes in self._reacting.values()])
         total = self.comm.allreduce(mine)
         return dict(zip(self._reacting, total.tolist(), strict=True))
 
     def measures(self, x: PETSc.Vec) -> dict[str, float]:
         """Deformed over undeformed volume, and the smallest J at any quadrature point."""
-        _forward(x)
-        fields = self.elastic.fields(x)
+        fields = self.elastic.fields(self._unknowns.displacement(x))
         sums = np.array([fields["deformed_volume"].sum(), fields["volume"].sum()])
         deformed, volume = self.comm.allreduce(sums)
         least = float(fields["min_J"].min(initial=np.inf))
@@ -226,7 +237,3 @@ class Problem:
             "volume_ratio": float(deformed / volume),
             "min_J": float(self.comm.allreduce(least, op=MPI.MIN)),
         }
-
-
-def _forward(x: PETSc.Vec) -> None:
-    x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)

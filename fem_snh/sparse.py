@@ -1,15 +1,19 @@
 """An AIJ matrix that element matrices are added to in place.
 
-The pattern of a displacement space never changes, so the place of every element block in PETSc's
+The pattern of a finite element space never changes, so the place of every element block in PETSc's
 value arrays is found once; assembly is then an addition per value, without a search. Rows that
 another rank owns are summed here first and sent as whole rows.
+
+Unknowns come in blocks, one a node: 3 for a displacement, 1 for a pressure. Every rank numbers its
+displacement nodes first, then those of the pressure if there is one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import pairwise
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -24,51 +28,107 @@ from fem_snh.errors import BadInput
 Array = npt.NDArray[Any]
 
 
-def _graph(rows: Array, columns: Array, shape: tuple[int, int]) -> csr_matrix:
-    """The CSR pattern of these pairs, sorted, without repeats; its data number its entries."""
-    graph = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=shape)
-    graph.sum_duplicates()
-    graph.data = np.arange(graph.nnz, dtype=np.int64)
-    return graph
+@dataclass(frozen=True)
+class Space:
+    """One field's nodes on this rank.
+
+    nodes : (cells, n) local node numbers; owned nodes come before ghosts.
+    owned : how many nodes this rank owns.
+    global_nodes : (owned + ghosts,) global number of each local node, contiguous on each rank.
+    size : unknowns a node.
+    """
+
+    nodes: Array
+    owned: int
+    global_nodes: Array
+    size: int
 
 
-def _offsets(graph: csr_matrix, rows: Array, columns: Array) -> Array:
-    """Where, in an array of values, the 3x3 block of each pair of nodes begins."""
-    if not len(rows):
-        return np.empty(0, np.int64)
-    start = graph.indptr[rows].astype(np.int64)
-    return 9 * start + 3 * (np.asarray(graph[rows, columns]).ravel() - start)
+class Layout:
+    """How the blocks of several spaces are numbered together, on all ranks. Collective.
+
+    Attributes
+    ----------
+    nodes : (cells, sum of n) local blocks of each cell, one space after the other.
+    sizes, numbers, owned : of each local block its unknowns, its global number, whether it is ours.
+    unknowns : how many this rank owns; ``total`` blocks there are on all ranks.
+    """
+
+    def __init__(self, comm: Any, spaces: Sequence[Space]) -> None:
+        self.comm, self.rank = comm, comm.rank
+        counts = np.array(comm.allgather([s.owned for s in spaces]), dtype=np.int64)
+        self._sizes = np.array([s.size for s in spaces])
+        before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
+        self._blocks = before.sum(axis=1)
+        self._first = self._blocks[:-1, None] + np.cumsum(counts, axis=1) - counts
+        self._unknowns = (before * self._sizes).sum(axis=1)
+        inside = np.cumsum(counts * self._sizes, axis=1) - counts * self._sizes
+        self._first_unknown = self._unknowns[:-1, None] + inside
+        self.total = int(self._blocks[-1])
+        self.first, self.last = (int(b) for b in self._blocks[comm.rank : comm.rank + 2])
+        self.unknowns = int(np.diff(self._unknowns)[comm.rank])
+        numbers, offsets = [], np.cumsum([0, *(len(s.global_nodes) for s in spaces)])
+        for k, space in enumerate(spaces):
+            rank = np.searchsorted(before[:, k], space.global_nodes, side="right") - 1
+            numbers.append(self._first[rank, k] + space.global_nodes - before[rank, k])
+        self.numbers = np.concatenate(numbers)
+        self.sizes = np.repeat(self._sizes, np.diff(offsets))
+        mine = [np.arange(len(s.global_nodes)) < s.owned for s in spaces]
+        self.owned = np.concatenate(mine)
+        parts = [s.nodes + shift for s, shift in zip(spaces, offsets[:-1], strict=True)]
+        self.nodes = np.concatenate(parts, axis=1)
+
+    def owner(self, blocks: Array) -> Array:
+        """The rank that owns each of these global blocks."""
+        return np.searchsorted(self._blocks, blocks, side="right") - 1
+
+    def place(self, blocks: Array) -> tuple[Array, Array]:
+        """(first unknown, number of unknowns) of each of these global blocks."""
+        rank = self.owner(blocks)
+        space = (blocks[:, None] >= self._first[rank]).sum(axis=1) - 1
+        size = self._sizes[space]
+        return self._first_unknown[rank, space] + size * (blocks - self._first[rank, space]), size
+
+    @property
+    def block_size(self) -> int | None:
+        """The unknowns of a block if it is the same for all."""
+        return int(self._sizes[0]) if len(self._sizes) == 1 else None
 
 
-def _to_owners(comm: Any, first: int, rows: Array, columns: Array) -> tuple[Array, Array]:
-    """Send (row, column) pairs of global nodes to the ranks that own the rows. Collective."""
-    owner = np.searchsorted(comm.allgather(first), rows, side="right") - 1
-    pairs = np.stack([rows, columns])
-    received = comm.alltoall([pairs[:, owner == rank] for rank in range(comm.size)])
-    return tuple(np.concatenate(received, axis=1))  # type: ignore[return-value]
+class _Graph:
+    """A pattern of blocks, each row sorted, and where their values begin in an array of rows.
+
+    rows, columns : of each block, with repeats; ``heights`` of all rows, ``widths`` of all columns.
+    """
+
+    def __init__(self, rows: Array, columns: Array, heights: Array, widths: Array) -> None:
+        shape = (len(heights), len(widths))
+        self._csr = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=shape)
+        self._csr.sum_duplicates()
+        self._csr.data = np.arange(self._csr.nnz, dtype=np.int64)
+        self.indptr, self.indices = self._csr.indptr, self._csr.indices
+        self.heights = heights
+        before = np.concatenate([[0], np.cumsum(widths[self.indices], dtype=np.int64)])
+        #: unknowns in a row of each block row
+        self.lengths = before[self.indptr[1:]] - before[self.indptr[:-1]]
+        self.starts = np.concatenate([[0], np.cumsum(heights * self.lengths)])
+        self._within = before[:-1] - np.repeat(before[self.indptr[:-1]], np.diff(self.indptr))
+
+    def offsets(self, rows: Array, columns: Array) -> Array:
+        """Where, in an array of values, the block of each pair begins."""
+        if not len(rows):
+            return np.empty(0, np.int64)
+        return self.starts[rows] + self._within[np.asarray(self._csr[rows, columns]).ravel()]
 
 
-def _create(comm: Any, pattern: csr_matrix, owned: int, total: int) -> PETSc.Mat:
-    """A zero AIJ matrix with a 3x3 block for each entry of a pattern of nodes."""
-    blocks = np.diff(pattern.indptr)
-    indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * blocks, 3))]).astype(PETSc.IntType)
-    columns = (3 * pattern.indices[:, None] + np.arange(3)).astype(PETSc.IntType)
-    # The columns of a node are those of each of its three rows.
-    thrice = [columns[a:b] for a, b in pairwise(pattern.indptr)]
-    indices = np.concatenate([np.tile(c.ravel(), 3) for c in thrice] or [columns.ravel()])
-    size = ((3 * owned, 3 * total),) * 2
-    values = np.zeros(len(indices))
-    return PETSc.Mat().createAIJ(size, bsize=3, csr=(indptr, indices, values), comm=comm)
+def _ranges(starts: Array, lengths: Array) -> Array:
+    """starts[0], starts[0] + 1, ..., (lengths[0] numbers), then the same for the next."""
+    ends = np.cumsum(lengths)
+    return np.repeat(starts - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)
 
 
 class BlockMatrix:
-    """An AIJ matrix with 3x3 blocks on the pattern of ``nodes``, and where its blocks are.
-
-    Parameters
-    ----------
-    nodes : (cells, n) local node numbers; owned nodes come before ghosts.
-    owned : how many nodes this rank owns.
-    global_nodes : (owned + ghosts,) global number of each local node.
+    """An AIJ matrix on the pattern of a `Layout`'s cells, and where its blocks are. Collective.
 
     Attributes
     ----------
@@ -76,53 +136,80 @@ class BlockMatrix:
     position, strides : where each block is, as cell.h's Target has it.
     """
 
-    def __init__(self, comm: Any, nodes: Array, owned: int, global_nodes: Array) -> None:
-        local, n = len(global_nodes), nodes.shape[1]
-        first, total = comm.exscan(owned) or 0, comm.allreduce(owned)
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        nodes, n = layout.nodes, layout.nodes.shape[1]
+        numbers, sizes, owned = layout.numbers, layout.sizes, layout.owned
         rows, columns = np.repeat(nodes, n, axis=1).ravel(), np.tile(nodes, (1, n)).ravel()
-        away = rows >= owned
-        near, far = ~away & (columns < owned), ~away & (columns >= owned)
+        near, far = owned[rows] & owned[columns], owned[rows] & ~owned[columns]
+        away = ~owned[rows]
 
-        self._sent = _graph(rows[away] - owned, columns[away], (local - owned, local))
-        self._sent_rows = global_nodes[owned:].astype(PETSc.IntType)
-        self._sent_columns = global_nodes[self._sent.indices].astype(PETSc.IntType)
-        self._sent_values = np.zeros(9 * self._sent.nnz)
-        mine = self._sent.tocoo()
-        row, column = _to_owners(
-            comm, first, global_nodes[mine.row + owned], global_nodes[mine.col]
-        )
-        pattern = _graph(
-            np.concatenate([rows[~away], row - first]),
-            np.concatenate([global_nodes[columns[~away]], column]),
-            (owned, total),
-        )
-        self.petsc = _create(comm, pattern, owned, total)
+        ghost = np.cumsum(~owned) - 1  # of a local block that is not ours, its number among them
+        self._sent = _Graph(ghost[rows[away]], columns[away], sizes[~owned], sizes)
+        self._ghosts = numbers[~owned]
+        sent_rows = np.repeat(self._ghosts, np.diff(self._sent.indptr))
+        row, column = self._to_owners(sent_rows, numbers[self._sent.indices])
 
+        _, width = layout.place(np.arange(layout.first, layout.last))
+        pattern_rows = np.concatenate([numbers[rows[~away]], row]) - layout.first
+        pattern_columns = np.concatenate([numbers[columns[~away]], column])
+        inside = (pattern_columns >= layout.first) & (pattern_columns < layout.last)
+        others = np.unique(pattern_columns[~inside])
         # PETSc keeps the columns this rank owns apart, and numbers the others densely.
-        inside = (pattern.indices >= first) & (pattern.indices < first + owned)
-        row_of = np.repeat(np.arange(owned), np.diff(pattern.indptr))
-        others = np.unique(pattern.indices[~inside])
-        diagonal = _graph(row_of[inside], pattern.indices[inside] - first, (owned, owned))
-        dense = np.searchsorted(others, pattern.indices[~inside])
-        off_diagonal = _graph(row_of[~inside], dense, (owned, len(others)))
+        diagonal = _Graph(
+            pattern_rows[inside], pattern_columns[inside] - layout.first, width, width
+        )
+        dense = np.searchsorted(others, pattern_columns[~inside])
+        off_diagonal = _Graph(pattern_rows[~inside], dense, width, layout.place(others)[1])
+        whole = np.concatenate([np.arange(layout.first, layout.last), others])
+        self.petsc = self._create(diagonal, off_diagonal, whole, width)
 
         position = np.empty(len(rows), dtype=np.int64)
-        position[near] = 4 * _offsets(diagonal, rows[near], columns[near])
-        dense = np.searchsorted(others, global_nodes[columns[far]])
-        position[far] = 4 * _offsets(off_diagonal, rows[far], dense) + 1
-        position[away] = 4 * _offsets(self._sent, rows[away] - owned, columns[away]) + 2
+        local = numbers - layout.first
+        position[near] = 4 * diagonal.offsets(local[rows[near]], local[columns[near]])
+        dense = np.searchsorted(others, numbers[columns[far]])
+        position[far] = 4 * off_diagonal.offsets(local[rows[far]], dense) + 1
+        position[away] = 4 * self._sent.offsets(ghost[rows[away]], columns[away]) + 2
         if len(position) and position.max() > np.iinfo(np.int32).max:
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
         self.position = position.astype(np.int32)
-        ghosts = local - owned
-        self.strides = [
-            np.pad(3 * np.diff(graph.indptr), pad).astype(np.int32)
-            for graph, pad in (
-                (diagonal, (0, ghosts)),
-                (off_diagonal, (0, ghosts)),
-                (self._sent, (owned, 0)),
-            )
-        ]
+        self.strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
+        for stride, graph in zip(self.strides, (diagonal, off_diagonal), strict=False):
+            stride[owned] = graph.lengths[local[owned]]
+        self.strides[2][~owned] = self._sent.lengths
+
+    def _to_owners(self, rows: Array, columns: Array) -> tuple[Array, Array]:
+        """Send (row, column) pairs of global blocks to the ranks that own the rows. Collective."""
+        comm, owner = self._layout.comm, self._layout.owner(rows)
+        pairs = np.stack([rows, columns])
+        received = comm.alltoall([pairs[:, owner == rank] for rank in range(comm.size)])
+        return tuple(np.concatenate(received, axis=1))  # type: ignore[return-value]
+
+    def _create(
+        self, diagonal: _Graph, off_diagonal: _Graph, blocks: Array, heights: Array
+    ) -> PETSc.Mat:
+        """A zero AIJ matrix with both patterns; ``blocks`` are the global ones of their columns."""
+        graphs, shift = (diagonal, off_diagonal), (0, len(heights))
+        rows = np.concatenate(
+            [np.repeat(np.arange(len(heights)), np.diff(g.indptr)) for g in graphs]
+        )
+        entries = np.concatenate([g.indices + s for g, s in zip(graphs, shift, strict=True)])
+        order = np.lexsort((blocks[entries], rows))
+        at, width = self._layout.place(blocks[entries[order]])
+        columns = _ranges(at, width)  # of one row of each block row
+        lengths = diagonal.lengths + off_diagonal.lengths
+        starts = np.cumsum(lengths) - lengths
+        block_row = np.repeat(np.arange(len(heights)), heights)
+        indices = columns[_ranges(starts[block_row], lengths[block_row])].astype(PETSc.IntType)
+        indptr = np.concatenate([[0], np.cumsum(lengths[block_row])]).astype(PETSc.IntType)
+        size = ((self._layout.unknowns, None),) * 2
+        values = np.zeros(len(indices))
+        return PETSc.Mat().createAIJ(
+            size,
+            bsize=self._layout.block_size,
+            csr=(indptr, indices, values),
+            comm=self._layout.comm,
+        )
 
     @contextmanager
     def values(self) -> Iterator[list[int]]:
@@ -151,14 +238,29 @@ class BlockMatrix:
         A.assemble()
         A.stateIncrease()  # values changed behind PETSc's back: preconditioners must know
 
+    @cached_property
+    def _sent_values(self) -> Array:
+        return np.zeros(int(self._sent.starts[-1]))
+
+    @cached_property
+    def _sent_places(self) -> tuple[Array, Array, Array, Array]:
+        """PETSc's numbers of rows and columns that are sent, and where each block row's begin."""
+        at, heights = self._layout.place(self._ghosts)
+        rows = _ranges(at, heights).astype(PETSc.IntType)
+        first, width = self._layout.place(self._layout.numbers[self._sent.indices])
+        columns = _ranges(first, width).astype(PETSc.IntType)
+        lengths = self._sent.lengths
+        return rows, np.cumsum(heights) - heights, columns, np.cumsum(lengths) - lengths
+
     def _send(self, handle: Any) -> None:
         """Hand the rows of other ranks to PETSc."""
+        rows, row_at, columns, column_at = self._sent_places
         values = ffi.cast("double *", self._sent_values.ctypes.data)
-        columns = ffi.cast("int *", self._sent_columns.ctypes.data)
-        rows = ffi.cast("int *", self._sent_rows.ctypes.data)
-        starts = self._sent.indptr.tolist()
+        row, column = (ffi.cast("int *", a.ctypes.data) for a in (rows, columns))
         add = int(PETSc.InsertMode.ADD)
-        for i, (a, b) in enumerate(pairwise(starts)):
-            if b > a:
-                block = (handle, 1, rows + i, b - a, columns + a, values + 9 * a, add)
-                call("MatSetValuesBlocked", *block)
+        for i, (height, length) in enumerate(
+            zip(self._sent.heights.tolist(), self._sent.lengths.tolist(), strict=True)
+        ):
+            if length:
+                block = (height, row + int(row_at[i]), length, column + int(column_at[i]))
+                call("MatSetValues", handle, *block, values + int(self._sent.starts[i]), add)

@@ -17,6 +17,10 @@ from fem_snh.elements import ELEMENTS
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 
+#: Elements by what UFL can say of them, and by whether the displacement minimises an energy.
+POINTWISE = [e.name for e in ELEMENTS.values() if e.volume == "pointwise"]
+MINIMISING = [e.name for e in ELEMENTS.values() if e.volume != "pressure"]
+
 FACES = ("left", "right", "bottom", "top", "front", "back")
 
 #: Materials by the name of a test: what `fem_snh.material` takes besides E. With the barrier and

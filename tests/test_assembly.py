@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import ufl
 from bodies import (
+    MINIMISING,
+    POINTWISE,
     Hold,
     cube,
     dense,
@@ -27,7 +29,8 @@ from fem_snh import _dolfinx, forms
 from fem_snh.elements import ELEMENTS, Element
 
 mpi = pytest.mark.mpi
-elements = pytest.mark.parametrize("element", ELEMENTS)
+elements = pytest.mark.parametrize("element", MINIMISING)
+pointwise = pytest.mark.parametrize("element", POINTWISE)
 HELD = [Hold("bottom"), Hold("right", ("x", "z"))]
 
 
@@ -39,7 +42,7 @@ def free_wave(p, size, shift=0.0):
 # --- against ufl.derivative, FFCx and dolfinx's assembler ----------------------------------------
 
 
-@elements
+@pointwise
 @every_law
 def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
     """27 or 48 bent cells: the last batch of 8 is not full."""
@@ -193,7 +196,7 @@ def by_hand(p, element: Element, clamp):
     return A, worst
 
 
-@elements
+@pointwise
 @every_law_serially
 @pytest.mark.parametrize(
     "choice, clamp",

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build, codegen
-from fem_snh.materials.energy import Energy
+from fem_snh.kernels.law import Law
 
 DECLARATIONS = """
 typedef struct {
   int cells; const int *nodes; const int *geometry; const double *x; const double *gradients;
   const double *geometry_gradients; const double *weights; const double *constants;
+  const int *pressure_nodes; const double *pressure_basis;
 } Cells;
 typedef struct {
   double *values[3]; const int *stride[3]; const int *position;
   const double *free; const unsigned char *constrained;
 } Target;
-double energy_cells(const Cells *c, const double *u);
-void residual_cells(const Cells *c, const double *u, double *r);
-long jacobian_cells(const Cells *c, const double *u, int filter, int solver, const Target *t);
-void fields_cells(const Cells *c, const double *u, double *fields);
+double energy_cells(const Cells *c, const double *u, const double *p);
+void residual_cells(const Cells *c, const double *u, const double *p, double *r, double *r_p);
+long jacobian_cells(const Cells *c, const double *u, const double *p, int filter, int solver,
+                    const Target *t);
+void fields_cells(const Cells *c, const double *u, const double *p, double *fields);
 """
 
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")
@@ -41,6 +43,9 @@ class Tables:
     gradients: Array  # (POINTS, NODES, 3)
     geometry_gradients: Array  # (POINTS, GEOMETRY_NODES, 3)
     weights: Array  # (POINTS,)
+    volume: str = "pointwise"  # as `fem_snh.elements.Element` has it
+    pressure_nodes: Array = field(default_factory=lambda: np.empty((0, 0), np.int32))
+    pressure_basis: Array = field(default_factory=lambda: np.empty((0, 0)))  # (POINTS, .)
 
     @property
     def sizes(self) -> list[str]:
@@ -50,32 +55,42 @@ class Tables:
             f"#define POINTS {points}",
             f"#define NODES {nodes}",
             f"#define GEOMETRY_NODES {self.geometry_gradients.shape[1]}",
+            f"#define PRESSURE_NODES {self.pressure_basis.shape[1]}",
         ]
 
 
-def c_source(law: Energy, tables: Tables) -> str:
-    """The C source of ``law`` on an element with these sizes."""
-    return codegen.source(law, before=tables.sizes, after=("cell.h",))
+def c_source(law: Law, tables: Tables) -> str:
+    """The C source of ``law`` on an element with these tables."""
+    after = ("cell.h", f"volume_{tables.volume}.h", "loops.h")
+    return codegen.source(law.energy, tables.sizes, after, law.functions)
 
 
 class CellLoops:
-    """Energy, residual, Jacobian and fields over one rank's cells; arrays are this rank's."""
+    """Energy, residual, Jacobian and fields over one rank's cells; arrays are this rank's.
 
-    def __init__(self, path: Any, law: Energy, tables: Tables) -> None:
+    ``pressure`` is that of an element that has one unknown, (nodes,), and otherwise None.
+    """
+
+    def __init__(self, path: Any, law: Law, tables: Tables) -> None:
         self._ffi, self._lib = build.load(path, DECLARATIONS)
-        constants = np.array(law.values, dtype=np.float64)
-        kinds = [np.int32, np.int32, *[np.float64] * 4]
+        t, floats, ints = tables, np.float64, np.int32
         arrays = [
-            np.ascontiguousarray(a, dtype=k)
-            for a, k in zip(vars(tables).values(), kinds, strict=True)
-        ]
+            np.ascontiguousarray(array, dtype=kind)
+            for array, kind in (
+                (t.nodes, ints), (t.geometry, ints), (t.x, floats), (t.gradients, floats),
+                (t.geometry_gradients, floats), (t.weights, floats), (law.energy.values, floats),
+                (t.pressure_nodes, ints), (t.pressure_basis, floats),
+            )
+        ]  # fmt: skip
         self.num_cells = len(tables.nodes)
         # The struct holds pointers only: the arrays must live as long.
-        self._kept = [*arrays, constants]
-        self._cells = self._ffi.new("Cells *", [self.num_cells, *map(self.pointer, self._kept)])
+        self._kept = arrays
+        self._cells = self._ffi.new("Cells *", [self.num_cells, *map(self.pointer, arrays)])
 
-    def pointer(self, array: Array) -> Any:
+    def pointer(self, array: Array | None) -> Any:
         """A C pointer to the memory of ``array``, which the caller keeps alive."""
+        if array is None:
+            return self._ffi.NULL
         kind = {"float64": "double *", "int32": "int *", "uint8": "unsigned char *"}
         return self._ffi.cast(kind[array.dtype.name], array.ctypes.data)
 
@@ -91,21 +106,26 @@ class CellLoops:
         """A C pointer to doubles at this address."""
         return self._ffi.cast("double *", number)
 
-    def energy(self, u: Array) -> float:
-        """The integral of psi [J] over this rank's cells; +inf outside the domain."""
-        return float(self._lib.energy_cells(self._cells, self.pointer(u)))
+    def energy(self, u: Array, pressure: Array | None = None) -> float:
+        """The energy [J] of this rank's cells; +inf outside the domain."""
+        return float(self._lib.energy_cells(self._cells, *map(self.pointer, (u, pressure))))
 
-    def residual(self, u: Array, r: Array) -> None:
-        """Add dE/du [N] to ``r``, ghost nodes included."""
-        self._lib.residual_cells(self._cells, self.pointer(u), self.pointer(r))
+    def residual(
+        self, u: Array, r: Array, pressure: Array | None = None, r_pressure: Array | None = None
+    ) -> None:
+        """Add the energy's derivatives to ``r`` and ``r_pressure``, ghost nodes included."""
+        arrays = map(self.pointer, (u, pressure, r, r_pressure))
+        self._lib.residual_cells(self._cells, *arrays)
 
-    def jacobian(self, u: Array, filter: int, eigensolver: int, target: Any) -> int:
-        """Add the filtered d2E/du2 to ``target``; the number of points that had to be filtered."""
-        call = self._lib.jacobian_cells
-        return int(call(self._cells, self.pointer(u), filter, eigensolver, target))
+    def jacobian(
+        self, u: Array, filter: int, eigensolver: int, target: Any, pressure: Array | None = None
+    ) -> int:
+        """Add the filtered second derivative to ``target``; the points that had to be filtered."""
+        arrays = map(self.pointer, (u, pressure))
+        return int(self._lib.jacobian_cells(self._cells, *arrays, filter, eigensolver, target))
 
-    def fields(self, u: Array) -> dict[str, Array]:
+    def fields(self, u: Array, pressure: Array | None = None) -> dict[str, Array]:
         """Each of FIELDS per cell: volumes [m^3], min J, energy [J], smallest eigenvalue [Pa]."""
         out = np.empty((self.num_cells, len(FIELDS)))
-        self._lib.fields_cells(self._cells, self.pointer(u), self.pointer(out))
+        self._lib.fields_cells(self._cells, *map(self.pointer, (u, pressure, out)))
         return dict(zip(FIELDS, out.T, strict=True))

@@ -21,8 +21,10 @@ from itertools import combinations_with_replacement
 import sympy
 
 from fem_snh.kernels.printer import Printer, statements
-from fem_snh.materials.energy import Energy
+from fem_snh.materials.energy import Energy, domain
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
+from fem_snh.materials.split import PRESSURE, Split
+from fem_snh.materials.split import J as _VOLUME
 
 _I1, _I_C, _II_C, _J = INVARIANTS
 #: The scaling block's six entries in the order of eigen3.h.
@@ -73,9 +75,12 @@ class _Generator:
         return self.second.get((m, n), sympy.Integer(0))
 
     def constants(self) -> str:
-        return "\n".join(
-            f"  const double {c} = p[{i}];" for i, c in enumerate(self.energy.constants)
-        )
+        lines = [
+            f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.constants)
+        ]
+        if self.energy.pressure is not None:
+            lines.append(f"  const real {self.energy.pressure} = p.pressure;")
+        return "\n".join(lines)
 
     def measures_of(self, source: str) -> str:
         """C that computes the measures from ``F`` or from ``s``."""
@@ -96,10 +101,10 @@ class _Generator:
         )
         return "\n".join([cofactor, *(lines[m] for m in self.energy.measures)])
 
-    def inside(self, results: Iterable[str]) -> str:
-        """C for the mask of lanes in the domain of psi, and in that of floating point."""
+    def inside(self, results: Iterable[str], domain: Iterable[sympy.Expr]) -> str:
+        """C for the mask of lanes in a domain, and in that of floating point."""
         printer = Printer()
-        tests = [f"({printer.doprint(x)} > 0)" for x in self.energy.domain]
+        tests = [f"({printer.doprint(x)} > 0)" for x in domain]
         size = " + ".join(f"absolute({r})" for r in results)
         return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"
 
@@ -120,14 +125,14 @@ class _Generator:
         if needed:
             body.append(statements(needed, self.energy.constants, "d_"))
         body.append(statements(results, self.energy.constants, "r_"))
-        body.append(f"  {self.inside(results)}")
+        body.append(f"  {self.inside(results, self.energy.domain)}")
         body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
         return f"INLINE void {head} {{\n" + "\n".join(body) + "\n}\n"
 
     def energy_function(self, source: str) -> str:
         name = "energy_stretches" if source == "s" else "energy_invariants"
         return self.function(
-            f"{name}(const double *p, const real *{source}, real *psi)",
+            f"{name}(Law p, const real *{source}, real *psi)",
             source,
             (),
             # Without an energy it is 0 where there is a stress: what is not finite stays so.
@@ -144,12 +149,12 @@ class _Generator:
             I_C = _I_C if _I_C in self.energy.measures else sum(f**2 for f in F)
             P += 2 * self.d(_II_C) * (I_C * F - F * F.T * F)
         results = {f"P[{3 * j + i}]": P[i, j] for j in range(3) for i in range(3)}
-        head = "stress_invariants(const double *p, const real *F, real *P)"
+        head = "stress_invariants(Law p, const real *F, real *P)"
         return self.function(head, "F", self.first.values(), results)
 
     def gradient_function(self) -> str:
         results = {f"g[{i}]": self.slope(s) for i, s in enumerate(SIGMA)}
-        head = "gradient_stretches(const double *p, const real *s, real *g)"
+        head = "gradient_stretches(Law p, const real *s, real *g)"
         return self.function(head, "s", self.first.values(), results)
 
     def slope(self, s: sympy.Symbol) -> sympy.Expr:
@@ -175,7 +180,7 @@ class _Generator:
         for i, (j, k) in enumerate(_COUPLED):
             twist, flip = self.pair(SIGMA[i], SIGMA[j], SIGMA[k])
             results |= {f"twist[{i}]": twist, f"flip[{i}]": flip}
-        head = "hessian_stretches(const double *p, const real *s, real *A, real *twist, real *flip)"
+        head = "hessian_stretches(Law p, const real *s, real *A, real *twist, real *flip)"
         return self.function(head, "s", self.derivatives, results)
 
     def pair(
@@ -203,6 +208,35 @@ class _Generator:
             twist += 2 * self.d(_I1) * sympy.Function("inverse_sum")(sj, sk)
         return twist, flip
 
+    def curve_function(
+        self, head: str, variable: sympy.Symbol, curve: Sequence[sympy.Expr], out: str
+    ) -> str:
+        """One C function: a curve in one variable and its two derivatives.
+
+        Outside its domain it is infinite, and its derivatives 0.
+        """
+        results = {f"{out}[{i}]": expression for i, expression in enumerate(curve)}
+        lines = [self.constants(), statements(results, self.energy.constants, "c_")]
+        lines.append("  " + self.inside(results, domain(curve, [variable])))
+        outside = ("INFINITY", "0", "0")
+        lines += [
+            f"  {r} = select(inside, {r}, splat({o}));"
+            for r, o in zip(results, outside, strict=True)
+        ]
+        return f"INLINE void {head} {{\n" + "\n".join(lines) + "\n}\n"
+
+
+def volume_curve(split: Split) -> str:
+    """C for U(J), U', U'' of a material (volume_mean.h)."""
+    head = "volume_curve(Law p, real J, real *U)"
+    return _Generator(split.law).curve_function(head, _VOLUME, split.volume_curve, "U")
+
+
+def volume_dual(split: Split) -> str:
+    """C for U*(p), J(p), dJ/dp of a material (volume_pressure.h)."""
+    head = "volume_dual(Law p, real *dual)"
+    return _Generator(split.law).curve_function(head, PRESSURE, split.dual_curve, "dual")
+
 
 def tools() -> str:
     """The C source of what knows no material: the SVD and the eigensolvers."""
@@ -210,10 +244,16 @@ def tools() -> str:
     return "\n".join(["#include <math.h>", *((folder / name).read_text() for name in _TOOLS)])
 
 
-def source(energy: Energy, before: Sequence[str] = (), after: Sequence[str] = ()) -> str:
+def source(
+    energy: Energy,
+    before: Sequence[str] = (),
+    after: Sequence[str] = (),
+    functions: Sequence[str] = (),
+) -> str:
     """The whole C source for ``energy``: headers, generated functions, then the files ``after``.
 
-    ``before`` are lines put at the top (the sizes of an element, say).
+    ``before`` are lines put at the top (the sizes of an element, say), ``functions`` C that goes
+    before the files.
     """
     g = _Generator(energy)
     generated = [g.energy_function("s"), g.gradient_function(), g.hessian_function()]
@@ -225,9 +265,10 @@ def source(energy: Energy, before: Sequence[str] = (), after: Sequence[str] = ()
             "#include <math.h>",
             *before,
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
-            *((folder / name).read_text() for name in (*_BEFORE, "quotient.h")),
+            *((folder / name).read_text() for name in (*_BEFORE, "quotient.h", "law.h")),
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
+            *functions,
             *((folder / name).read_text() for name in (*_AFTER, *after)),
         ]
     )

@@ -9,7 +9,11 @@
 
 enum { EXACT, CLAMP, ABS };
 
-INLINE void energy_point(const double *p, const real *F, real *psi) {
+INLINE real filtered(int filter, real e) {
+  return filter == CLAMP ? largest(e, splat(0)) : filter == ABS ? absolute(e) : e;
+}
+
+INLINE void energy_point(Law p, const real *F, real *psi) {
 #if NEEDS_STRETCHES
   real U[9], V[9], s[3];
   svd(F, U, s, V);
@@ -19,7 +23,7 @@ INLINE void energy_point(const double *p, const real *F, real *psi) {
 #endif
 }
 
-INLINE void stress_point(const double *p, const real *F, real *P) {
+INLINE void stress_point(Law p, const real *F, real *P) {
 #if NEEDS_STRETCHES
   real U[9], V[9], s[3], g[3];
   svd(F, U, s, V);
@@ -34,7 +38,7 @@ INLINE void stress_point(const double *p, const real *F, real *P) {
 
 /* The nine eigenvalues in the paper's order (scaling 0-2, twist 3-5, flip 6-8), the vectors Q of the
  * scaling block, and U, V: everything from which the eigenvectors of eq. 39 and 62 are made. */
-INLINE void eigenvalues_point(const double *p, const real *F, int solver, real *e, real *Q, real *U, real *V) {
+INLINE void eigenvalues_point(Law p, const real *F, int solver, real *e, real *Q, real *U, real *V) {
   real s[3], A[6];
   svd(F, U, s, V);
   hessian_stretches(p, s, A, e + 3, e + 6);
@@ -68,7 +72,7 @@ INLINE mask filter_block(int filter, int solver, real *A) {
   eigen3(solver, A, e, Q);
   real B[6] = {splat(0), splat(0), splat(0), splat(0), splat(0), splat(0)};
   for (int k = 0; k < 3; ++k) {
-    const real value = filter == CLAMP ? largest(e[k], splat(0)) : absolute(e[k]), *q = Q + 3 * k;
+    const real value = filtered(filter, e[k]), *q = Q + 3 * k;
     for (int i = 0; i < 3; ++i) B[i] += value * q[i] * q[i];
     B[3] += value * q[0] * q[1];
     B[4] += value * q[0] * q[2];
@@ -79,15 +83,11 @@ INLINE mask filter_block(int filter, int solver, real *A) {
   return ~positive & (e[2] < 0);
 }
 
-INLINE real filtered(int filter, real e) {
-  return filter == CLAMP ? largest(e, splat(0)) : filter == ABS ? absolute(e) : e;
-}
-
 /* The 9x9 Hessian d2psi/dF2 (row-major) after the filter; true where an eigenvalue was negative.
  *
  * Written in the nine products u_a v_b^T: the scaling block couples u_i v_i^T, and each twist/flip
  * pair couples u_a v_b^T with u_b v_a^T, so no eigenvector has to be normalised. */
-INLINE mask hessian_point(const double *p, const real *F, int filter, int solver, real *C) {
+INLINE mask hessian_point(Law p, const real *F, int filter, int solver, real *C) {
   real U[9], V[9], s[3], A[6], twist[3], flip[3], o[9][9], y[9];
   svd(F, U, s, V);
   hessian_stretches(p, s, A, twist, flip);

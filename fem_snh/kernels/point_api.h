@@ -1,6 +1,7 @@
 /* The kernels at n points of the caller, F[n][9] by columns: what Material's pointwise methods call. */
 
-void energy_points(const double *p, long n, const double *F, double *psi) {
+void energy_points(const double *constants, long n, const double *F, double *psi) {
+  const Law p = {constants};
   for (long start = 0; start < n; start += W) {
     real f[9], value[1];
     load_points(F, n, start, f);
@@ -9,7 +10,8 @@ void energy_points(const double *p, long n, const double *F, double *psi) {
   }
 }
 
-void stress_points(const double *p, long n, const double *F, double *P) {
+void stress_points(const double *constants, long n, const double *F, double *P) {
+  const Law p = {constants};
   for (long start = 0; start < n; start += W) {
     real f[9], stress[9];
     load_points(F, n, start, f);
@@ -18,7 +20,8 @@ void stress_points(const double *p, long n, const double *F, double *P) {
   }
 }
 
-void hessian_points(const double *p, long n, const double *F, int filter, int solver, double *C) {
+void hessian_points(const double *constants, long n, const double *F, int filter, int solver, double *C) {
+  const Law p = {constants};
   for (long start = 0; start < n; start += W) {
     real f[9], c[81];
     load_points(F, n, start, f);
@@ -27,7 +30,8 @@ void hessian_points(const double *p, long n, const double *F, int filter, int so
   }
 }
 
-void eigensystem_points(const double *p, long n, const double *F, int solver, double *values, double *vectors) {
+void eigensystem_points(const double *constants, long n, const double *F, int solver, double *values, double *vectors) {
+  const Law p = {constants};
   for (long start = 0; start < n; start += W) {
     real f[9], e[9], Q[9], U[9], V[9], d[81];
     load_points(F, n, start, f);

@@ -12,6 +12,7 @@ from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build, codegen
+from fem_snh.kernels.law import law_for
 from fem_snh.materials.energy import Energy
 
 Array = npt.NDArray[np.float64]
@@ -56,7 +57,8 @@ class Material:
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
-        return build.load(build.library(codegen.source(self.law)), DECLARATIONS)
+        law = law_for(self.law, "pointwise")  # refuses nu = 0.5
+        return build.load(build.library(codegen.source(law.energy)), DECLARATIONS)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Run kernel ``name`` at every F; one array of each size per point."""

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
+from fem_snh.solver import saddle
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
@@ -28,15 +29,18 @@ PREFIX = "snh_"
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: CG with Jacobi, linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200
-    iterations. Where a step starts far away (the twist), so loose a solve lets rounding, and so the
-    number of ranks, decide the path: ``-snes_forcing_max 5e-3`` makes it repeatable.
+    Defaults: CG with Jacobi (of a saddle: MINRES with a block fieldsplit), linear tolerance between
+    1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a step starts far away (the twist), so
+    loose a solve lets rounding, and so the number of ranks, decide the path:
+    ``-snes_forcing_max 5e-3`` makes it repeatable.
 
     Raises BadInput for an option's bad value.
     """
     energy_scale = problem.force_scale * problem.length
     has_energy = problem.material.law.has_energy
-    context = ProjectedNewton(problem.jacobian, problem.force_scale, energy_scale, has_energy)
+    context = ProjectedNewton(
+        problem.jacobian, problem.force_scale, energy_scale, has_energy, problem.saddle
+    )
     context.options["snes_hessian"] = choose("hessian", hessian, HESSIANS)
     snes = PETSc.SNES().create(problem.comm)
     snes.setOptionsPrefix(prefix)
@@ -48,12 +52,16 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     snes.setJacobian(context.jacobian, problem.A)
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)
     ksp = snes.getKSP()
-    ksp.setType(PETSc.KSP.Type.CG)
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    if problem.saddle:
+        saddle.configure(ksp, problem.A, problem.saddle)
+    else:
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
     try:
         with own_errors():
             snes.setFromOptions()
+            saddle.set_blocks(ksp)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 #: Change of the energy below which its sign is rounding: relative to the energy, and to E V. The
 #: latter, as an energy density is a difference of numbers of size E, however small the strain.
-_NOISE, _ROUNDING = 1e-12, 1e-15
+_NOISE, _ROUNDING = 1e-12, 4e-15
 #: A full step is lengthened where the slope at its end is still this fraction of that at its start.
 _STEEP = 0.3
 
@@ -42,6 +42,12 @@ class LineSearch:
     armijo: float = 1e-4
     min_step: float = 1e-10
 
+    def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
+        """The energy's slope f.d < 0, or None if A shows negative curvature along d."""
+        # PETSc's CG can miss an indefinite matrix: look at the curvature along d, too.
+        slope = float(f.dot(d))
+        return slope if slope < 0 < Ad.dot(d) else None
+
     def search(
         self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float
     ) -> tuple[float, float] | None:
@@ -53,8 +59,7 @@ class LineSearch:
             if not isfinite(there):
                 step *= 0.5
                 continue
-            rounding = _ROUNDING * self.energy_scale
-            flat = abs(change) <= max(_NOISE * max(abs(energy), abs(there)), rounding)
+            flat = self._flat(change, energy)
             if flat or change <= self.armijo * step * slope:
                 end = self._slope(d)
                 if not flat or end <= (2 * self.armijo - 1) * slope:
@@ -64,10 +69,20 @@ class LineSearch:
                 if not self.has_energy:
                     step *= min(0.5, max(0.1, slope / (slope - end)))  # the secant's zero
                     continue
-            parabola = change - step * slope
-            best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
-            step = min(0.5 * step, max(0.1 * step, best))
+            step = self._shorter(step, change, slope)
         return None
+
+    def _flat(self, change: float, energy: float) -> bool:
+        """Whether a change of the energy may be rounding."""
+        size = max(abs(energy), abs(energy + change))
+        return abs(change) <= max(_NOISE * size, _ROUNDING * self.energy_scale)
+
+    @staticmethod
+    def _shorter(step: float, change: float, slope: float) -> float:
+        """The minimum of the parabola, between a tenth and half of the step."""
+        parabola = change - step * slope
+        best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
+        return min(0.5 * step, max(0.1 * step, best))
 
     def _lengthen(
         self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float, end: float

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import choose
 from fem_snh.solver.linesearch import LineSearch
+from fem_snh.solver.saddle import SaddleSearch
 
 #: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
 OPTIONS: dict[str, str | float] = {
@@ -29,6 +30,9 @@ OPTIONS: dict[str, str | float] = {
 }
 
 Reason = PETSc.SNES.ConvergedReason
+_Linear = PETSc.KSP.ConvergedReason
+#: How linear solvers say that the matrix, or what preconditions it, is not positive.
+_INDEFINITE = (_Linear.DIVERGED_INDEFINITE_MAT, _Linear.DIVERGED_INDEFINITE_PC)
 
 
 @dataclass
@@ -65,12 +69,14 @@ class ProjectedNewton:
         force_scale: float = 1.0,
         energy_scale: float = 0.0,
         has_energy: bool = True,
+        saddle: Any = None,
     ) -> None:
         """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered.
 
         ``has_energy``: whether the SNES has an objective; if not, the line search is on the
-        residual.
+        residual. ``saddle``: of a problem that is one, see `SaddleSearch`.
         """
+        self.saddle = saddle
         self._fill, self.has_energy = jacobian, has_energy
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.options = dict(OPTIONS)
@@ -105,15 +111,7 @@ class ProjectedNewton:
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         f = snes.getFunction()[0]
         d = x.duplicate()
-        line = LineSearch(
-            snes,
-            x.duplicate(),
-            f.duplicate(),
-            self.energy_scale,
-            self.has_energy,
-            float(self.options["snes_armijo"]),
-            float(self.options["snes_min_step"]),
-        )
+        self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
@@ -146,6 +144,18 @@ class ProjectedNewton:
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- its parts -------------------------------------------------------------------------------
+
+    def _line_search(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> LineSearch:
+        common = (
+            snes,
+            x.duplicate(),
+            f.duplicate(),
+            self.energy_scale,
+            self.has_energy,
+            float(self.options["snes_armijo"]),
+            float(self.options["snes_min_step"]),
+        )
+        return SaddleSearch(*common, self.saddle) if self.saddle else LineSearch(*common)
 
     def _test(self, snes: PETSc.SNES, its: int, x: float, step: float, norm: float) -> bool:
         """Tell the SNES where it is; whether to stop, for PETSc's reasons or the scaled one."""
@@ -212,10 +222,8 @@ class ProjectedNewton:
         ksp.setTolerances(rtol=tolerance)
         d.scale(-1.0)
         now.linear += ksp.getIterationNumber()
-        if ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT:
+        if ksp.getConvergedReason() in _INDEFINITE:
             return None
-        slope = f.dot(d)
-        # PETSc's CG can miss an indefinite matrix: look at the curvature along d, too.
         Ad = f.duplicate()
         A.mult(d, Ad)
-        return slope if slope < 0 < Ad.dot(d) else None
+        return self._line.slope(f, d, Ad)

@@ -20,24 +20,33 @@ from fem_snh.elements import Element
 from fem_snh.errors import choose, on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.cells import CellLoops, Tables, c_source
+from fem_snh.kernels.law import law_for
 from fem_snh.kernels.pointwise import Material
-from fem_snh.sparse import BlockMatrix
+from fem_snh.sparse import BlockMatrix, Layout
 
 Array = npt.NDArray[Any]
 
 
-def tables(V: Any, element: Element) -> Tables:
-    """Basis, geometry and quadrature of ``element`` on this rank's cells of the space V."""
+def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> Tables:
+    """Basis, geometry and quadrature of ``element`` on this rank's cells of the space V.
+
+    Q is the pressure's space if it has one, its basis functions multiplied by ``scale``.
+    """
     domain = V.mesh
     points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
-    return Tables(
+    made = (
         _dolfinx.node_dofs(V),
         _dolfinx.geometry_dofs(domain),
         _dolfinx.geometry_x(domain),
         _dolfinx.tabulate(V, points),
         _dolfinx.tabulate_geometry(domain, points),
         weights,
+        element.volume,
     )
+    if Q is None:
+        return Tables(*made)
+    basis = _dolfinx.tabulate_values(Q, points)
+    return Tables(*made, _dolfinx.node_dofs(Q), scale * basis)
 
 
 class Elastic:
@@ -45,28 +54,36 @@ class Elastic:
 
     ``free`` (local nodes, 3) is 0 where the displacement is prescribed: rows and columns of the
     Jacobian are zero there but for a positive diagonal. It is set before `create_matrix`.
+
+    With a space Q of an unknown pressure (in units of ``scale`` [Pa]) the energy is stationary in
+    it, not least; ``pressure`` and ``residual_pressure`` are then its ghosted vectors.
+
+    Raises BadInput for a material that the element's volume treatment cannot take.
     """
 
     name = "elastic"
 
-    def __init__(self, V: Any, element: Element, material: Material) -> None:
+    def __init__(
+        self, V: Any, element: Element, material: Material, Q: Any = None, scale: float = 1.0
+    ) -> None:
         self.V, self.comm = V, V.mesh.comm
-        made = tables(V, element)
-        source = c_source(material.law, made)
+        made = tables(V, element, Q, scale)
+        self.law = law = law_for(material.law, element.volume)
         start = perf_counter()
-        path = on_root(self.comm, build.library, source)  # compiled once
+        path = on_root(self.comm, build.library, c_source(law, made))  # compiled once
         self.jit_seconds = perf_counter() - start
-        self.loops = CellLoops(path, material.law, made)
+        self.loops = CellLoops(path, law, made)
         self._nodes = made.nodes
         self._owned, ghosts = _dolfinx.num_nodes(V)
         self.free = np.ones((self._owned + ghosts, 3))
+        self.pressure: PETSc.Vec | None = None
+        self.residual_pressure: PETSc.Vec | None = None
         self._target: Any = None
         self._diagonal: float | None = None
 
-    def create_matrix(self) -> PETSc.Mat:
+    def create_matrix(self, layout: Layout) -> PETSc.Mat:
         """The matrix that `jacobian` fills, made once. Collective."""
-        global_nodes = _dolfinx.local_to_global(self.V)
-        self._blocks = BlockMatrix(self.comm, self._nodes, self._owned, global_nodes)
+        self._blocks = BlockMatrix(layout)
         constrained = (self.free[self._nodes] == 0).any(axis=(1, 2)).astype(np.uint8)
         self._arrays = [*self._blocks.strides, self._blocks.position, self.free, constrained]
         self._target = self.loops.target(self._blocks.strides, *self._arrays[3:])
@@ -75,12 +92,13 @@ class Elastic:
     def energy(self, u: PETSc.Vec) -> float:
         """The integral of psi [J]; +inf where u is outside the energy's domain."""
         with u.localForm() as local:
-            return self.comm.allreduce(self.loops.energy(local.array_r), op=MPI.SUM)
+            return self.comm.allreduce(self.loops.energy(local.array_r, self._p()), op=MPI.SUM)
 
     def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
         """r += dE/du [N], at ghost nodes too; u's ghosts must be current."""
+        r_p = None if self.residual_pressure is None else _all(self.residual_pressure)
         with u.localForm() as local_u, r.localForm() as local_r:
-            self.loops.residual(local_u.array_r, local_r.array)
+            self.loops.residual(local_u.array_r, local_r.array, self._p(), r_p)
 
     def jacobian(
         self, u: PETSc.Vec, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
@@ -91,23 +109,33 @@ class Elastic:
         with u.localForm() as local, self._blocks.values() as addresses:
             for k, address in enumerate(addresses):
                 self._target.values[k] = self.loops.address(address)
-            negative = self.loops.jacobian(local.array_r, which, solver, self._target)
+            negative = self.loops.jacobian(local.array_r, which, solver, self._target, self._p())
         self._set_diagonal()
         return int(self.comm.allreduce(negative))
+
+    def _p(self) -> Array | None:
+        return None if self.pressure is None else _all(self.pressure)
 
     def _set_diagonal(self) -> None:
         """A typical stiffness on the diagonal of prescribed components."""
         A = self._blocks.petsc
         diagonal = A.getDiagonal()
         held = self.free[: self._owned].ravel() == 0
+        mine = diagonal.array[: len(held)]  # the displacement's; those of a pressure come after
         if self._diagonal is None:
-            free = diagonal.array_r[~held]
+            free = mine[~held]
             total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
             self._diagonal = float(total / max(count, 1)) or 1.0
-        diagonal.array[held] = self._diagonal
+        mine[held] = self._diagonal
         A.setDiagonal(diagonal)
 
     def fields(self, u: PETSc.Vec) -> dict[str, Array]:
         """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
         with u.localForm() as local:
-            return self.loops.fields(local.array_r)
+            return self.loops.fields(local.array_r, self._p())
+
+
+def _all(vector: PETSc.Vec) -> Array:
+    """A ghosted vector's values, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array)

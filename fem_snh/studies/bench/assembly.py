@@ -15,8 +15,10 @@ from fem_snh import _dolfinx, elements, forms, mesh
 from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
 from fem_snh.materials import names
+from fem_snh.sparse import Layout
 from fem_snh.studies.bench import Row, words
 from fem_snh.terms import Elastic
+from fem_snh.unknowns import space
 
 #: What each element's ratio must not exceed, and the cells per edge it is measured on.
 LIMITS = {"Q1": 0.60, "P1": 1.0, "P2": 0.60, "Q2": 0.60}
@@ -63,7 +65,8 @@ def deformed(name: str, cells: int) -> tuple[Any, Any]:
 def elastic_term(u: Any, name: str, material: Material) -> Elastic:
     """The material's elastic term on u's space, ready to assemble."""
     term = Elastic(u.function_space, elements.element(name), material)
-    term.create_matrix()
+    V = u.function_space
+    term.create_matrix(Layout(V.mesh.comm, [space(V, 3)]))
     return term
 
 

@@ -1,0 +1,35 @@
+"""An energy as an element takes it: whole, or with its volume term apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fem_snh.errors import BadInput
+from fem_snh.kernels import codegen
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.split import split
+
+
+class Law(NamedTuple):
+    """What the kernels evaluate: an energy, and C functions for its volume term if it is apart."""
+
+    energy: Energy
+    functions: tuple[str, ...] = ()
+    stiffness: float = 0.0  # U''(1) [Pa]
+
+
+def law_for(energy: Energy, volume: str) -> Law:
+    """The energy as an element with this volume treatment takes it.
+
+    Raises BadInput for an energy that it cannot take.
+    """
+    if volume == "pointwise":
+        if energy.incompressible:
+            raise BadInput(
+                f"nu = 0.5: material '{energy.name}' is incompressible, which takes a Taylor-Hood "
+                "element (P2P1, Q2Q1)"
+            )
+        return Law(energy)
+    parts = split(energy)
+    curve = codegen.volume_curve if volume == "mean" else codegen.volume_dual
+    return Law(parts.law, (curve(parts),), parts.stiffness)
