@@ -82,6 +82,7 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
     assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) <= total
     assert {"fem_snh", "dolfinx", "petsc", "python"} <= set(found["versions"])
     assert found["peak_memory_mb"] > 10
+    assert 0 < found["processor_seconds"] < 60
 
     assert [step["load"] for step in found["steps"]] == [0.5, 1.0]
     for step, seen in zip(found["steps"], rows(folder), strict=True):

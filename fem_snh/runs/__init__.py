@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 from mpi4py import MPI
@@ -62,6 +62,7 @@ def run(
     overwrite: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
     progress: bool = True,
+    note: Mapping[str, Any] | None = None,
     **overrides: Any,
 ) -> Result:
     """Solve a scene by load steps. Collective.
@@ -73,6 +74,7 @@ def run(
         modes.pvd if the scene asks for modes. A folder that already holds a run is refused, unless
         ``overwrite``.
     progress : print a line per step on rank 0.
+    note : what run.json is to hold besides.
     overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
         steps, predictor, quadrature, eigensolver, petsc (a dict of PETSc options), and a scene's
         own parameters.
@@ -88,7 +90,7 @@ def run(
         element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
-        meshing = perf_counter()
+        meshing, working = perf_counter(), process_time()
         domain = make_mesh(comm, scene, element)
         setting_up = perf_counter()
         conditions = scene.hold, scene.move, scene.traction, scene.reactions
@@ -104,7 +106,9 @@ def run(
             "mesh": setting_up - meshing,
             "setup": perf_counter() - setting_up - jit,
         }
-        recorder = Recorder(describe(scene, problem, snes), stepper, folder, seconds, began)
+        worked = max(0.0, process_time() - working - jit)
+        about = describe(scene, problem, snes) | dict(note or {})
+        recorder = Recorder(about, stepper, folder, seconds, began, worked)
         show.start(recorder.record)
         with Interrupts() as interrupts, recorder:
             recorder.keep("running", fields=True)

@@ -14,6 +14,7 @@ from fem_snh.runs.stepping import Stepper
 class Recorder:
     """Brings ``record`` up to date after every step, and writes it if there is a folder.
 
+    ``processor``: this rank's seconds of work before the first step, compilation left out.
     A context: leaving it closes the fields, and first notes an interruption or a failure.
     """
 
@@ -24,9 +25,11 @@ class Recorder:
         folder: Folder | None,
         seconds: dict[str, float],
         began: float,
+        processor: float,
     ) -> None:
         self.record, self._stepper, self._folder = record, stepper, folder
         self._problem, self._seconds, self._began = stepper.problem, seconds, began
+        self._processor = processor
         if folder:
             folder.clear()
         self._fields = Fields(folder.path / "fields.pvd", self._problem) if folder else None
@@ -64,6 +67,8 @@ class Recorder:
         # ru_maxrss is in KiB.
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         self.record["peak_memory_mb"] = self._problem.comm.allreduce(peak)
+        worked = self._processor + self._stepper.processor
+        self.record["processor_seconds"] = self._problem.comm.allreduce(worked)
         self._output += perf_counter() - start
         self._write(status)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 from petsc4py import PETSc
@@ -20,7 +20,8 @@ class Stepper:
     """Iterates over attempted load increments, yielding a row of run.json for each.
 
     Every multiple of 1/steps is reached. A step that fails is rolled back and halved; after a
-    success the next one doubles again.
+    success the next one doubles again. ``seconds`` is what the steps took, ``processor`` what this
+    rank's processor worked for them.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class Stepper:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.done = False
-        self.seconds = 0.0
+        self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
@@ -64,7 +65,7 @@ class Stepper:
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
-        problem, start = self.problem, perf_counter()
+        problem, start, working = self.problem, perf_counter(), process_time()
         kept = problem.x.copy()
         predicted = self.predictor.predict(to)
         with solver.own_errors():
@@ -95,4 +96,5 @@ class Stepper:
         if converged and self.probes:
             self._last["probes"] = self.probes.values()
         self.seconds += perf_counter() - start
+        self.processor += process_time() - working
         return self._last
