@@ -368,7 +368,7 @@ def test_plot_bad_arguments(tmp_path):
     run = write_record(tmp_path / "a", record())
     assert "nothing to plot" in bad(plots.main, [])
     assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
-    assert "one sweep" in bad(plots.main, [run, tmp_path / "x.csv"])
+    assert "one table" in bad(plots.main, [run, tmp_path / "x.csv"])
     assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
     assert "cannot be written" in bad(plots.main, [run], run / "run.json" / "a.png")
     assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])

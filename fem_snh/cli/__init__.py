@@ -19,8 +19,9 @@ from fem_snh.errors import BadInput, choose
 COMMANDS = {
     "run": ("run", "solve a scene, or a scene file of your own"),
     "sweep": ("sweep", "solve a scene for every combination of comma lists of values"),
+    "tradeoff": ("tradeoff", "measure what accuracy costs on a scene, and get advice"),
     "materials": ("materials", "list the materials, describe one, or measure what they are like"),
-    "plot": ("tools", "curves from run folders or a sweep's table"),
+    "plot": ("tools", "curves from run folders or a study's table"),
     "render": ("tools", "a picture of the deformed body of a run folder"),
     "bench": ("tools", "measure something, one JSON line at a time"),
     "doctor": ("tools", "say whether this machine has what it takes"),

@@ -25,17 +25,24 @@ def parser(command: str, description: str) -> Parser:
         default=[],
         help="any other key of the scene: angle=1,2",
     )
-    made.add_argument("--jobs", metavar="J", default=1, type=value, help="points at a time")
-    made.add_argument("--ranks", metavar="R", default=1, type=value, help="MPI ranks of each point")
-    made.add_argument(
-        "--timeout", metavar="S", type=value, help="seconds after which a point is given up"
-    )
-    made.add_argument(
-        "--memory", metavar="GIB", type=value, help="RAM above which a point is given up"
-    )
-    made.add_argument("--retry", action="store_true", help="run failed points again")
-    made.add_argument("--overwrite", action="store_true", help="begin anew")
+    add_limits(made)
     return made
+
+
+def add_limits(parser: Parser, timeout: float | None = None, memory: float | None = None) -> None:
+    """Add how many points run at a time and what each may take, with the limits' defaults."""
+    parser.add_argument("--jobs", metavar="J", default=1, type=value, help="points at a time")
+    parser.add_argument(
+        "--ranks", metavar="R", default=1, type=value, help="MPI ranks of each point"
+    )
+    for key, unit, most, help in (
+        ("timeout", "S", timeout, "seconds after which a point is given up"),
+        ("memory", "GIB", memory, "RAM above which a point is given up"),
+    ):
+        usual = f"; default: {most:g}" if most else ""
+        parser.add_argument(f"--{key}", metavar=unit, type=value, default=most, help=help + usual)
+    parser.add_argument("--retry", action="store_true", help="run failed points again")
+    parser.add_argument("--overwrite", action="store_true", help="begin anew")
 
 
 def begin(command: str) -> None:

@@ -10,9 +10,9 @@ from fem_snh.errors import BadInput
 
 
 def plot(argv: list[str]) -> int:
-    """Curves from run folders or a sweep's table."""
-    parser = Parser("plot", "Curves from run folders (one line each) or from a sweep's table.")
-    parser.add_argument("paths", metavar="DIR|SWEEP.csv", nargs="+", type=Path)
+    """Curves from run folders or a study's table."""
+    parser = Parser("plot", "Curves from run folders (one line each) or from a study's table.")
+    parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path)
     parser.add_argument("--out", metavar="PNG", type=Path)
     parser.add_argument("--newton", action="store_true", help="Newton iterations as well")
     args = parser.parse(argv)

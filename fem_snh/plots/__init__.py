@@ -1,6 +1,6 @@
-"""Graphs of runs (volume and linear iterations against load) and of sweeps (against nu).
+"""Graphs of runs (against load), of sweeps (against nu) and of trades (error against work).
 
-They read files only: run.json, or a sweep's CSV.
+They read files only: run.json, or a study's CSV.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 
 from fem_snh.errors import BadInput
 from fem_snh.plots.runs import run_figure
-from fem_snh.plots.sweeps import read_sweep, sweep_figure
+from fem_snh.plots.sweeps import read_sweep, read_table, sweep_figure
+from fem_snh.plots.tradeoff import tradeoff_figure
 from fem_snh.render import one_line, read_record
 
 
 def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -> Path:
-    """Plot run folders (overlaid), or one sweep's CSV, and return the picture's path.
+    """Plot run folders (overlaid), or one study's CSV, and return the picture's path.
 
     ``out`` defaults to history.png in a single run's folder, comparison.png above several, and the
     CSV's name with .png. ``newton`` adds Newton iterations per step. BadInput for what is missing,
@@ -26,17 +27,32 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
     """
     paths = [Path(p) for p in paths]
     if not paths:
-        raise BadInput("nothing to plot: give folders of runs or one sweep.csv")
-    tables = [p / "sweep.csv" if (p / "sweep.csv").is_file() else p for p in paths]
+        raise BadInput("nothing to plot: give folders of runs, or one sweep.csv or tradeoff.csv")
+    tables = [_table_in(p) for p in paths]
     if any(t.suffix == ".csv" for t in tables):
         if len(tables) > 1:
-            raise BadInput(f"{tables[0]}: plot one sweep at a time, without run folders")
-        figure, default = sweep_figure(read_sweep(tables[0])), tables[0].with_suffix(".png")
+            raise BadInput(f"{tables[0]}: plot one table at a time, without run folders")
+        figure, default = _table_figure(tables[0]), tables[0].with_suffix(".png")
     else:
         figure = run_figure([read_record(p) for p in paths], newton)
         above = Path(os.path.commonpath([p.resolve() for p in paths]))
         default = paths[0] / "history.png" if len(paths) == 1 else above / "comparison.png"
     return save(figure, Path(out) if out is not None else default)
+
+
+def _table_in(path: Path) -> Path:
+    """The table of a study's folder; any other path as it is."""
+    for name in ("sweep.csv", "tradeoff.csv"):
+        if (path / name).is_file():
+            return path / name
+    return path
+
+
+def _table_figure(path: Path) -> Figure:
+    table = read_table(path)
+    if "error_displacement" in table:
+        return tradeoff_figure(table, path)
+    return sweep_figure(read_sweep(path))
 
 
 def save(figure: Figure, out: Path) -> Path:

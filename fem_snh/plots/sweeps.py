@@ -24,17 +24,22 @@ MEASURES = {
 }
 
 
+def read_table(path: Path) -> pd.DataFrame:
+    """A CSV; BadInput if it cannot be read."""
+    try:
+        return pd.read_csv(path)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
+        raise BadInput(f"{path}: cannot be read as CSV: {one_line(error)}") from None
+
+
 def read_sweep(path: Path) -> pd.DataFrame:
     """A sweep's table: what was asked, converged, what was found; BadInput if it is none.
 
     volume_ratio becomes the volume change in %; what a failed point does not know is NaN.
     """
-    try:
-        table = pd.read_csv(path)
-    except FileNotFoundError:
-        raise BadInput(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
-        raise BadInput(f"{path}: cannot be read as CSV: {one_line(error)}") from None
+    table = read_table(path)
     missing = [c for c in ("nu", "material", "converged", *MEASURES) if c not in table]
     if missing:
         raise BadInput(f"{path}: not the table of a sweep: has no column {', '.join(missing)}")

@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,7 @@ class Point:
         after: the name of a point that must have ended before: the same on a coarser mesh.
         growth: by how much more than ``after`` it takes, at the least. If that is more than the
             limit, or ``after`` had reached a limit itself, it is not tried.
+        columns: what its row holds besides, whatever becomes of it.
     """
 
     values: Mapping[str, Any]
@@ -73,6 +74,7 @@ class Point:
     timeout: float | None = None
     after: str | None = None
     growth: float = 1.0
+    columns: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Campaign:
@@ -171,7 +173,8 @@ class Campaign:
         return ""
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
-        return {"point": name, "ranks": self.limits.ranks, **point.values, **asked(point.scene)}
+        row = {"point": name, "ranks": self.limits.ranks, **point.values, **asked(point.scene)}
+        return row | dict(point.columns)
 
     def _result(self, name: str, point: Point, child: Child, more: More | None) -> dict[str, Any]:
         record = read_record(self.out / name)

@@ -1,0 +1,98 @@
+"""``fem-snh tradeoff``: what accuracy costs on a scene, measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fem_snh.cli import campaign
+from fem_snh.cli.options import Parser, assignments, split_petsc, value
+from fem_snh.cli.run import scene_list
+from fem_snh.errors import BadInput
+
+#: Seconds and GiB that a point may take, if nothing else is said.
+TIMEOUT, MEMORY = 120.0, 4.0
+_DEFAULTS = {
+    "hessian": "exact, clamp, abs or adaptive",
+    "solver": "cg+jacobi, cg+icc, cg+gamg, minres+gamg, minres+icc or direct, where it fits",
+    "forcing": "largest relative tolerance of a linear solve",
+    "tolerance": "of the residual, relative to E V^(2/3)",
+    "eigensolver": "cubic or jacobi",
+}
+
+
+def tradeoff(argv: list[str]) -> int:
+    """Study a scene; 0 if there is advice, 1 if not."""
+    parser = Parser(
+        "tradeoff",
+        "Measure what accuracy costs on a scene: elements by meshes, then one knob at a time\n"
+        "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each run in a process\n"
+        "of its own. Errors are against a reference that the study makes of its finest rows. It\n"
+        "goes on where it was ended: with more of --nu, --elements, --cells only what is new runs.",
+        scene_list(),
+    )
+    parser.add_argument("scene", metavar="SCENE|FILE.toml")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the study's folder")
+    parser.add_argument("--nu", metavar="X,..", help="Poisson's ratios; default: the scene's")
+    parser.add_argument("--elements", metavar="E,..", help="default: all that fit")
+    parser.add_argument("--cells", metavar="N,..", help="for every element, coarse to fine")
+    parser.add_argument(
+        "--meshes", metavar="FILE,..", help="gmsh files of one body, coarse to fine"
+    )
+    for knob, help in _DEFAULTS.items():
+        parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
+    parser.add_argument("--vary", metavar="KNOB,..", help="knobs to turn, or none; default: all")
+    parser.add_argument("--vary-at", metavar="X,..", help="turn them at these nu only")
+    parser.add_argument("--full", action="store_true", help="every combination, on every mesh")
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="other values of the scene"
+    )
+    campaign.add_limits(parser, TIMEOUT, MEMORY)
+    words, petsc = split_petsc(argv)
+    args = parser.parse(words)
+    campaign.begin("tradeoff")
+
+    from fem_snh.studies.tradeoff import advice
+    from fem_snh.studies.tradeoff.knobs import KNOBS
+    from fem_snh.studies.tradeoff.study import tradeoff as study
+
+    if args.cells and args.meshes:
+        raise BadInput("--cells and --meshes: a body has one or the other")
+    vary = [] if args.vary == "none" else _list("vary", args.vary) or list(KNOBS)
+    table = study(
+        args.scene,
+        args.out,
+        nus=_numbers("nu", args.nu),
+        elements=_list("elements", args.elements),
+        meshes=_cells(args.cells) or [str(mesh) for mesh in _list("meshes", args.meshes)],
+        base={knob: v for knob in _DEFAULTS if (v := getattr(args, knob)) is not None},
+        vary=vary,
+        vary_at=_numbers("vary-at", args.vary_at) if args.vary_at else None,
+        full=args.full,
+        overrides={key: value(word) for key, word in assignments(args.set).items()},
+        petsc=petsc,
+        **campaign.limits(args),
+    )
+    for sentence in advice.words(table):
+        print(sentence)
+    print(f"{args.out}: tradeoff.csv, tradeoff.png, advice.csv, advice.md")
+    return 0 if len(advice.advice(table)) else 1
+
+
+def _list(key: str, text: str | None) -> list[Any]:
+    return campaign.axis(key, text) if text else []
+
+
+def _numbers(key: str, text: str | None) -> list[float]:
+    found = _list(key, text)
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in found):
+        raise BadInput(f"--{key} {text}: expected numbers with commas between, e.g. 0.3,0.49")
+    return [float(number) for number in found]
+
+
+def _cells(text: str | None) -> list[int]:
+    found = _list("cells", text)
+    whole = all(isinstance(v, int) and not isinstance(v, bool) and v > 0 for v in found)
+    if not whole or found != sorted(set(found)):
+        raise BadInput(f"--cells {text}: expected whole numbers from coarse to fine, e.g. 4,8,16")
+    return found

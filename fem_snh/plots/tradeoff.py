@@ -1,0 +1,109 @@
+"""Work and precision: the error of the displacement against processor seconds and unknowns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from fem_snh.errors import BadInput
+from fem_snh.plots.looks import colour, legend, legend_entry, style, thousands
+
+#: What errors are drawn against, with the axes' labels.
+WORK = {"cpu": "processor time [s]", "dofs": "degrees of freedom"}
+_NEEDED = (
+    "scene", "nu", "element", "default", "converged", "error_displacement", "floor_displacement"
+)  # fmt: skip
+#: One colour each, whichever elements a table has.
+_ELEMENTS = ("Q1", "Q1P0", "Q2", "Q2Q1", "P1", "P2P0", "P2", "P2P1")
+
+
+def tradeoff_figure(table: pd.DataFrame, path: Path) -> Figure:
+    """A row of two panels for each nu: error against time and against unknowns.
+
+    A line for each element's default from mesh to mesh; small marks for a knob turned; the Pareto
+    front, in grey; a shade below the smallest error that the reference can tell. BadInput for a
+    table without errors.
+    """
+    missing = [column for column in (*_NEEDED, *WORK) if column not in table]
+    if missing:
+        raise BadInput(f"{path}: not the table of a trade: has no column {', '.join(missing)}")
+    good = table["converged"].astype(str).eq("True") & table["error_displacement"].notna()
+    if not good.any():
+        raise BadInput(f"{path}: holds no error yet: the study has no reference")
+    rows = table[good].assign(
+        error=100 * table[["error_displacement", "floor_displacement"]].max(axis=1)
+    )
+    nus = sorted(rows["nu"].unique())
+    figure = Figure(figsize=(9.2, 2.9 * len(nus) + 0.6), layout="constrained")
+    panels = figure.subplots(len(nus), 2, squeeze=False, sharey="row", sharex="col")
+    for nu, axes in zip(nus, panels, strict=True):
+        mine = rows[rows["nu"] == nu]
+        for ax, (column, label) in zip(axes, WORK.items(), strict=True):
+            _panel(ax, mine, column)
+            if nu == nus[-1]:
+                ax.set_xlabel(label)
+        axes[0].set_ylabel("error of displacement [%]")
+        axes[0].set_title(rf"$\nu$ = {nu:g}", fontsize=10, loc="left")
+    first = panels[0][0]
+    shown = first.get_legend_handles_labels()[1]
+    for index, element in enumerate(_ELEMENTS):
+        if element in set(rows["element"]) and element not in shown:
+            first.plot([], [], label=element, **style(index, 1))
+    legend_entry(first, "a knob turned", "o")
+    legend(figure, first)
+    figure.suptitle(str(rows["scene"].iloc[0]), fontsize=11)
+    return figure
+
+
+def _panel(ax: Axes, rows: pd.DataFrame, column: str) -> None:
+    ax.grid(True, lw=0.4, color="0.85")
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    default = rows["default"].astype(str).eq("True")
+    for index, element in enumerate(_ELEMENTS):
+        mine = rows[rows["element"] == element]
+        line = mine[default[mine.index]].sort_values("h", ascending=False)
+        if len(line):
+            ax.plot(line[column], line["error"], label=element, **style(index, len(line)))
+        turned = mine[~default[mine.index]]
+        ax.plot(
+            turned[column], turned["error"], "o", ms=3.5, mfc="none", mec=colour(index), mew=0.8
+        )
+    best = _front(rows, column)
+    ax.plot(
+        best[column], best["error"], color="0.55", lw=5, alpha=0.35, drawstyle="steps-post",
+        zorder=1, label="Pareto front",
+    )  # fmt: skip
+    floor = 100 * rows["floor_displacement"].max()
+    low, high = rows["error"].min(), rows["error"].max()
+    ax.set_ylim(min(floor, low) / 1.6, high * 1.6)
+    ax.axhspan(min(floor, low) / 1.6, floor, color="0.92", zorder=0, lw=0)
+    for axis, format in ((ax.yaxis, _percent), (ax.xaxis, thousands)):
+        axis.set_major_locator(LogLocator(subs=(1,) if _wide(axis) else (1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(format))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _wide(axis: object) -> bool:
+    """Whether an axis spans so many decades that powers of ten are ticks enough."""
+    low, high = axis.get_view_interval()  # type: ignore[attr-defined]
+    return bool(high > 300 * low)
+
+
+def _percent(value: float, _: object) -> str:
+    return f"{value:g}"
+
+
+def _front(rows: pd.DataFrame, column: str) -> pd.DataFrame:
+    """The rows that nothing with less work is as accurate as."""
+    rows = rows.sort_values([column, "error"])
+    before = np.minimum.accumulate(rows["error"].to_numpy())
+    better = np.r_[True, rows["error"].to_numpy()[1:] < before[:-1]]
+    return rows[better]

@@ -1,0 +1,173 @@
+"""Which choices are tried: element by mesh, then one knob at a time, or all of them by all."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from fem_snh import scenes
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.studies.campaign import Point
+from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, positions
+
+#: Cells of the built-in scenes, from coarse to fine: to where about a minute's work goes.
+_PANEL = {
+    **dict.fromkeys(("Q1", "Q1P0"), (4, 8, 16, 32, 64, 128)),
+    "P1": (4, 8, 16, 32, 64),
+    **dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (2, 4, 8, 16, 32)),
+    "Q2Q1": (2, 4, 8, 16, 32, 64),
+}
+_CUBE = {
+    **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12, 16)),
+    **dict.fromkeys(("Q2", "Q2Q1"), (2, 3, 4, 6, 8)),
+    **dict.fromkeys(("P2", "P2P0", "P2P1"), (2, 3, 4, 6)),
+}
+_CYLINDER = {e: tuple(n for n in cells if n > 2) for e, cells in _CUBE.items()}
+CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
+#: What a default solves with, by whether a pressure is unknown; else, what the solver has. Sparse
+#: factors of one layer of cells are cheap, and nu -> 1/2 costs them nothing.
+SOLVER = {
+    "cook": {False: "direct", True: "direct"},
+    "twist": {True: "direct"},
+    "stretch": {True: "direct"},
+}
+#: A mesh of half the width costs at least this much more.
+_GROWTH = 4.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study is asked to try.
+
+    Attributes:
+        nus: Poisson's ratios.
+        elements: names; at nu = 1/2 only those with a pressure are taken.
+        resolutions: for each element, cells or mesh files, from coarse to fine.
+        base: settings of every element's default: hessian, solver, forcing, ...
+        solver: of the default, by whether a pressure is unknown, where base has none.
+        vary: knobs that are turned around it.
+        vary_at: Poisson's ratios at which they are; None: all.
+        full: every combination of those knobs on every mesh, not one at a time on a middle one.
+    """
+
+    nus: Sequence[float]
+    elements: Sequence[str]
+    resolutions: Mapping[str, Sequence[int | str]]
+    base: Mapping[str, Any] = field(default_factory=dict)
+    solver: Mapping[bool, str] = field(default_factory=dict)
+    vary: Sequence[str] = KNOBS
+    vary_at: Sequence[float] | None = None
+    full: bool = False
+
+    def choices(self, nu: float) -> list[Choice]:
+        """In the order in which they are run: the grid first, pressures before the rest."""
+        elements = [e for e in self.elements if nu < 0.5 or ELEMENTS[e].volume == "pressure"]
+        elements.sort(key=lambda e: ELEMENTS[e].volume != "pressure")
+        grid = [self.default(e, r) for e in elements for r in self.resolutions[e]]
+        if self.vary_at is not None and nu not in self.vary_at:
+            return grid
+        if self.full:
+            more = [turned for choice in grid for turned in self._product(choice)]
+        else:
+            middles = [self.default(e, middle(self.resolutions[e])) for e in elements]
+            more = [
+                turned
+                for choice in middles
+                for turned in choice.turned()
+                if differs(turned, choice) & set(self.vary)
+            ]
+        return list(dict.fromkeys([*grid, *more]))
+
+    def default(self, element: str, resolution: int | str) -> Choice:
+        """An element's default on a mesh."""
+        where: dict[str, Any] = {"cells": resolution}
+        if isinstance(resolution, str):
+            where = {"cells": None, "mesh": resolution}
+        saddle = ELEMENTS[element].volume == "pressure"
+        base = {"solver": self.solver.get(saddle, "")} | dict(self.base)
+        if base["solver"] not in positions(element)["solver"]:
+            base["solver"] = ""  # one of the other kind of element
+        return Choice(element, **where, **base)
+
+    def _product(self, choice: Choice) -> list[Choice]:
+        lists = {knob: positions(choice.element)[knob] for knob in self.vary}
+        chosen = itertools.product(*lists.values())
+        return [replace(choice, **dict(zip(lists, values, strict=True))) for values in chosen]
+
+    def points(
+        self, scene: str | Path, nu: float, overrides: Mapping[str, Any]
+    ) -> dict[str, Point]:
+        """The campaign's points at one nu, by name.
+
+        A finer mesh waits for the coarser one, and so does a turned knob for the default.
+        """
+        points = {}
+        for choice in self.choices(nu):
+            name = point_name(nu, choice)
+            values = {"nu": nu} | dict(overrides) | choice.values()
+            after, growth = self._after(choice)
+            points[name] = Point(
+                values,
+                scenes.load(scene, **values),
+                after=None if after is None else point_name(nu, after),
+                growth=growth,
+                columns=choice.row() | {"default": not differs(choice, self._default_of(choice))},
+            )
+        return points
+
+    def _after(self, choice: Choice) -> tuple[Choice | None, float]:
+        all = list(self.resolutions[choice.element])
+        default = self._default_of(choice)
+        if choice != default:
+            return default, 0.0
+        at = choice.mesh or choice.cells
+        number = all.index(at or 0)
+        if not number:
+            return None, 1.0
+        coarser = all[number - 1]
+        growth = _GROWTH
+        if isinstance(at, int) and isinstance(coarser, int):
+            growth = (at / coarser) ** 2
+        return self.default(choice.element, coarser), growth
+
+    def _default_of(self, choice: Choice) -> Choice:
+        return self.default(choice.element, choice.mesh or choice.cells or 0)
+
+
+def point_name(nu: float, choice: Choice) -> str:
+    """The folder of a point."""
+    return f"nu={nu:g}__{choice.name()}".replace("/", "_")
+
+
+def middle(resolutions: Sequence[int | str]) -> int | str:
+    """The mesh on which knobs are turned: the middle one, the coarser of two."""
+    return resolutions[(len(resolutions) - 1) // 2]
+
+
+def differs(choice: Choice, default: Choice) -> set[str]:
+    """The knobs in which a choice is not the default."""
+    return {knob for knob in KNOBS if getattr(choice, knob) != getattr(default, knob)}
+
+
+def resolutions(
+    scene: scenes.Scene, elements: Sequence[str], given: Sequence[int | str] | None
+) -> dict[str, list[int | str]]:
+    """For each element its meshes: those given, or those that suit the scene.
+
+    Raises BadInput for a mesh file where more than one is needed.
+    """
+    if given:
+        return {e: list(given) for e in elements}
+    if isinstance(scene.mesh, Path):
+        raise BadInput(
+            f"{scene.name}: a mesh file has one resolution; give at least three of the same body, "
+            "from coarse to fine: --meshes coarse.msh,middle.msh,fine.msh"
+        )
+    coarsest = max(1, (scene.cells or 1) // 4)
+    usual = {1: [coarsest * 2**k for k in range(5)], 2: [coarsest * 2**k for k in range(4)]}
+    suited = CELLS.get(scene.name, {})
+    return {e: list(suited.get(e, usual[ELEMENTS[e].degree])) for e in elements}

@@ -1,0 +1,200 @@
+"""The study: a grid of runs per Poisson's ratio, one tidy table, a picture, advice.
+
+    >>> table = tradeoff("cook", "out/cook", nus=[0.3, 0.4999], timeout=60)
+
+The folder holds tradeoff.json (what rows share), tradeoff.csv (a row the moment a point ends; its
+errors when all points of its nu have ended), tradeoff.png, advice.csv, advice.md, and a run folder
+for each point with its log. Call it again, with more of anything, and it goes on.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from fem_snh import scenes
+from fem_snh.choices import HESSIANS
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput, choose
+from fem_snh.studies.campaign import Campaign, Limits, arguments, digests
+from fem_snh.studies.processes import environment, program
+from fem_snh.studies.table import ASKED, FOUND, write_whole
+from fem_snh.studies.tradeoff import advice, errors
+from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
+from fem_snh.studies.tradeoff.knobs import KNOBS
+
+_FEATURES = ("mesh", "solver", "forcing", "tolerance", "eigensolver", "default")
+_COST = ("cpu", "peak_memory_mb", "h")
+
+
+def tradeoff(
+    scene: str | Path,
+    out: str | Path,
+    *,
+    nus: Sequence[float] = (),
+    elements: Sequence[str] = (),
+    meshes: Sequence[int | str] = (),
+    base: Mapping[str, Any] | None = None,
+    vary: Sequence[str] = KNOBS,
+    vary_at: Sequence[float] | None = None,
+    full: bool = False,
+    overrides: Mapping[str, Any] | None = None,
+    petsc: Mapping[str, Any] | None = None,
+    report: Callable[[str], None] = print,
+    **limits: Any,
+) -> pd.DataFrame:
+    """Run what is not there yet of a study, and return its table: tradeoff.csv.
+
+    Args:
+        scene: a name or a .toml file.
+        out: the folder; a study that was begun there goes on.
+        nus: Poisson's ratios; none: the scene's.
+        elements: names; none: all that the meshes can have.
+        meshes: cells or mesh files, coarse to fine, for every element; none: what suits the scene.
+        base: other defaults of the knobs: hessian, solver, forcing, tolerance, eigensolver.
+        vary: the knobs that are turned.
+        vary_at: only at these nus; None: at all.
+        full: every combination of the knobs on every mesh, instead of one at a time on one.
+        overrides: other values of the scene, as `fem_snh.scenes.load` takes them.
+        petsc: PETSc options for every point; they win over the knobs.
+        report: gets a line per point, and what the references are.
+        limits: jobs, ranks, timeout, memory, retry, overwrite, as of `fem_snh.studies.sweep`.
+
+    Raises:
+        BadInput: before anything runs: a bad value, or another study in ``out``.
+    """
+    overrides, flags = dict(overrides or {}), {k: limits.pop(k, False) for k in _FLAGS}
+    own = scenes.load(scene, **overrides)
+    plan = _plan(own, nus, elements, meshes, dict(base or {}), vary, vary_at, full)
+    of = errors.quantities([str(g) for g in own.reactions], [p.name for p in own.probe])
+    if not own.probe:
+        raise BadInput(
+            f"{scene}: has no probe; a trade needs a displacement: [[probe]] name, point"
+        )
+    parts = [column for components in of.values() for column in components]
+    values = [column for column in parts if column not in FOUND]
+    columns = ["point", *(a for a in ASKED if a not in _FEATURES), *_FEATURES, "ranks", *FOUND]
+    campaign = Campaign(
+        Path(out),
+        "tradeoff",
+        {"scene": str(scene), "values": overrides, "files": digests(scene, [own])},
+        [*columns, *_COST, *values, *errors.columns(of)],
+        Limits(**limits),
+        petsc=petsc,
+        report=report,
+        **flags,
+    )
+    studied = {nu: plan.points(scene, nu, overrides) for nu in plan.nus}
+    _warm_up(scene, plan, overrides, campaign)
+    for nu, points in studied.items():
+        campaign.run(scene, points, _measured)
+        _assess(campaign, of, nu)
+    table = pd.read_csv(campaign.table.path)
+    write_advice(table, Path(out))
+    campaign.draw()
+    return table
+
+
+_FLAGS = ("retry", "overwrite")
+
+
+def write_advice(table: pd.DataFrame, out: Path) -> None:
+    """advice.csv and advice.md into a folder."""
+    write_whole(out / "advice.csv", advice.advice(table).to_csv(index=False))
+    write_whole(out / "advice.md", advice.page(table))
+
+
+def _plan(
+    own: scenes.Scene,
+    nus: Sequence[float],
+    elements: Sequence[str],
+    meshes: Sequence[int | str],
+    base: dict[str, Any],
+    vary: Sequence[str],
+    vary_at: Sequence[float] | None,
+    full: bool,
+) -> Plan:
+    for element in elements:
+        choose("element", element, ELEMENTS)
+    for knob in [*vary, *base]:
+        choose("knob", knob, KNOBS)
+    if "hessian" in base:
+        choose("hessian", base["hessian"], HESSIANS)
+    nus = list(dict.fromkeys(nus)) or [own.material.nu]
+    names = list(elements) or fitting(own, meshes)
+    usual = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}
+    usual["tolerance"] = own.petsc.get("snes_scaled_tol")
+    base = {key: value for key, value in usual.items() if value is not None} | base
+    lists = resolutions(own, names, meshes)
+    solver = SOLVER.get(own.name, {})
+    plan = Plan(nus, names, lists, base, solver, vary, vary_at, full)
+    for nu in nus:
+        if not plan.choices(nu):
+            raise BadInput(f"nu = {nu}: none of {', '.join(names)} can have it; use P2P1 or Q2Q1")
+    return plan
+
+
+def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
+    """The elements that the meshes can have: all of a built-in geometry, one kind of a file."""
+    files = [mesh for mesh in meshes if isinstance(mesh, str)]
+    if not files and not isinstance(own.mesh, Path):
+        return list(ELEMENTS)
+    from fem_snh import _gmsh
+
+    path = files[0] if files else str(own.mesh)
+    try:
+        cell = _gmsh.read(path).kind
+    except OSError as error:
+        raise BadInput(f"mesh '{path}' cannot be read: {error.strerror or error}") from None
+    return [name for name, element in ELEMENTS.items() if element.cell == cell]
+
+
+def _warm_up(
+    scene: str | Path, plan: Plan, overrides: Mapping[str, Any], campaign: Campaign
+) -> None:
+    """Compile each element's kernels: what is in the table must not hold the compiler's work."""
+    done = {row["element"] for row in campaign.table.rows()}
+    for element in plan.elements:
+        nus = [nu for nu in plan.nus if nu < 0.5 or ELEMENTS[element].volume == "pressure"]
+        if element in done or not nus:
+            continue
+        choice = plan.default(element, plan.resolutions[element][0])
+        values = {"nu": nus[0]} | dict(overrides) | choice.values()
+        folder = campaign.out / f"warm-up_{element}"
+        petsc = {"snes_max_it": 1}
+        command = [*program(1), *arguments(scene, folder, values, petsc)]
+        subprocess.run(command, env=environment(), capture_output=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
+    """What a point's run.json holds besides: its cost, its reactions and probes."""
+    cells, count = row.get("cells"), row.get("num_cells")
+    found: dict[str, Any] = {
+        "cpu": record.get("processor_seconds"),
+        "peak_memory_mb": record.get("peak_memory_mb"),
+        "h": 1 / cells if cells else (count ** (-1 / 3) if count else None),
+    }
+    good = [step for step in record.get("steps", []) if step.get("converged")]
+    for kind in ("reaction", "probe"):
+        for name, vector in (good[-1] if good else {}).get(f"{kind}s", {}).items():
+            found |= {f"{kind}_{name}_{a}": v for a, v in zip("xyz", vector, strict=True)}
+    return found
+
+
+def _assess(campaign: Campaign, of: Mapping[str, list[str]], nu: float) -> None:
+    """Put the errors of one nu's rows into the table."""
+    rows = campaign.table.rows()
+    numbers = pd.read_csv(campaign.table.path)
+    mine = numbers[numbers["nu"] == nu]
+    if mine.empty:
+        return
+    found = errors.assess(mine, of, lambda line: campaign.report(f"  nu = {nu:g}, {line}"))
+    for at, values in found[[c for c in errors.columns(of) if c in found]].iterrows():
+        rows[at] |= {c: "" if v != v else repr(float(v)) for c, v in values.items()}
+    campaign.table.replace(rows)
