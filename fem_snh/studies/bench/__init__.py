@@ -4,8 +4,12 @@ assembly      the filtered Jacobian against FFCx's exact one; --elements Q1 --ce
               (all: every material against stable_neo_hookean)
 twist         Newton and linear iterations on the paper's twist; --cells N --hessians clamp,adaptive
 stretch       the paper's stretch, its materials; --elements Q1 --materials M,M --cells N --steps N
+references    published numbers beside ours; --only cook,torsion --write docs/references.md
 ranks         the same runs on 1 and 2 ranks; --cells N
 eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N --seed N
+orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
+quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
+bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
 
 twist and stretch use the ranks they are started on: mpirun -n 2 python -m fem_snh bench twist
 """
@@ -20,7 +24,17 @@ from typing import Any
 
 from fem_snh.errors import choose
 
-NAMES = ("assembly", "eigensolvers", "ranks", "stretch", "twist")
+NAMES = (
+    "assembly",
+    "bound",
+    "eigensolvers",
+    "orders",
+    "quadrature",
+    "ranks",
+    "references",
+    "stretch",
+    "twist",
+)
 
 Row = dict[str, Any]
 

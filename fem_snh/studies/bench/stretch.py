@@ -19,7 +19,12 @@ CELLS = {"Q1": 12, "P1": 12, "Q2": 6, "P2": 6}
 
 
 def rows(
-    elements: str = "Q1,P2", materials: str = "", cells: int = 0, steps: int = 12, nu: float = 0.49
+    elements: str = "Q1,P2",
+    materials: str = "",
+    cells: int = 0,
+    steps: int = 12,
+    nu: float = 0.49,
+    aspect: float = 1.0,
 ) -> Iterator[Row]:
     """One row per element and material; ok if it converged without a halved step."""
     for element in words(elements):
@@ -31,6 +36,7 @@ def rows(
                 cells=cells or CELLS.get(element, 6),
                 steps=steps,
                 nu=nu,
+                aspect=aspect,
                 progress=False,
             )
             done = result.steps
@@ -47,5 +53,6 @@ def rows(
                 "paper_volume_percent": PAPER.get(material) if nu == 0.49 else None,
                 "min_J": done[-1]["min_J"],
                 "seconds": round(result.record["seconds"]["total"], 2),
+                "converged": result.converged,
                 "ok": result.converged and len(done) == steps,
             }
