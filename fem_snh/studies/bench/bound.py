@@ -1,0 +1,114 @@
+"""The bound b of `fem_snh.materials.split`: stability and Newton iterations of mixed elements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.elements import ELEMENTS, Element, element
+from fem_snh.kernels import law
+from fem_snh.kernels.pointwise import material
+from fem_snh.problem import Problem
+from fem_snh.runs import run
+from fem_snh.studies.bench import Row, words
+from fem_snh.studies.bench.quadrature import dense, spurious_modes
+from fem_snh.studies.manufactured import bent_cube
+
+#: Factors are cheap at these sizes, and blind to what is studied.
+DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+
+
+def rows(
+    elements: str = "",
+    bounds: str = "0,1,2,4,10",
+    stretches: str = "1.5,1,0.8,0.7,0.6,0.5,0.4",
+    nu: float = 0.4999,
+    cells: int = 0,
+    hessian: str = "adaptive",
+) -> Iterator[Row]:
+    """One row per mixed element and bound, and one of each other element beside them.
+
+    spurious : modes of a free patch of cells at rest, beyond what may be.
+    least : the least eigenvalue of the exact stiffness [E m] of 2 x 2 x 2 cells in the exact
+        uniaxial state of each stretch, sides free: where it is negative, the cells buckle.
+    newton, energy, min_J : of the twist's two quarter turns at nu = 0.49.
+    """
+    for name in words(elements) or ELEMENTS:
+        kind = element(name)
+        mixed = kind.volume != "pointwise"
+        for bound in words(bounds) if mixed else [""]:
+            with split_at(float(bound) if mixed else None):
+                row: Row = {"element": name, "bound": float(bound) if mixed else None}
+                row["spurious"] = spurious_modes(kind, bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.02))
+                row["least"] = {s: least_eigenvalue(kind, float(s), nu) for s in words(stretches)}
+                yield row | twist(kind, cells or (3 if kind.degree == 2 else 6), hessian)
+
+
+@contextmanager
+def split_at(bound: float | None) -> Iterator[None]:
+    """Mixed elements made meanwhile have this bound instead of their own."""
+    kept = law.split
+    if bound is not None:
+        law.split = partial(kept, bound=bound)
+    try:
+        yield
+    finally:
+        law.split = kept
+
+
+@dataclass
+class _Boundary:
+    group: str
+    components: tuple[str, ...]
+    stretch: float = 1.0
+
+    def displacement(self, X: Any, load: float) -> Any:
+        return load * (self.stretch - 1) * X
+
+
+def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
+    """Of the stiffness, pressures eliminated, in the exact uniaxial state."""
+    chosen = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
+    rollers = {"left": "x", "right": "x", "front": "y", "bottom": "z"}
+    p = Problem(
+        bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.0),
+        kind,
+        chosen,
+        move=[_Boundary(face, (axis,), stretch) for face, axis in rollers.items()],
+    )
+    mu, lam = chosen.law.values
+    J = 1 + mu / lam * (1 - 1 / stretch)
+    n = 3 * _dolfinx.num_nodes(p.V)[0]
+    X = p.V.tabulate_dof_coordinates()[: n // 3]
+    lateral = (J / stretch) ** 0.5
+    p.x.array[:n] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
+    if p.saddle:
+        p.saddle.pressures(p.x)[:] = p.elastic.law.stiffness * (J - 1) * p.length
+    p.jacobian(p.x, "exact")
+    A = dense(p.A)
+    K, B, C = A[:n, :n], A[n:, :n], -A[n:, n:]
+    reduced = K + B.T @ np.linalg.solve(C, B) if len(C) else K
+    return round(float(np.linalg.eigvalsh(reduced)[0]), 5)
+
+
+def twist(kind: Element, cells: int, hessian: str) -> Row:
+    """A run with direct solvers."""
+    result = run(
+        "twist",
+        element=kind.name,
+        nu=0.49,
+        cells=cells,
+        hessian=hessian,
+        petsc=DIRECT,
+        progress=False,
+    )
+    row: Row = {key: [step[key] for step in result.steps] for key in ("newton", "energy", "min_J")}
+    return {"cells": cells, "converged": result.converged} | row

@@ -1,0 +1,48 @@
+"""The measurements of docs/elements.md, small: what they say of an element."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from fem_snh.elements import ELEMENTS
+from fem_snh.studies import bench
+from fem_snh.studies.bench import bound, orders, quadrature
+
+
+def test_orders() -> None:
+    (locked, free) = orders.rows(elements="P1,P2P1", nus="0.4999", cells="2,4")
+    assert locked["cells"] == free["cells"] == [2, 4] and locked["ok"] and free["ok"]
+    assert locked["orders"]["H1"][0] < 0.7 and "pressure" not in locked
+    assert free["orders"]["H1"][0] > 1.7 and free["orders"]["pressure"][0] > 1.7
+
+
+def test_orders_at_one_half_are_of_elements_with_a_pressure() -> None:
+    found = [row["element"] for row in orders.rows(nus="0.5", cells="2")]
+    assert found == [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
+
+
+def test_quadrature() -> None:
+    rows = list(quadrature.rows(elements="Q1P0", nus="0.3", cells=2, repeat=1))
+    assert [row["points"] for row in rows] == [1, 8, 27]
+    assert [row["default"] for row in rows] == [False, True, False]
+    assert [row["spurious"] for row in rows] == [12, 0, 0] and all(row["ok"] for row in rows)
+    assert rows[0]["volume_error"] > 1e-7 > 1e-13 > rows[1]["volume_error"]
+    assert rows[1]["error"][0.3] == pytest.approx(rows[2]["error"][0.3], rel=1e-3)
+    assert all(row["cost"] > 0 for row in rows)
+
+
+def test_bound_keeps_taylor_hood_cells_from_collapsing() -> None:
+    none, some = bound.rows(elements="Q2Q1", bounds="0,4", stretches="1,0.5", cells=2)
+    assert none["least"]["0.5"] < 0 < some["least"]["0.5"]
+    assert none["spurious"] == some["spurious"] == 0
+    assert some["converged"] and len(some["newton"]) == 2 and some["min_J"][1] > 0.7
+
+
+def test_bound_is_put_back(capsys: pytest.CaptureFixture[str]) -> None:
+    with bound.split_at(0.0), bound.split_at(1.0):
+        pass
+    assert bench.main("bound", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["bound"] is None and row["least"]["1"] > 0
