@@ -63,6 +63,10 @@ SMITH = {
         m / 2 * (sums(s)[2] ** (-2 / mp.mpf(3)) * sums(s)[1] - 3)
         + (k + 2 * m / 3) / 4 * (sums(s)[2] ** 2 - 1 - 2 * mp.log(sums(s)[2]))
     ),
+    "neo_hookean_ciarlet": lambda s, m, k: (
+        m / 2 * (sums(s)[1] - 3 - 2 * mp.log(sums(s)[2]))
+        + k / 4 * (sums(s)[2] ** 2 - 1 - 2 * mp.log(sums(s)[2]))
+    ),
     "neo_hookean_wang": lambda s, m, k: (  # mu = m + lambda/4, k = lambda/2 - 2/3 mu
         (m + (k + 2 * m / 3) * 3 / 4) / 2 * (sums(s)[2] ** (-2 / mp.mpf(3)) * sums(s)[1] - 3)
         + (k + 2 * m / 3) * 3 / 2 * (sums(s)[2] - 1)
