@@ -13,14 +13,14 @@ from mpi4py import MPI
 from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.studies.bench import Row, words
 from fem_snh.studies.bench.references.block import block
-from fem_snh.studies.bench.references.cook import cook, cook_locking, cook_locking_free
+from fem_snh.studies.bench.references.cook import cook, cook_large, cook_locking, cook_locking_free
 from fem_snh.studies.bench.references.exact import plane_strain, torsion, uniaxial
 from fem_snh.studies.bench.references.paper import paper_stretch, paper_twist
 
 GROUPS: dict[str, Callable[[], Iterator[Row]]] = {
     f.__name__: f
     for f in (
-        cook, cook_locking, cook_locking_free, block, uniaxial, plane_strain, torsion,
+        cook, cook_large, cook_locking, cook_locking_free, block, uniaxial, plane_strain, torsion,
         paper_twist, paper_stretch,
     )
 }  # fmt: skip

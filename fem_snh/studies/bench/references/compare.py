@@ -14,7 +14,7 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_ty
 TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT}
 
 
-def solve(scene: str | Scene, **overrides: Any) -> tuple[Result, dict[str, Any] | None]:
+def solve(scene: str | Scene, **overrides: Any) -> tuple[Result, Any]:
     """A run and its last step, None if it did not get there. Collective."""
     options = {"hessian": "adaptive", "petsc": DIRECT} | overrides
     result = run(scene, progress=False, **options)
