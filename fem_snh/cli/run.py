@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import signal
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, split_petsc, value
 from fem_snh.doctor import check
@@ -26,6 +28,17 @@ def run(argv: list[str]) -> int:
         default=[],
         help="any other key of the scene: angle=1.57, material.barrier=true",
     )
+    parser.add_argument(
+        "--accuracy",
+        metavar="A",
+        help="of displacements: 1%% or 0.01; element, mesh and solver from what was measured",
+    )
+    parser.add_argument(
+        "--accuracy-table",
+        metavar="CSV",
+        type=Path,
+        help="of a `fem-snh tradeoff` of your own; default: the one that comes with the scene",
+    )
     parser.add_argument("--out", metavar="DIR", type=Path, help="write run.json, tables, fields")
     parser.add_argument("--overwrite", action="store_true", help="even if DIR holds a run already")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -40,13 +53,14 @@ def run(argv: list[str]) -> int:
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}
-    if petsc:
-        overrides["petsc"] = petsc
 
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
     # One rank reads the files: the others may not see them, and must not differ in what they find.
+    overrides, note = on_root(comm, partial(_by_accuracy, args, overrides))
+    if petsc:
+        overrides["petsc"] = petsc
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
     handler = signal.getsignal(signal.SIGINT)
     check()
@@ -54,9 +68,37 @@ def run(argv: list[str]) -> int:
     from fem_snh.runs import run as solve
 
     result = solve(
-        scene, out=args.out, overwrite=args.overwrite, comm=comm, progress=not args.quiet
+        scene,
+        out=args.out,
+        overwrite=args.overwrite,
+        comm=comm,
+        progress=not args.quiet,
+        note=note,
     )
     return 0 if result.converged else 1
+
+
+def _by_accuracy(
+    args: argparse.Namespace, overrides: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """With --accuracy, the values that it adds to the overrides, and what run.json says of it."""
+    if args.accuracy is None:
+        if args.accuracy_table is not None:
+            raise BadInput("--accuracy-table without --accuracy: say how accurate, e.g. 1%")
+        return overrides, {}
+    from fem_snh import scenes
+    from fem_snh.studies.tradeoff import accuracy
+
+    asked = accuracy.fraction(args.accuracy)
+    own = scenes.load(args.scene, **overrides)
+    chosen = accuracy.choose(args.scene, own.material.nu, asked, args.accuracy_table)
+    overrides = overrides | chosen.values(overrides)
+    if not args.quiet:
+        print(chosen.words(), flush=True)
+        given = [key for key, v in overrides.items() if v is not None]
+        if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
+            print(f"accuracy: measured for the scene as it is, not with other {', '.join(other)}")
+    return overrides, chosen.note(asked)
 
 
 def scene_list() -> str:

@@ -8,9 +8,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fem_snh.elements import ELEMENTS
 from fem_snh.studies.tradeoff.knobs import KNOBS
-from fem_snh.studies.tradeoff.reference import Reference, Vector, establish, estimate, norm, say
+from fem_snh.studies.tradeoff.reference import (
+    FREE,
+    Reference,
+    Vector,
+    establish,
+    estimate,
+    norm,
+    say,
+)
 
 _AXES = "xyz"
 #: Below this part of the largest, a probe's displacement is none to be relative to.
@@ -75,11 +82,11 @@ def assess(
 def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
     """The reference of a quantity: (rows, n) values of a table of rows that converged.
 
-    Candidates are the locking-free elements: those of order 2, each with its default knobs.
+    Candidates are the elements of FREE, each with its default knobs.
     """
     found = []
     for element in table["element"].unique():
-        if ELEMENTS[element].degree < 2:
+        if element not in FREE:
             continue
         mine = ((table["element"] == element) & (table["default"].astype(str) == "True")).to_numpy()
         rows = table[mine].assign(at=np.flatnonzero(mine)).sort_values("h", ascending=False)
@@ -90,7 +97,7 @@ def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
             f"{finest['cells']:g} cells" if finest["cells"] == finest["cells"] else finest["mesh"]
         )
         one = estimate(element, where, rows["h"].tolist(), list(values[rows["at"]]))
-        if one is not None and norm(one.value) > 0:
+        if one is not None:
             found.append(one)
     return establish(found)
 

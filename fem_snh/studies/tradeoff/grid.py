@@ -12,6 +12,7 @@ from fem_snh import scenes
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.studies.campaign import Point
+from fem_snh.studies.sweep import folder_name
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, positions
 
 #: Cells of the built-in scenes, from coarse to fine: to where about a minute's work goes.
@@ -19,14 +20,15 @@ _PANEL = {
     **dict.fromkeys(("Q1", "Q1P0"), (4, 8, 16, 32, 64, 128)),
     "P1": (4, 8, 16, 32, 64),
     **dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (2, 4, 8, 16, 32)),
-    "Q2Q1": (2, 4, 8, 16, 32, 64),
+    "Q2Q1": (2, 4, 8, 16, 24, 32, 64),
 }
 _CUBE = {
-    **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12, 16)),
+    **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12)),
     **dict.fromkeys(("Q2", "Q2Q1"), (2, 3, 4, 6, 8)),
     **dict.fromkeys(("P2", "P2P0", "P2P1"), (2, 3, 4, 6)),
 }
-_CYLINDER = {e: tuple(n for n in cells if n > 2) for e, cells in _CUBE.items()}
+_CYLINDER = _CUBE | dict.fromkeys(("Q2", "Q2Q1"), (3, 4, 6, 8))
+_CYLINDER |= dict.fromkeys(("P2", "P2P0", "P2P1"), (3, 4, 6))
 CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
 #: What a default solves with, by whether a pressure is unknown; else, what the solver has. Sparse
 #: factors of one layer of cells are cheap, and nu -> 1/2 costs them nothing.
@@ -140,7 +142,7 @@ class Plan:
 
 def point_name(nu: float, choice: Choice) -> str:
     """The folder of a point."""
-    return f"nu={nu:g}__{choice.name()}".replace("/", "_")
+    return folder_name([f"nu={nu:g}", choice.name()])
 
 
 def middle(resolutions: Sequence[int | str]) -> int | str:

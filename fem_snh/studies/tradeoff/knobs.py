@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from fem_snh.choices import EIGENSOLVERS, HESSIANS
@@ -100,7 +101,8 @@ class Choice:
 
     def name(self) -> str:
         """One word for a folder: the same choice, the same word."""
-        told = {"forcing": f"{self.forcing:g}", "tolerance": f"{self.tolerance:g}"}
+        told: dict[str, Any] = {key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")}
+        told["mesh"] = Path(self.mesh).stem
         return "__".join(str(v) for v in (self.row() | told).values() if v not in ("", None))
 
     def turned(self) -> Iterator[Choice]:

@@ -13,12 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.elements import ELEMENTS
+
 Vector = npt.NDArray[np.float64]
 
 #: Orders that are believed: a corner's singularity up to what a quadratic element can do.
 _ORDERS = (0.5, 4.0)
+#: An extrapolation is not believed to be better than this part of its step.
+_GAIN = 0.1
 #: An error must be this many times the reference's own, to be told.
 MARGIN = 10.0
+
+#: What does not lock, and is of an order worth extrapolating.
+FREE = tuple(e.name for e in ELEMENTS.values() if e.degree > 1 and e.volume != "pointwise")
+CANDIDATES = " or ".join((", ".join(FREE[:-1]), FREE[-1]))
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,7 @@ class Reference:
     Attributes:
         value: (n,) its components.
         error: of the value, relative to its norm: estimated, not bounded.
+        step: from the finest mesh to the value, relative.
         element, finest: whose rows it comes from, and the finest of its meshes.
         order: that was observed; NaN if the differences do not fall.
         checked: the other element that it was compared with; "" if there is none.
@@ -35,6 +44,7 @@ class Reference:
 
     value: Vector
     error: float
+    step: float
     element: str
     finest: str
     order: float
@@ -56,9 +66,9 @@ def norm(value: Vector) -> float:
 
 
 def observed_order(h: Sequence[float], values: Sequence[Vector]) -> float:
-    """The p of q + C h^p through three meshes, h falling; NaN where differences do not fall."""
+    """The p > 0 of q + C h^p through three meshes, h falling; NaN where there is none."""
     before, after = norm(values[0] - values[1]), norm(values[1] - values[2])
-    if not 0 < after < before:
+    if not (before > 0 and after > 0):
         return float("nan")
     from scipy.optimize import brentq
 
@@ -89,29 +99,46 @@ def estimate(
 ) -> Reference | None:
     """The limit of one element's meshes, h falling; None for fewer than three.
 
-    With four meshes its error is the difference to the limit from all but the finest; with three,
-    to the finest value itself; where no order is seen, the largest of the last two differences.
+    With four meshes its error is the difference to the limit from all but the finest, or a tenth of
+    the last step if that is more; with three, all of that step; where no order is seen, the larger
+    of the last two differences.
     """
     if len(values) < 3:
         return None
+    kept = spread(h)
+    h, values = [h[i] for i in kept], [values[i] for i in kept]
     value, order = extrapolate(h, values)
+    step = norm(value - values[-1])
     if np.isnan(order):
-        error = max(norm(values[-1] - values[-2]), norm(values[-2] - values[-3]))
+        error = step = max(norm(values[-1] - values[-2]), norm(values[-2] - values[-3]))
+    elif len(values) == 3:
+        error = step
     else:
-        earlier = extrapolate(h[:-1], values[:-1])[0] if len(values) > 3 else values[-1]
-        error = norm(value - earlier)
+        error = max(norm(value - extrapolate(h[:-1], values[:-1])[0]), _GAIN * step)
     size = norm(value)
-    return Reference(value, error / size if size else float("inf"), element, finest, order)
+    if not size > 0:
+        return None
+    return Reference(value, error / size, step / size, element, finest, order)
+
+
+def spread(h: Sequence[float]) -> list[int]:
+    """Which of the meshes to extrapolate from: if four are left, each twice as fine as the last."""
+    kept = [len(h) - 1]
+    for i in reversed(range(len(h) - 1)):
+        if h[i] >= 1.9 * h[kept[0]]:
+            kept.insert(0, i)
+    return kept if len(kept) > 3 else list(range(len(h)))
 
 
 def establish(candidates: Sequence[Reference]) -> Reference | None:
-    """The one of the smallest error, which the next best one may raise; None without any.
+    """The one whose finest mesh is nearest to its limit; None without any.
 
-    Two that differ by more than the second admits: the rest of it is the first one's.
+    The next one may raise its error: where they differ by more than the second admits, the rest is
+    the first one's.
     """
     if not candidates:
         return None
-    best, *others = sorted(candidates, key=lambda found: found.error)
+    best, *others = sorted(candidates, key=lambda found: found.step)
     if not others:
         return best
     other = others[0]
@@ -122,7 +149,7 @@ def establish(candidates: Sequence[Reference]) -> Reference | None:
 def say(name: str, found: Reference | None, measured: Mapping[str, float]) -> str:
     """One line about a quantity's reference, with the errors that were measured by it."""
     if found is None:
-        return f"{name}: no reference: it takes three meshes of a locking-free element; no errors"
+        return f"{name}: no reference: {CANDIDATES} on three meshes would make one; no errors"
     order = "no order" if np.isnan(found.order) else f"order {found.order:.2f}"
     check = f", checked by {found.checked}" if found.checked else ", not checked by another element"
     words = f"{name}: {found.element} up to {found.finest} ({order}{check}), own error "

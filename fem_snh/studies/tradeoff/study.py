@@ -18,7 +18,6 @@ from typing import Any
 import pandas as pd
 
 from fem_snh import scenes
-from fem_snh.choices import HESSIANS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.campaign import Campaign, Limits, arguments, digests
@@ -26,7 +25,7 @@ from fem_snh.studies.processes import environment, program
 from fem_snh.studies.table import ASKED, FOUND, write_whole
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
-from fem_snh.studies.tradeoff.knobs import KNOBS
+from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS
 
 _FEATURES = ("mesh", "solver", "forcing", "tolerance", "eigensolver", "default")
 _COST = ("cpu", "peak_memory_mb", "h")
@@ -105,7 +104,7 @@ _FLAGS = ("retry", "overwrite")
 
 def write_advice(table: pd.DataFrame, out: Path) -> None:
     """advice.csv and advice.md into a folder."""
-    write_whole(out / "advice.csv", advice.advice(table).to_csv(index=False))
+    write_whole(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
     write_whole(out / "advice.md", advice.page(table))
 
 
@@ -121,10 +120,13 @@ def _plan(
 ) -> Plan:
     for element in elements:
         choose("element", element, ELEMENTS)
+    stems = [Path(mesh).stem for mesh in meshes if isinstance(mesh, str)]
+    if len(set(stems)) < len(stems):
+        raise BadInput(f"meshes {', '.join(stems)}: rows are named by them, so no two may be alike")
     for knob in [*vary, *base]:
         choose("knob", knob, KNOBS)
-    if "hessian" in base:
-        choose("hessian", base["hessian"], HESSIANS)
+    if "solver" in base:  # an element that does not have it keeps its own
+        choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
     nus = list(dict.fromkeys(nus)) or [own.material.nu]
     names = list(elements) or fitting(own, meshes)
     usual = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}

@@ -1,0 +1,162 @@
+"""A run chosen by the accuracy that it is to have, from the table of a study: advice.csv.
+
+The tables of the built-in scenes that have one are in the folder ``tables``.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from fem_snh.errors import BadInput
+from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A row of a table.
+
+    Attributes:
+        table: where it is from.
+        nu: at which it was measured.
+        choice: what it set.
+        error: of the displacement, relative: at most this.
+        cpu: processor seconds that it took.
+    """
+
+    table: str
+    nu: float
+    choice: Choice
+    error: float
+    cpu: float
+
+    def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """What to load the scene with, besides what was given.
+
+        Raises BadInput for something given that the row has otherwise.
+        """
+        mine = self.choice.values()
+        for key, value in given.items():
+            if key in mine and value is not None and value != mine[key]:
+                raise BadInput(
+                    f"{key} = {value} contradicts --accuracy, which takes {key} = {mine[key]} "
+                    f"({self.table}, nu = {self.nu:g}): give one or the other"
+                )
+        return mine
+
+    def note(self, asked: float) -> dict[str, Any]:
+        """As run.json keeps it."""
+        knobs = {key: getattr(self.choice, key) for key in ("element", "cells", *KNOBS)}
+        found = {"asked": asked, "table": self.table, "nu": self.nu, "error": self.error}
+        return {"accuracy": found | {"processor_seconds": self.cpu} | knobs}
+
+    def words(self) -> str:
+        """One line for the terminal."""
+        choice, where = self.choice, self.choice.mesh or f"{self.choice.cells} cells"
+        return (
+            f"accuracy: {choice.element}, {where}, {choice.hessian}, {choice.solver}: measured "
+            f"error <= {100 * self.error:.2g} % in {self.cpu:.2g} s of processor time at nu = "
+            f"{self.nu:g} ({self.table})"
+        )
+
+
+def fraction(text: Any) -> float:
+    """An accuracy as a fraction, from 0.01, "1%" or "1 %". BadInput for any other."""
+    word = str(text).strip()
+    try:
+        number = float(word.removesuffix("%")) / (100 if word.endswith("%") else 1)
+    except ValueError:
+        number = float("nan")
+    if not 0 < number < 1:
+        raise BadInput(f"accuracy = {text}: expected per cent or a fraction, e.g. 1% or 0.01")
+    return number
+
+
+def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) -> Chosen:
+    """The cheapest row within ``accuracy``, measured at the nearest nu at or above this one.
+
+    ``table``: an advice.csv or tradeoff.csv; None: the one that comes with the scene. Raises
+    BadInput where there is no table, no such nu, or nothing so accurate.
+    """
+    name, rows = _rows(scene, table)
+    nus = sorted({row["nu"] for row in rows})
+    if not nus or nu > nus[-1]:
+        there = f"up to {nus[-1]:g}" if nus else "no nu with an error"
+        raise BadInput(
+            f"accuracy: {name} has {there}, not nu = {nu:g}: "
+            f"see `fem-snh tradeoff {scene} --nu {nu:g}`"
+        )
+    at = next(measured for measured in nus if measured >= nu)
+    mine = [row for row in rows if row["nu"] == at]
+    within = [row for row in mine if row["error"] <= accuracy]
+    if not within:
+        best = min(row["error"] for row in mine)
+        raise BadInput(
+            f"accuracy = {100 * accuracy:g} %: the best of {name} at nu = {at:g} is "
+            f"{100 * best:.2g} %; see `fem-snh tradeoff {scene} --nu {nu:g}` for finer meshes"
+        )
+    row = min(within, key=lambda row: float(row["cpu"]))
+    return Chosen(name, at, row["choice"], row["error"], row["cpu"])
+
+
+def _rows(scene: str, table: Path | None) -> tuple[str, list[dict[str, Any]]]:
+    """The rows with an error, and what to call the table."""
+    if table is not None:
+        try:
+            return str(table), _parse(table.read_text(encoding="utf-8"), str(table))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+            raise BadInput(f"accuracy-table {table} cannot be read: {reason}") from None
+    packaged = resources.files(__package__) / "tables"
+    there = sorted(
+        p.name.removesuffix(".csv") for p in packaged.iterdir() if p.name.endswith(".csv")
+    )
+    if scene not in there:
+        raise BadInput(
+            f"accuracy: there is no table for {scene}, only for {', '.join(there)}; make one with "
+            f"`fem-snh tradeoff {scene} --out DIR` and give --accuracy-table DIR/advice.csv"
+        )
+    path = packaged / f"{scene}.csv"
+    return f"{scene}.csv", _parse(path.read_text(encoding="utf-8"), f"{scene}.csv")
+
+
+def _parse(text: str, name: str) -> list[dict[str, Any]]:
+    """The rows of an advice.csv, or those of a tradeoff.csv that have an error, as numbers."""
+    reader = csv.DictReader(io.StringIO(text))
+    columns = reader.fieldnames or ()
+    error, floor = "error", "floor"
+    if error not in columns:
+        error, floor = "error_displacement", "floor_displacement"
+    needed = ("nu", "element", "cells", *KNOBS, "cpu", error, floor)
+    if missing := [column for column in needed if column not in columns]:
+        raise BadInput(f"accuracy-table {name}: has no column {', '.join(missing)}")
+    rows = []
+    for line in reader:
+        if not line[error]:
+            continue
+        try:
+            known = {"error": max(float(line[error]), float(line[floor]))}
+            known |= {key: float(line[key]) for key in ("nu", "cpu")}
+            rows.append({**known, "choice": _choice(line)})
+        except (TypeError, ValueError) as wrong:
+            raise BadInput(f"accuracy-table {name}, line {reader.line_num}: {wrong}") from None
+    return rows
+
+
+def _choice(line: Mapping[str, str]) -> Choice:
+    cells = line.get("cells")
+    return Choice(
+        line["element"],
+        int(float(cells)) if cells else None,
+        line.get("mesh") or "",
+        hessian=line["hessian"],
+        solver=line["solver"],
+        forcing=float(line["forcing"]),
+        tolerance=float(line["tolerance"]),
+        eigensolver=line["eigensolver"],
+    )
