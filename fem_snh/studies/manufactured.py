@@ -124,7 +124,7 @@ class Manufactured:
 
     Parameters
     ----------
-    shear : amplitude of the waves; at 0.15 the largest stretch is about 1.9.
+    shear : amplitude of the waves; at 0.1 stretches are from 0.7 to 1.4.
     swell : size of the change of volume, in mu/lam.
     bend : how far inner nodes of the mesh are moved.
     """
