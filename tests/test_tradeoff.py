@@ -20,7 +20,7 @@ from fem_snh.cli import main
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment
-from fem_snh.studies.tradeoff import accuracy, advice, errors
+from fem_snh.studies.tradeoff import accuracy, advice, errors, page
 from fem_snh.studies.tradeoff.grid import Plan, differs, middle, resolutions
 from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS, Choice, positions
 from fem_snh.studies.tradeoff.reference import (
@@ -116,7 +116,7 @@ def row(element: str, cells: int, x: float, cpu: float = 1.0, **more: Any) -> di
         "point": f"{element}-{cells}-{len(more)}", "scene": "hand", "nu": 0.3, "converged": True,
         "default": not more, "h": 1 / cells, "energy": 2 * x, "volume_ratio": 1.0, "cpu": cpu,
         "probe_p_x": x, "probe_p_y": 0.0, "probe_p_z": 0.0, "dofs": cells**3, "seconds": cpu,
-        "newton": 1, "linear": 1, "peak_memory_mb": 1.0,
+        "newton": 1, "linear": 1, "peak_memory_mb": 1.0, "status": "as it is",
     }  # fmt: skip
     return made | choice.row() | {k: v for k, v in more.items() if k not in KNOBS}
 
@@ -433,3 +433,22 @@ def test_tables_of_the_package(scene: str) -> None:
     scenes.load(scene, **chosen.values({}))
     with pytest.raises(BadInput, match="contradicts"):
         chosen.values({"element": "Q1"})
+
+
+# --- the page's tables ---------------------------------------------------------------------------
+
+
+def test_a_page_is_filled_from_its_tables() -> None:
+    table = assessed()
+    kinds = {kind: page.TABLES[kind](table) for kind in page.TABLES}
+    assert "| Q1 | 8 | 512 | 25 % |" in kinds["locking"]
+    assert "| Q1 | 5 % | never |\n" in kinds["price"]
+    assert "| Q2Q1 | 5 % | 0.08 (2) |\n" in kinds["price"]
+    assert "| Q2Q1 | 4 | 1 |" in kinds["iterations"]
+    assert "| 0.3 | Q2Q1 | 4 | clamp | 1 | 1 | x 1.6 | 1e-05 |" in kinds["knobs"]
+    text = "a\n<!-- table: hand price -->\nold\n<!-- end -->\nb\n"
+    filled = page.fill(text, {"hand": table})
+    assert filled == text.replace("old", kinds["price"]) == page.fill(filled, {"hand": table})
+    for wrong in ("hans price", "hand prize"):
+        with pytest.raises(BadInput, match=r"did you mean '(hand|price)'"):
+            page.fill(text.replace("hand price", wrong), {"hand": table})

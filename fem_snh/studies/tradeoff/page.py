@@ -1,0 +1,180 @@
+"""The tables of docs/tradeoff.md, made of the CSVs beside it.
+
+    python -m fem_snh.studies.tradeoff.page docs/tradeoff.md
+
+replaces what is between ``<!-- table: SCENE KIND -->`` and ``<!-- end -->`` by a table of
+docs/tradeoff/SCENE.csv: `TABLES` has the kinds.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput, choose
+from fem_snh.studies.table import write_whole
+from fem_snh.studies.tradeoff import advice
+from fem_snh.studies.tradeoff.grid import differs
+from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
+
+_TABLE = re.compile(r"(<!-- table: (\w+) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def fill(text: str, tables: Mapping[str, pd.DataFrame]) -> str:
+    """A page with its tables made anew. BadInput for an unknown scene or kind."""
+
+    def made(found: re.Match[str]) -> str:
+        begin, scene, kind, end = found.groups()
+        table = tables[choose("scene of a table", scene, tables)]
+        return begin + TABLES[choose("table", kind, TABLES)](table) + "\n" + end
+
+    return _TABLE.sub(made, text)
+
+
+def locking(table: pd.DataFrame) -> str:
+    """The error of each element on one mesh, the middle one of its list, for each nu."""
+    rows = advice.usable(_default(table))
+    lines = []
+    for element in _elements(table):
+        meshes = sorted(_default(table).query("element == @element")["cells"].unique())
+        cells = meshes[(len(meshes) - 1) // 2]
+        mine = rows[(rows["element"] == element) & (rows["cells"] == cells)].set_index("nu")
+        dofs = f"{mine['dofs'].iloc[0]:,.0f}" if len(mine) else "-"
+        cell = [advice.error(mine.loc[nu]) if nu in mine.index else "-" for nu in _nus(table)]
+        lines.append([element, f"{cells:g}", dofs, *cell])
+    return advice.markdown(["element", "cells", "dofs", *_heads(table)], lines)
+
+
+def price(table: pd.DataFrame) -> str:
+    """Processor seconds to 5 % and to 1 % of displacement, for each element and nu."""
+    rows = advice.usable(table)
+    lines = []
+    for element in _elements(table):
+        for accuracy in (0.05, 0.01):
+            cell = []
+            for nu in _nus(table):
+                mine = rows[(rows["element"] == element) & (rows["nu"] == nu)]
+                cell.append(_seconds(mine, accuracy))
+            lines.append([element, advice.percent(accuracy), *cell])
+    return advice.markdown(["element", "error", *_heads(table)], lines)
+
+
+def _seconds(rows: pd.DataFrame, accuracy: float) -> str:
+    if rows.empty:
+        return ""
+    if rows["floor"].min() > accuracy:
+        return "refused"
+    found = advice.cheapest(rows, accuracy)
+    return "never" if found is None else f"{found['cpu']:.2g} ({found['cells']:g})"
+
+
+def iterations(table: pd.DataFrame) -> str:
+    """Newton iterations on each element's middle mesh, for each nu."""
+    default = _default(table)
+    lines = []
+    for element in _elements(table):
+        mine = default[default["element"] == element]
+        meshes = sorted(mine["cells"].unique())
+        cells = meshes[(len(meshes) - 1) // 2]
+        on = mine[mine["cells"] == cells].set_index("nu")
+        cell = [_counted(on.loc[nu]) if nu in on.index else "-" for nu in _nus(table)]
+        lines.append([element, f"{cells:g}", *cell])
+    return advice.markdown(["element", "cells", *_heads(table)], lines)
+
+
+def _counted(row: Mapping[str, Any]) -> str:
+    return f"{row['newton']:g}" if str(row["converged"]) == "True" else "fails"
+
+
+def knobs(table: pd.DataFrame) -> str:
+    """Each knob turned: Newton and linear iterations, time over the default's, and the shift."""
+    lines = []
+    for nu in _nus(table):
+        for element in _elements(table):
+            lines += list(_turned(table[(table["nu"] == nu) & (table["element"] == element)]))
+    head = ["nu", "element", "cells", "knob", "Newton", "linear", "time", "shift of displacement"]
+    return advice.markdown(head, lines)
+
+
+def _turned(rows: pd.DataFrame) -> Iterator[list[str]]:
+    """Lines of one element at one nu: the default of the mesh where knobs are turned, and they."""
+    turned = rows[rows["default"].astype(str) != "True"]
+    if turned.empty:
+        return
+    cells = turned["cells"].iloc[0]
+    base = rows[(rows["default"].astype(str) == "True") & (rows["cells"] == cells)].iloc[0]
+    yield [*_where(base), "default: " + _setting(base, KNOBS), *_cost(base, base)]
+    for _, row in turned.iterrows():
+        other = [knob for knob in KNOBS if knob in differs(_choice(row), _choice(base))]
+        yield [*_where(row), _setting(row, other), *_cost(row, base)]
+
+
+def _choice(row: Mapping[str, Any]) -> Choice:
+    return Choice(row["element"], int(row["cells"]), **{knob: row[knob] for knob in KNOBS})
+
+
+def _where(row: Mapping[str, Any]) -> list[str]:
+    return [f"{row['nu']:g}", row["element"], f"{row['cells']:g}"]
+
+
+def _setting(row: Mapping[str, Any], names: Sequence[str]) -> str:
+    return ", ".join(
+        f"{knob} {row[knob]:g}" if isinstance(row[knob], float) else str(row[knob])
+        for knob in names
+    )
+
+
+def _cost(row: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
+    if str(row["converged"]) != "True":
+        return ["", "", str(row["status"]), ""]
+    counts = [f"{row['newton']:g}", f"{row['linear']:,.0f}"]
+    if row is base:
+        return [*counts, f"{row['cpu']:.2g} s", ""]
+    return [*counts, f"x {row['cpu'] / base['cpu']:.2g}", f"{row['shift']:.0e}"]
+
+
+def _default(table: pd.DataFrame) -> pd.DataFrame:
+    return table[table["default"].astype(str) == "True"]
+
+
+def _nus(table: pd.DataFrame) -> list[float]:
+    return sorted(table["nu"].unique())
+
+
+def _heads(table: pd.DataFrame) -> list[str]:
+    return [f"nu = {nu:g}" for nu in _nus(table)]
+
+
+def _elements(table: pd.DataFrame) -> list[str]:
+    return [element for element in ELEMENTS if element in set(table["element"])]
+
+
+#: What a page can ask for, by name.
+TABLES: dict[str, Callable[[pd.DataFrame], str]] = {
+    "locking": locking,
+    "price": price,
+    "iterations": iterations,
+    "knobs": knobs,
+    "advice": lambda table: "\n".join(f"- {sentence}" for sentence in advice.words(table)),
+}
+
+
+def main(path: Path) -> None:
+    """Fill the page from the CSVs in the folder of its name. BadInput if it cannot be read."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}") from None
+    folder = path.with_suffix("")
+    tables = {csv.stem: pd.read_csv(csv) for csv in sorted(folder.glob("*.csv"))}
+    write_whole(path, fill(text, tables))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
