@@ -19,11 +19,13 @@ SMALLER = {
     "cube_twist": ["--cells", "8"],  # on 6 the filtered material does not stall
     "pull": ["--cells", "4"],
     "modes": ["--cells", "4"],
+    "cook": ["--finest", "16"],
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
     "cylinder_stretch": ["stretch/figure_5.png", "stretch/figure_6.png"],
     "cube_twist": ["twist/figure_9.png"],
+    "cook": ["cook/cook.png"],
     "pull": ["pull/figure_3.png"],
     "modes": ["modes/normalised/modes.png"],
     "nu_sweep": ["nu_sweep/sweep.png", "nu_sweep/sweep.csv"],
