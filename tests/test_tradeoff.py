@@ -117,6 +117,7 @@ def row(element: str, cells: int, x: float, cpu: float = 1.0, **more: Any) -> di
         "default": not more, "h": 1 / cells, "energy": 2 * x, "volume_ratio": 1.0, "cpu": cpu,
         "probe_p_x": x, "probe_p_y": 0.0, "probe_p_z": 0.0, "dofs": cells**3, "seconds": cpu,
         "newton": 1, "linear": 1, "peak_memory_mb": 1.0, "status": "as it is",
+        "steps": 2,
     }  # fmt: skip
     return made | choice.row() | {k: v for k, v in more.items() if k not in KNOBS}
 
@@ -192,7 +193,7 @@ def test_advice_is_a_table_to_choose_from(tmp_path: Path) -> None:
         chosen = accuracy.choose("hand", 0.2, 0.05, path)
         assert (chosen.choice.element, chosen.choice.cells, chosen.nu) == ("Q2Q1", 2, 0.3)
         assert chosen.cpu == 0.08 and chosen.error < 0.05
-        assert chosen.choice == Choice("Q2Q1", 2)
+        assert chosen.choice == Choice("Q2Q1", 2, steps=2)
     with pytest.raises(BadInput, match=r"up to 0\.3, not nu = 0\.4"):
         accuracy.choose("hand", 0.4, 0.05, path)
     with pytest.raises(BadInput, match=r"accuracy = 1e-07 %: the best of .* at nu = 0\.3 is"):

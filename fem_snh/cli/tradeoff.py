@@ -18,6 +18,7 @@ _DEFAULTS = {
     "forcing": "largest relative tolerance of a linear solve",
     "tolerance": "of the residual, relative to E V^(2/3)",
     "eigensolver": "cubic or jacobi",
+    "steps": "load steps",
 }
 
 

@@ -159,4 +159,5 @@ def _choice(line: Mapping[str, str]) -> Choice:
         forcing=float(line["forcing"]),
         tolerance=float(line["tolerance"]),
         eigensolver=line["eigensolver"],
+        steps=int(float(line["steps"])) if line.get("steps") else None,
     )

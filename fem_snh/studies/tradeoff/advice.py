@@ -13,7 +13,17 @@ from fem_snh.studies.tradeoff.errors import told
 #: Of the displacement, relative: what advice is given for.
 ACCURACIES = (0.05, 0.01, 0.001)
 #: The columns of advice: what a choice is, what it gives, what it takes.
-CHOICE = ("element", "cells", "mesh", "hessian", "solver", "forcing", "tolerance", "eigensolver")
+CHOICE = (
+    "element",
+    "cells",
+    "mesh",
+    "hessian",
+    "solver",
+    "forcing",
+    "tolerance",
+    "eigensolver",
+    "steps",
+)
 COST = ("cpu", "seconds", "dofs", "newton", "linear", "peak_memory_mb")
 COLUMNS = ("scene", "nu", *CHOICE, "error", "floor", *COST)
 

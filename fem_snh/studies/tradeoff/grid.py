@@ -22,13 +22,13 @@ _PANEL = {
     **dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (2, 4, 8, 16, 32)),
     "Q2Q1": (2, 4, 8, 16, 24, 32, 64),
 }
+# Even numbers: a node or none in the middle makes two sequences, not one.
 _CUBE = {
-    **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12)),
-    **dict.fromkeys(("Q2", "Q2Q1"), (2, 3, 4, 6, 8)),
-    **dict.fromkeys(("P2", "P2P0", "P2P1"), (2, 3, 4, 6)),
+    **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12, 16)),
+    **dict.fromkeys(("Q2", "Q2Q1"), (2, 4, 6, 8)),
+    **dict.fromkeys(("P2", "P2P0", "P2P1"), (2, 4, 6)),
 }
-_CYLINDER = _CUBE | dict.fromkeys(("Q2", "Q2Q1"), (3, 4, 6, 8))
-_CYLINDER |= dict.fromkeys(("P2", "P2P0", "P2P1"), (3, 4, 6))
+_CYLINDER = _CUBE | dict.fromkeys(("Q2", "Q2Q1", "P2", "P2P0", "P2P1"), (3, 4, 6, 8))
 CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
 #: What a default solves with, by whether a pressure is unknown; else, what the solver has. Sparse
 #: factors of one layer of cells are cheap, and nu -> 1/2 costs them nothing.

@@ -57,6 +57,7 @@ class Choice:
         forcing: largest relative tolerance of a linear solve, snes_forcing_max.
         tolerance: of the residual, snes_scaled_tol.
         eigensolver: of the Hessian's scaling block.
+        steps: load steps; None: the scene's.
     """
 
     element: str
@@ -67,6 +68,7 @@ class Choice:
     forcing: float = 0.1
     tolerance: float = 1e-7
     eigensolver: str = EIGENSOLVERS[0]
+    steps: int | None = None
 
     def __post_init__(self) -> None:
         saddle = ELEMENTS[choose("element", self.element, ELEMENTS)].volume == "pressure"
@@ -93,16 +95,18 @@ class Choice:
             "snes_forcing_max": self.forcing, "snes_scaled_tol": self.tolerance
         }  # fmt: skip
         plain = {key: getattr(self, key) for key in ("element", "hessian", "eigensolver")}
+        plain |= {} if self.steps is None else {"steps": self.steps}
         return plain | where | {f"petsc.{key}": value for key, value in petsc.items()}
 
     def row(self) -> dict[str, Any]:
-        """As columns of the table."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """As columns of the table; what is None is the scene's."""
+        row = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {key: value for key, value in row.items() if value is not None}
 
     def name(self) -> str:
         """One word for a folder: the same choice, the same word."""
         told: dict[str, Any] = {key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")}
-        told["mesh"] = Path(self.mesh).stem
+        told |= {"mesh": Path(self.mesh).stem, "steps": self.steps and f"steps={self.steps}"}
         return "__".join(str(v) for v in (self.row() | told).values() if v not in ("", None))
 
     def turned(self) -> Iterator[Choice]:

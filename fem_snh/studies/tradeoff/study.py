@@ -55,7 +55,8 @@ def tradeoff(
         nus: Poisson's ratios; none: the scene's.
         elements: names; none: all that the meshes can have.
         meshes: cells or mesh files, coarse to fine, for every element; none: what suits the scene.
-        base: other defaults of the knobs: hessian, solver, forcing, tolerance, eigensolver.
+        base: other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver), and
+            the load steps.
         vary: the knobs that are turned.
         vary_at: only at these nus; None: at all.
         full: every combination of the knobs on every mesh, instead of one at a time on one.
@@ -123,8 +124,10 @@ def _plan(
     stems = [Path(mesh).stem for mesh in meshes if isinstance(mesh, str)]
     if len(set(stems)) < len(stems):
         raise BadInput(f"meshes {', '.join(stems)}: rows are named by them, so no two may be alike")
-    for knob in [*vary, *base]:
+    for knob in vary:
         choose("knob", knob, KNOBS)
+    for knob in base:
+        choose("default", knob, (*KNOBS, "steps"))
     if "solver" in base:  # an element that does not have it keeps its own
         choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
     nus = list(dict.fromkeys(nus)) or [own.material.nu]
