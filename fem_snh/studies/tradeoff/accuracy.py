@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
+from fem_snh.studies.tradeoff.errors import told
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
 
 
@@ -129,10 +130,9 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
     """The rows of an advice.csv, or those of a tradeoff.csv that have an error, as numbers."""
     reader = csv.DictReader(io.StringIO(text))
     columns = reader.fieldnames or ()
-    error, floor = "error", "floor"
-    if error not in columns:
-        error, floor = "error_displacement", "floor_displacement"
-    needed = ("nu", "element", "cells", *KNOBS, "cpu", error, floor)
+    error = "error" if "error" in columns else "error_displacement"
+    more = () if error == "error" else ("floor_displacement", "shift")
+    needed = ("nu", "element", "cells", *KNOBS, "cpu", error, *more)
     if missing := [column for column in needed if column not in columns]:
         raise BadInput(f"accuracy-table {name}: has no column {', '.join(missing)}")
     rows = []
@@ -140,8 +140,8 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
         if not line[error]:
             continue
         try:
-            known = {"error": max(float(line[error]), float(line[floor]))}
-            known |= {key: float(line[key]) for key in ("nu", "cpu")}
+            known = {key: float(line[key]) for key in ("nu", "cpu", error, *more)}
+            known["error"] = told(known) if more else known["error"]
             rows.append({**known, "choice": _choice(line)})
         except (TypeError, ValueError) as wrong:
             raise BadInput(f"accuracy-table {name}, line {reader.line_num}: {wrong}") from None

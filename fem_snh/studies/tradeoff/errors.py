@@ -116,9 +116,13 @@ def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
 
 
 def told(row: Mapping[str, Any], name: str = "displacement") -> float:
-    """What may be said of a row's error: at most this. NaN if nothing."""
+    """What may be said of a row's error: at most this. NaN if nothing.
+
+    What a turned knob changes of the answer is added: it may cancel a mesh's error, by chance.
+    """
     error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
-    return max(error, floor)
+    shift = float(row["shift"])
+    return max(error + (shift if shift == shift else 0.0), floor)
 
 
 def is_default(choice: Mapping[str, Any], default: Mapping[str, Any]) -> bool:
