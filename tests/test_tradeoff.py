@@ -445,7 +445,7 @@ def test_a_page_is_filled_from_its_tables() -> None:
     assert "| Q1 | 8 | 512 | 25 % |" in kinds["locking"]
     assert "| Q1 | 5 % | never |\n" in kinds["price"]
     assert "| Q2Q1 | 5 % | 0.08 (2) |\n" in kinds["price"]
-    assert "| Q2Q1 | 4 | 1 |" in kinds["iterations"]
+    assert "| Q2Q1 | 8 | 1 |" in kinds["iterations"]
     assert "| 0.3 | Q2Q1 | 4 | clamp | 1 | 1 | x 1.6 | 1e-05 |" in kinds["knobs"]
     text = "a\n<!-- table: hand price -->\nold\n<!-- end -->\nb\n"
     filled = page.fill(text, {"hand": table})

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from fem_snh.elements import ELEMENTS
@@ -38,12 +39,11 @@ def fill(text: str, tables: Mapping[str, pd.DataFrame]) -> str:
 
 
 def locking(table: pd.DataFrame) -> str:
-    """The error of each element on one mesh, the middle one of its list, for each nu."""
+    """The error of each element for each nu, on meshes of about the same number of unknowns."""
     rows = advice.usable(_default(table))
     lines = []
     for element in _elements(table):
-        meshes = sorted(_default(table).query("element == @element")["cells"].unique())
-        cells = meshes[(len(meshes) - 1) // 2]
+        cells = _alike(table, element)
         mine = rows[(rows["element"] == element) & (rows["cells"] == cells)].set_index("nu")
         dofs = f"{mine['dofs'].iloc[0]:,.0f}" if len(mine) else "-"
         cell = [advice.error(mine.loc[nu]) if nu in mine.index else "-" for nu in _nus(table)]
@@ -75,17 +75,23 @@ def _seconds(rows: pd.DataFrame, accuracy: float) -> str:
 
 
 def iterations(table: pd.DataFrame) -> str:
-    """Newton iterations on each element's middle mesh, for each nu."""
+    """Newton iterations on the same meshes, for each nu."""
     default = _default(table)
     lines = []
     for element in _elements(table):
         mine = default[default["element"] == element]
-        meshes = sorted(mine["cells"].unique())
-        cells = meshes[(len(meshes) - 1) // 2]
+        cells = _alike(table, element)
         on = mine[mine["cells"] == cells].set_index("nu")
         cell = [_counted(on.loc[nu]) if nu in on.index else "-" for nu in _nus(table)]
         lines.append([element, f"{cells:g}", *cell])
     return advice.markdown(["element", "cells", *_heads(table)], lines)
+
+
+def _alike(table: pd.DataFrame, element: str) -> float:
+    """The cells with which an element has as many unknowns as the median of all default rows."""
+    dofs = _default(table).dropna(subset=["dofs"])[["element", "cells", "dofs"]]
+    off = np.abs(np.log(dofs["dofs"] / dofs["dofs"].median()))
+    return float(dofs.loc[off[dofs["element"] == element].idxmin(), "cells"])
 
 
 def _counted(row: Mapping[str, Any]) -> str:
