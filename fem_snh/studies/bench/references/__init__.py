@@ -57,10 +57,12 @@ def _around(page: Path) -> tuple[str, str]:
 
 def table(found: list[Row]) -> str:
     """Rows as a Markdown table."""
-    lines = ["| reference | source | published | ours | difference | limit | |", "|---" * 7 + "|"]
+    heads = ("reference", "number", "source", "published", "ours", "difference", "limit", "")
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for row in found:
         ours, difference = row["ours"], row["difference"]
         cells = [
+            row["reference"],
             row["what"],
             row["source"],
             f"{row['published']:.6g}",

@@ -1,0 +1,106 @@
+"""Published numbers: a quick subset of `fem-snh bench references`, each within its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+
+from fem_snh.errors import BadInput
+from fem_snh.studies import bench
+from fem_snh.studies.bench import Row, references
+from fem_snh.studies.bench.references import GROUPS, compare
+from fem_snh.studies.bench.references.block import block
+from fem_snh.studies.bench.references.cook import cook, cook_locking, cook_locking_free
+from fem_snh.studies.bench.references.exact import plane_strain, torsion, uniaxial
+from fem_snh.studies.bench.references.paper import paper_twist
+
+mpi = pytest.mark.mpi
+
+QUICK: dict[str, Callable[[], Iterator[Row]]] = {
+    "cook": lambda: cook(finest=16),
+    "cook_locking": lambda: cook_locking(finest=15),
+    "cook_locking_free": lambda: cook_locking_free(finest=16),
+    "block": lambda: block(finest=4),
+    "plane_strain": plane_strain,
+    "torsion": lambda: torsion("Q2Q1", cells=4),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_ours_are_as_published(name: str) -> None:
+    found = list(QUICK[name]())
+    assert any(row["limit"] for row in found) and all(row["ok"] for row in found), found
+
+
+@mpi
+def test_incompressible_uniaxial_is_exact(comm: MPI.Comm) -> None:
+    found = list(uniaxial())
+    assert len(found) == 12 and all(row["ok"] for row in found), found
+
+
+@mpi
+def test_the_block_sinks_as_far_on_any_number_of_ranks(comm: MPI.Comm) -> None:
+    """Digits of one rank, as printed by `bench references --only block`."""
+    ours = {(row["what"], row["source"][-3:]): row["ours"] for row in block(finest=4)}
+    assert ours["-u_z (0, 0, 50) [mm], Q1P0, 4 x 4 x 4", "3.3"] == pytest.approx(19.8163, rel=1e-5)
+
+
+@mpi
+@pytest.mark.parametrize("element", ["P2P1", "Q2Q1"])
+def test_rivlins_cylinder_on_any_number_of_ranks(comm: MPI.Comm, element: str) -> None:
+    """Coarse: the torque within 3 %, and the ends pressed together, more for Mooney-Rivlin."""
+    torque, force, other_torque, other_force = torsion(element, cells=4)
+    assert abs(torque["difference"]) < 3 and abs(other_torque["difference"]) < 3
+    assert other_force["ours"] < force["ours"] < 0
+
+
+def test_the_papers_iterations_on_a_small_cube() -> None:
+    rows = list(paper_twist(cells=4))
+    assert [row["published"] for row in rows] == [28, 8234, 28, 8234]
+    assert all(row["ours"] > 0 for row in rows) and rows[0]["ours"] < rows[2]["ours"]
+
+
+def test_a_row_says_how_far_off_ours_is() -> None:
+    row = compare.compare("length [m]", "a book", 2.0, 2.01, 0.4)
+    assert row["difference"] == pytest.approx(0.5) and row["ok"] is False
+    assert compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)["ok"]
+    assert not compare.compare("length [m]", "a book", 2.0, None)["ok"]
+
+
+def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def two() -> Iterator[Row]:
+        yield compare.compare("length [m]", "a book", 2.0, 2.01, 0.6)
+        yield compare.compare("width [m]", "a book", 1.0, None, 0.6)
+
+    monkeypatch.setitem(GROUPS, "two", two)
+    page = folder / "page.md"
+    page.write_text(f"above\n{references.BEGIN}\nold\n{references.END}\nbelow\n")
+    for _ in range(2):  # what is made anew is the same
+        assert bench.main("references", {"only": "two", "write": str(page)}) == 1
+        text = page.read_text()
+        assert "| two | length [m] | a book | 2 | 2.01 | +0.5 % | 0.6 % | ok |" in text
+        assert (
+            "| two | width [m] | a book | 1 | did not converge |  | 0.6 % | **not met** |" in text
+        )
+        assert text.startswith("above\n") and text.endswith("\nbelow\n") and "old" not in text
+
+
+def test_the_page_has_every_group() -> None:
+    """docs/references.md is of this program: its rows name every group's sources."""
+    page = (Path(__file__).parent.parent / "docs" / "references.md").read_text()
+    assert references.BEGIN in page and references.END in page
+    for row in (*uniaxial("P2P1"), *block(finest=4)):
+        assert f"| {row['what']} | {row['source']} |" in page
+
+
+def test_mistakes(folder: Path) -> None:
+    with pytest.raises(BadInput, match=r"unknown reference 'blok' .did you mean 'block'"):
+        bench.main("references", {"only": "blok"})
+    page = folder / "page.md"
+    page.write_text("no table")
+    with pytest.raises(BadInput, match="expected a page with the lines <!-- made by"):
+        bench.main("references", {"write": str(page)})
