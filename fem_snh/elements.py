@@ -36,13 +36,15 @@ class Element:
     pressure_degree: int = 0
 
 
+#: What the degrees give and cost: docs/elements.md. Three on tetrahedra (6 points) is the least
+#: that integrates J, which an incompressible cell's volume is made of.
 ELEMENTS = {
     e.name: e
     for e in (
         Element("P1", "tetrahedron", 1, 1),  # 1 point: F is constant
         Element("P2", "tetrahedron", 2, 2),  # 4 points, the fewest without spurious modes
-        Element("P2P0", "tetrahedron", 2, 2, "mean"),
-        Element("P2P1", "tetrahedron", 2, 2, "pressure", 1),
+        Element("P2P0", "tetrahedron", 2, 3, "mean"),
+        Element("P2P1", "tetrahedron", 2, 3, "pressure", 1),
         Element("Q1", "hexahedron", 1, 3),  # 2 x 2 x 2 points, the paper's
         Element("Q1P0", "hexahedron", 1, 3, "mean"),
         Element("Q2", "hexahedron", 2, 5),  # 3 x 3 x 3 points

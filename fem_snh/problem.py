@@ -109,9 +109,7 @@ class Problem:
         self._condition(hold, move)
         self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
         self.A = self.elastic.create_matrix(self._unknowns.layout())
-        if self.saddle:
-            self.saddle.fields["u"].compose("nearnullspace", self._rigid_motions())
-        else:
+        if not self.saddle:
             self.A.setNearNullSpace(self._rigid_motions())
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.law.E * self.length**2
@@ -227,9 +225,13 @@ class Problem:
         total = self.comm.allreduce(mine)
         return dict(zip(self._reacting, total.tolist(), strict=True))
 
+    def fields(self, x: PETSc.Vec) -> dict[str, Array]:
+        """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
+        return self.elastic.fields(self._unknowns.displacement(x))
+
     def measures(self, x: PETSc.Vec) -> dict[str, float]:
         """Deformed over undeformed volume, and the smallest J at any quadrature point."""
-        fields = self.elastic.fields(self._unknowns.displacement(x))
+        fields = self.fields(x)
         sums = np.array([fields["deformed_volume"].sum(), fields["volume"].sum()])
         deformed, volume = self.comm.allreduce(sums)
         least = float(fields["min_J"].min(initial=np.inf))

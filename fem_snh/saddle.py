@@ -20,6 +20,7 @@ class Saddle:
     Attributes
     ----------
     fields : {"u": IS, "p": IS}, the unknowns of each.
+    Q : the pressure's space.
     weights : (owned pressures,) 1/(each one's share of the volume), in the units of x and residual:
         the square of the residual's other half, so weighted, is that of a volume's error [m^3].
     """
@@ -28,7 +29,7 @@ class Saddle:
         self, unknowns: DisplacementPressure, elastic: Elastic, scale: float, mu_lame: float
     ) -> None:
         self._unknowns, self._scale = unknowns, scale
-        self.fields = unknowns.fields
+        self.fields, self.Q = unknowns.fields, unknowns.Q
         elastic.pressure, elastic.residual_pressure = unknowns.pressure, unknowns.residual_pressure
         self._compliance = 1 / mu_lame + 1 / elastic.law.stiffness
 
@@ -37,9 +38,16 @@ class Saddle:
         return self._unknowns.pressures(x)
 
     def field(self) -> tuple[object, np.ndarray]:
-        """The pressure [Pa]: (its space, local nodal values) of the vector last evaluated."""
+        return self.Q, self.pressure()
+
+    def pressure(self) -> np.ndarray:
+        """The pressure's nodal values [Pa], ghosts included, of the vector last evaluated.
+
+        U'(J), positive in tension: what the part of lambda that `materials.split` leaves to the
+        displacement adds to the mean stress is not in it.
+        """
         with self._unknowns.pressure.localForm() as local:
-            return self._unknowns.Q, self._scale * local.array_r
+            return self._scale * np.asarray(local.array_r)
 
     @cached_property
     def schur(self) -> PETSc.Mat:
@@ -47,7 +55,7 @@ class Saddle:
 
         With the shear modulus at rest; exact in the sense of the inf-sup condition, whatever nu.
         """
-        Q = self._unknowns.Q
+        Q = self.Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
         factor = _dolfinx.constant(Q.mesh, np.array(-self._compliance * self._scale**2))
         form = _dolfinx.form(factor * p * q * ufl.dx)

@@ -109,8 +109,19 @@ def tabulate_geometry(domain: Any, points: Array) -> Array:
 
 
 def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
-    """(points (n, 3), weights (n,)) exact for polynomials of this degree on the reference cell."""
-    points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
+    """(points (n, 3), weights (n,)) exact for polynomials of this degree on the reference cell.
+
+    Weights are positive, so that a sum of semidefinite matrices is: basix's own rule of degree 3 on
+    tetrahedra has a negative one, that of Xiao & Gimbutas (6 points) has not.
+    """
+    kind = getattr(basix.CellType, cell)
+    points, weights = basix.make_quadrature(kind, degree)
+    if weights.min() < 0:
+        rule = basix.QuadratureType.xiao_gimbutas
+        try:
+            points, weights = basix.make_quadrature(kind, degree, rule=rule)
+        except TypeError:  # up to 0.6 the rule comes first
+            points, weights = basix.make_quadrature(rule, kind, degree)
     return points, weights
 
 

@@ -59,7 +59,7 @@ class Split:
                 f"nu = 0.5: material '{self.law.name}' is incompressible, which takes a "
                 "Taylor-Hood element (P2P1, Q2Q1)"
             )
-        first = sympy.diff(self.volume, J)
+        first = sympy.factor(sympy.diff(self.volume, J))
         return self.volume, first, sympy.diff(first, J)
 
     @property
@@ -112,7 +112,8 @@ def split(law: Energy, bound: float = BOUND) -> Split:
             "mixed elements need: take Q1, Q2, P1 or P2"
         )
     made = law.at_pressure(rest, PRESSURE, {LOCAL: local})
-    return Split(made, sympy.simplify(sympy.Add(*volumes)))
+    # Factors, (J - 1)^2, not J^2 - 2 J + 1: lambda times its rounding is larger than p.
+    return Split(made, sympy.factor(sympy.simplify(sympy.Add(*volumes))))
 
 
 def _of_volume(law: Energy, term: sympy.Expr) -> sympy.Expr | None:

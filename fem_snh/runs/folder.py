@@ -116,19 +116,27 @@ class Folder:
 
 
 class Fields:
-    """Writes displacement, J, energy density and smallest eigenvalue to a .pvd. Collective."""
+    """Writes displacement, J, energy density and smallest eigenvalue to a .pvd. Collective.
+
+    And the pressure [Pa], if it is unknown, at the nodes of the displacement.
+    """
 
     def __init__(self, path: Path, problem: Problem) -> None:
         constant = _dolfinx.function_space(problem.mesh.domain, 0, family="DG")
         names = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
+        self._nodal = [problem.u]
+        if problem.saddle:
+            self._pressure = _dolfinx.function(problem.saddle.Q, "pressure")
+            scalars = _dolfinx.function_space(problem.mesh.domain, problem.element.degree)
+            self._nodal.append(_dolfinx.function(scalars, "pressure"))
         self._open = _dolfinx.vtk_writer(problem.comm, path)
         self._writer = self._open.__enter__()
 
     def write(self, problem: Problem) -> None:
         """Append the present state, at time = load. J and energy are means over each cell."""
-        fields = problem.elastic.fields(problem.x)
+        fields = problem.fields(problem.x)
         values = {
             "J": fields["deformed_volume"] / fields["volume"],
             "energy_density": fields["energy"] / fields["volume"],
@@ -136,7 +144,10 @@ class Fields:
         }
         for name, function in self._cellwise.items():
             function.x.array[self._dofs] = values[name]
-        self._writer.write([problem.u, *self._cellwise.values()], problem.load)
+        if problem.saddle:
+            self._pressure.x.array[:] = problem.saddle.pressure()
+            self._nodal[1].interpolate(self._pressure)
+        self._writer.write([*self._nodal, *self._cellwise.values()], problem.load)
 
     def close(self) -> None:
         self._open.__exit__(None, None, None)

@@ -7,6 +7,8 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -33,6 +35,11 @@ Reason = PETSc.SNES.ConvergedReason
 _Linear = PETSc.KSP.ConvergedReason
 #: How linear solvers say that the matrix, or what preconditions it, is not positive.
 _INDEFINITE = (_Linear.DIVERGED_INDEFINITE_MAT, _Linear.DIVERGED_INDEFINITE_PC)
+
+
+#: At a saddle a direction of the exact Hessian may be downhill though H is not positive: a step
+#: shorter than this says so.
+_SHORT = 0.25
 
 
 @dataclass
@@ -138,6 +145,8 @@ class ProjectedNewton:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
             now.step, energy = found
+            if self.saddle and now.step < _SHORT:
+                self._indefinite = now.residual
             line.trial.copy(x)
             line.f_trial.copy(f)
             previous, norm, step_norm = norm, f.norm(), now.step * d.norm()
@@ -194,11 +203,31 @@ class ProjectedNewton:
             now.filtered_points = self.filtered_points
             if now.filter == "exact" and not self.filtered_points:
                 now.filter = "none needed"
-            slope = self._linear(snes, A, P, f, d, now, previous)
+            with self._preconditioner(snes, x, A, P, now.filter):
+                slope = self._linear(snes, A, P, f, d, now, previous)
             if slope is not None:
                 return slope
             self._indefinite = now.residual
         return None
+
+    @contextmanager
+    def _preconditioner(
+        self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str
+    ) -> Iterator[None]:
+        """MINRES wants definite blocks, whatever the operator is: those of the clamped Hessian."""
+        ksp = snes.getKSP()
+        pc = ksp.getPC()
+        apart = filter == "exact" and pc.getType() == PETSc.PC.Type.FIELDSPLIT
+        if apart:
+            for self.filter in ("clamp", filter):
+                snes.computeJacobian(x, A, P)
+                if self.filter == "clamp":
+                    ksp.setOperators(A, P)
+                    ksp.setUp()
+            pc.setReusePreconditioner(True)
+        yield
+        if apart:
+            pc.setReusePreconditioner(False)
 
     def _linear(
         self,

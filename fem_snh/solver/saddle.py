@@ -12,6 +12,19 @@ import numpy as np
 
 from fem_snh.solver.linesearch import LineSearch
 
+#: PETSc options of the blocks, unless others are given. The smoothers of BoomerAMG converge for
+#: every definite matrix; GAMG's polynomial one needs an estimate of the largest eigenvalue, and
+#: where that is too low, the preconditioner is indefinite.
+BLOCKS = {
+    "fieldsplit_u_ksp_type": "preonly",
+    "fieldsplit_u_pc_type": "hypre",
+    "fieldsplit_u_pc_hypre_boomeramg_strong_threshold": "0.7",
+    "fieldsplit_p_ksp_type": "preonly",
+    "fieldsplit_p_pc_type": "bjacobi",
+}
+#: Linear iterations after which a direction is taken for what it is.
+MOST = 500
+
 
 def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     """MINRES with a block-diagonal PETSc fieldsplit, as options are free to change. Collective.
@@ -20,7 +33,12 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     the pressure's mass matrix by the moduli. By the inf-sup condition its spectrum beside that of
     the Schur complement knows neither nu nor the mesh.
     """
+    database = PETSc.Options(ksp.getOptionsPrefix())
+    for name, value in BLOCKS.items():
+        if not database.hasName(name):
+            database[name] = value
     ksp.setType(PETSc.KSP.Type.MINRES)
+    ksp.setTolerances(max_it=MOST)
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
     pc.setFieldSplitIS(*saddle.fields.items())
@@ -28,18 +46,6 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     pc.setFieldSplitSchurFactType(PETSc.PC.SchurFactType.DIAG)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle.schur)
     ksp.setOperators(A)
-
-
-def set_blocks(ksp: PETSc.KSP) -> None:
-    """Solvers of the blocks, where options have not chosen others. Collective."""
-    pc = ksp.getPC()
-    if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
-        return
-    pc.setUp()
-    for block, kind in zip(pc.getFieldSplitSubKSP(), ("gamg", "bjacobi"), strict=True):
-        block.setType(PETSc.KSP.Type.PREONLY)
-        block.getPC().setType(kind)
-        block.setFromOptions()
 
 
 @dataclass
