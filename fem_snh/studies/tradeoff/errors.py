@@ -50,10 +50,13 @@ def assess(
 
     ``error_Q`` is what was measured, ``floor_Q`` the smallest that the reference can tell: below
     it, all that is known is "at most the floor". A quantity whose reference is refused has neither.
-    ``error_displacement`` is the largest of the probes'; ``shift`` how far the displacement is from
-    that of the same element and mesh with default knobs.
+    ``error_displacement`` and its floor are the largest of the probes', refused ones included;
+    ``shift`` is how far the displacement is from that of the same element and mesh with default
+    knobs.
     """
     table = table.copy()
+    probes = _probes(of)
+    largest = {kind: np.zeros(len(table)) for kind in ("error", "floor")}
     good = table["converged"].astype(str) == "True"
     for name, components in of.items():
         values = table[list(components)].to_numpy(dtype=float)
@@ -68,13 +71,13 @@ def assess(
         refused = told.endswith("no errors")
         table[f"error_{name}"] = np.nan if refused else errors
         table[f"floor_{name}"] = np.nan if refused or found is None else found.floor
-    probes = _probes(of)
+        if name in probes:
+            floor = np.nan if found is None else found.floor
+            largest["error"] = np.maximum(largest["error"], errors)
+            largest["floor"] = np.maximum(largest["floor"], floor)
     if probes:
-        for kind in ("error", "floor"):
-            each = table[[f"{kind}_{name}" for name in probes]]
-            table[f"{kind}_displacement"] = each.max(axis=1)
-        lost = table[[f"error_{name}" for name in probes]].isna().all(axis=1)
-        table.loc[lost, "floor_displacement"] = np.nan
+        for kind, values in largest.items():
+            table[f"{kind}_displacement"] = values
         table["shift"] = shifts(table[good], [c for name in probes for c in of[name]])
     return table
 

@@ -29,7 +29,7 @@ _CUBE = {
     **dict.fromkeys(("P2", "P2P0", "P2P1"), (2, 4, 6)),
 }
 _CYLINDER = _CUBE | dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (3, 4, 6, 8))
-_CYLINDER["Q2Q1"] = (3, 4, 6, 8, 10)
+_CYLINDER["Q2Q1"] = (3, 4, 6, 8, 10, 12)
 CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
 #: What a default solves with, by whether a pressure is unknown; else, what the solver has. Sparse
 #: factors of one layer of cells are cheap, and nu -> 1/2 costs them nothing.

@@ -99,9 +99,10 @@ def estimate(
 ) -> Reference | None:
     """The limit of one element's meshes, h falling; None for fewer than three.
 
-    With four meshes its error is the difference to the limit from all but the finest, or a tenth of
-    the last step if that is more; with three, all of that step; where no order is seen, the larger
-    of the last two differences.
+    With four meshes its error is the difference to the limit from all but the finest, which may
+    itself be far off: at most that to the mesh before the last two, at least a tenth of the step
+    from the finest. With three meshes, all of that step; where no order is seen, the larger of the
+    last two differences.
     """
     if len(values) < 3:
         return None
@@ -114,7 +115,8 @@ def estimate(
     elif len(values) == 3:
         error = step
     else:
-        error = max(norm(value - extrapolate(h[:-1], values[:-1])[0]), _GAIN * step)
+        change = norm(value - extrapolate(h[:-1], values[:-1])[0])
+        error = max(min(change, norm(value - values[-3])), _GAIN * step)
     size = norm(value)
     if not size > 0:
         return None
