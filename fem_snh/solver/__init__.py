@@ -61,6 +61,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     try:
         with own_errors():
             snes.setFromOptions()
+            saddle.set_blocks(ksp)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes

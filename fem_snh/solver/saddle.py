@@ -33,10 +33,6 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     the pressure's mass matrix by the moduli. By the inf-sup condition its spectrum beside that of
     the Schur complement knows neither nu nor the mesh.
     """
-    database = PETSc.Options(ksp.getOptionsPrefix())
-    for name, value in BLOCKS.items():
-        if not database.hasName(name):
-            database[name] = value
     ksp.setType(PETSc.KSP.Type.MINRES)
     ksp.setTolerances(max_it=MOST)
     pc = ksp.getPC()
@@ -46,6 +42,21 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     pc.setFieldSplitSchurFactType(PETSc.PC.SchurFactType.DIAG)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle.schur)
     ksp.setOperators(A)
+
+
+def set_blocks(ksp: PETSc.KSP) -> None:
+    """Make the solvers of the blocks, from `BLOCKS` and what options say instead. Collective."""
+    pc, database = ksp.getPC(), PETSc.Options(ksp.getOptionsPrefix())
+    if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
+        return
+    ours = {name: value for name, value in BLOCKS.items() if not database.hasName(name)}
+    for name, value in ours.items():
+        database[name] = value
+    try:
+        pc.setUp()  # reads them, once
+    finally:
+        for name in ours:
+            database.delValue(name)
 
 
 @dataclass

@@ -1,0 +1,152 @@
+"""Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what cannot be had."""
+
+import json
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import pyvista
+from bodies import Hold, cube, problem, wave
+
+from fem_snh import modes, solver
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.runs import run
+
+mpi = pytest.mark.mpi
+TAYLOR_HOOD = [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
+taylor_hood = pytest.mark.parametrize("element", TAYLOR_HOOD)
+DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+
+
+def turned(**overrides):
+    """Half of the twist's first quarter turn."""
+    settings = {"cells": 3, "angle": 45.0, "steps": 1, "hessian": "adaptive", "progress": False}
+    return run("twist", **settings | overrides)
+
+
+def linear(result):
+    """Linear iterations a Newton iteration."""
+    return sum(s["linear"] for s in result.steps) / sum(s["newton"] for s in result.steps)
+
+
+@mpi
+@taylor_hood
+@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
+def test_minres_and_a_factorisation_find_the_same_state(element, nu):
+    tight = {"snes_scaled_tol": 1e-10}
+    found = [turned(element=element, nu=nu, petsc=tight | more) for more in ({}, DIRECT)]
+    assert all(result.converged for result in found)
+    energies = [result.steps[-1]["energy"] for result in found]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+    if nu == 0.5:
+        volumes = [result.steps[-1]["volume_ratio"] for result in found]
+        assert volumes == pytest.approx([1, 1], abs=1e-9)
+
+
+@taylor_hood
+def test_linear_iterations_know_neither_the_nines_of_nu_nor_the_mesh(element):
+    """On Cook's membrane; of the mesh, with a factorisation of the displacement's block."""
+    petsc = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
+    common = {"element": element, "steps": 1, "force": 25.0, "progress": False}
+    by_nu = [linear(run("cook", cells=6, nu=nu, **common, petsc=petsc)) for nu in (0.499, 0.5)]
+    assert by_nu[1] <= 1.05 * by_nu[0]
+    petsc |= {f"fieldsplit_u_{key}": value for key, value in DIRECT.items()}
+    by_mesh = [linear(run("cook", cells=n, **common, petsc=petsc)) for n in (5, 10)]
+    assert by_mesh[1] <= 1.1 * by_mesh[0]
+
+
+@taylor_hood
+def test_options_reach_the_blocks(element):
+    petsc = {"fieldsplit_u_pc_type": "cholesky", "fieldsplit_p_pc_type": "cholesky"}
+    tight = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
+    found = [turned(element=element, nu=0.5, petsc=tight | more) for more in ({}, petsc)]
+    assert linear(found[1]) < linear(found[0])
+
+
+def test_a_wrong_option_of_a_block_is_named():
+    with pytest.raises(BadInput, match="no_such_pc"):
+        turned(element="Q2Q1", petsc={"fieldsplit_u_pc_type": "no_such_pc"})
+
+
+@mpi
+@taylor_hood
+def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
+    """In a wild state every direction of the clamped problem is found, and it is downhill."""
+    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, hold=[Hold("left")])
+    owned = p.x.getLocalSize() - len(p.saddle.pressures(p.x))
+    p.x.array[:owned] = wave(0.4)(p.V.tabulate_dof_coordinates()[: owned // 3]).ravel()
+    p.saddle.pressures(p.x)[:] = 0.2
+    p.prescribe(p.x)
+    snes = solver.create(p, hessian="exact")
+    context, f, d = snes.getPythonContext(), p.x.duplicate(), p.x.duplicate()
+    snes.setUp()
+    p.residual(p.x, f)
+    context.filter = "exact"
+    assert p.jacobian(p.x, "exact") > 0
+    A = snes.getJacobian()[0]
+    with context._preconditioner(snes, p.x, A, A, "exact"):
+        products = []
+        for seed in range(5):
+            d.array[:] = np.random.default_rng(seed + 10 * comm.rank).normal(size=d.getLocalSize())
+            snes.getKSP().getPC().apply(d, f)
+            products.append(d.dot(f))
+    assert min(products) > 0
+
+
+def test_no_modes_with_a_pressure():
+    p = problem(cube(MPI.COMM_SELF, "hexahedron", 1), "Q2Q1")
+    with pytest.raises(BadInput, match="modes: element 'Q2Q1' has a pressure without mass"):
+        modes.check(p, 3)
+
+
+@pytest.mark.parametrize("element", ["P1", "Q2", "P2P0", "Q1P0"])
+def test_an_incompressible_body_takes_a_pressure(element):
+    with pytest.raises(BadInput, match=r"nu = 0\.5.*P2P1, Q2Q1"):
+        turned(element=element, nu=0.5)
+
+
+def test_a_material_without_a_volume_term_is_refused():
+    with pytest.raises(BadInput, match="material 'corotational' has no volume term"):
+        turned(element="Q1P0", material="corotational")
+
+
+@mpi
+@taylor_hood
+def test_fields_hold_the_pressure(comm, element, tmp_path):
+    """Of a bar of nu = 1/2 pulled by a tenth, free at its sides, all of which is exact."""
+    out = comm.bcast(str(tmp_path / "run"))
+    stretch = 1.1
+    scene = comm.bcast(str(tmp_path / "bar.toml"))
+    if comm.rank == 0:
+        with open(scene, "w", encoding="utf-8") as file:
+            file.write(BAR.format(element=element, move=stretch - 1))
+    comm.barrier()
+    result = run(scene, out=out, progress=False)
+    assert result.converged
+    if comm.rank:
+        return
+    fields = pyvista.get_reader(f"{out}/fields.pvd")
+    fields.set_active_time_value(1.0)
+    mesh = fields.read()[0]
+    # eq. 13 at J = 1: P = mu F + (p - mu) cof F, so p = mu (1 - 1/s) where the sides are free.
+    mu = 1 / 3
+    assert mesh["pressure"] == pytest.approx(mu * (1 - 1 / stretch), abs=2e-7)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["element"] == element
+
+
+BAR = """
+mesh = {{ source = "cube" }}
+cells = 2
+element = "{element}"
+hessian = "adaptive"
+steps = 1
+material = {{ name = "stable_neo_hookean", E = 1.0, nu = 0.5, barrier = false }}
+hold = [
+  {{ group = "left", components = ["x"] }},
+  {{ group = "front", components = ["y"] }},
+  {{ group = "bottom", components = ["z"] }},
+]
+move = [{{ group = "right", components = ["x"], translate = [{move}, 0, 0] }}]
+"""
