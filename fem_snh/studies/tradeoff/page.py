@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fem_snh.choices import HESSIANS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.table import write_whole
@@ -145,6 +146,32 @@ def _cost(row: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
     return [*counts, f"x {row['cpu'] / base['cpu']:.2g}", f"{row['shift']:.0e}"]
 
 
+def filters(table: pd.DataFrame) -> str:
+    """Newton iterations by Hessian policy, and times over the default's: what `knobs` has of it."""
+    lines = []
+    for key, rows in table.groupby(["nu", "element", "cells"]):
+        base = _default(rows)
+        if base.empty:
+            continue
+        default = base.iloc[0]
+        only = [
+            differs(_choice(row), _choice(default)) <= {"hessian"} for _, row in rows.iterrows()
+        ]
+        mine = rows[only].set_index("hessian")
+        if len(mine) > 1:
+            said = [_filtered(mine, policy, default) for policy in HESSIANS]
+            lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
+    return advice.markdown(["nu", "element", "cells", *HESSIANS], lines)
+
+
+def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:
+    if policy not in rows.index:
+        return ""
+    row = rows.loc[policy]
+    counted = _counted(row)
+    return counted if counted == "fails" else f"{counted}, x {row['cpu'] / default['cpu']:.2g}"
+
+
 def _default(table: pd.DataFrame) -> pd.DataFrame:
     return table[table["default"].astype(str) == "True"]
 
@@ -167,6 +194,7 @@ TABLES: dict[str, Callable[[pd.DataFrame], str]] = {
     "price": price,
     "iterations": iterations,
     "knobs": knobs,
+    "filters": filters,
     "advice": lambda table: "\n".join(f"- {sentence}" for sentence in advice.words(table)),
 }
 

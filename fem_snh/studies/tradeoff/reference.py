@@ -17,8 +17,8 @@ from fem_snh.elements import ELEMENTS
 
 Vector = npt.NDArray[np.float64]
 
-#: Orders that are believed: a corner's singularity up to what a quadratic element can do.
-_ORDERS = (0.5, 4.0)
+#: Orders that are believed: a corner's singularity, about 1, up to what a quadratic element can do.
+_ORDERS = (0.8, 4.0)
 #: An extrapolation is not believed to be better than this part of its step.
 _GAIN = 0.1
 #: An error must be this many times the reference's own, to be told.
@@ -136,7 +136,7 @@ def establish(candidates: Sequence[Reference]) -> Reference | None:
     """The one whose finest mesh is nearest to its limit; None without any.
 
     The next one may raise its error: where they differ by more than the second admits, the rest is
-    the first one's.
+    the first one's. One that does not know itself to a tenth has checked nothing.
     """
     if not candidates:
         return None
@@ -144,8 +144,8 @@ def establish(candidates: Sequence[Reference]) -> Reference | None:
     if not others:
         return best
     other = others[0]
-    unexplained = best.error_of(other.value) - other.error
-    return replace(best, error=max(best.error, unexplained), checked=other.element)
+    error = max(best.error, best.error_of(other.value) - other.error)
+    return replace(best, error=error, checked=other.element if other.error <= 0.1 else "")
 
 
 def say(name: str, found: Reference | None, measured: Mapping[str, float]) -> str:
