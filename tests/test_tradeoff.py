@@ -454,3 +454,12 @@ def test_a_page_is_filled_from_its_tables() -> None:
     for wrong in ("hans price", "hand prize"):
         with pytest.raises(BadInput, match=r"did you mean '(hand|price)'"):
             page.fill(text.replace("hand price", wrong), {"hand": table})
+
+
+@pytest.mark.parametrize("scene", ["cook", "stretch", "twist"])
+def test_every_row_of_a_packaged_table_can_be_run(scene: str) -> None:
+    for nu in (0.2, 0.4999, 0.5):
+        chosen = accuracy.choose(scene, nu, 0.5)
+        loaded = scenes.load(scene, nu=nu, **chosen.values({}))
+        assert loaded.element == chosen.choice.element and loaded.petsc["snes_scaled_tol"]
+        assert nu < 0.5 or ELEMENTS[loaded.element].volume == "pressure"

@@ -89,7 +89,7 @@ def _answer(rows: pd.DataFrame, least: Mapping[str, Any], accuracy: float) -> st
         return f"nothing that was tried; best: {describe(best)}, {error(best)}"
     times = found["cpu"] / least["cpu"]
     answer = f"use {describe(found)}: {error(found)}, {found['cpu']:.2g} s"
-    answer += f", {times:.2g} times the cheapest" if times > 1.005 else ", the cheapest"
+    answer += f", {_round(times)} times the cheapest" if times > 1.005 else ", the cheapest"
     locks = [e for e in rows["element"].unique() if _locks(e)]
     return answer + "".join(f"; {_against(rows, e, found, accuracy)}" for e in locks)
 
@@ -105,12 +105,10 @@ def _against(rows: pd.DataFrame, element: str, found: Mapping[str, Any], accurac
     mine = rows[rows["element"] == element]
     other = cheapest(mine, accuracy)
     if other is not None:
-        return f"{element} takes {other['cpu'] / found['cpu']:.2g} times that"
+        return f"{element} takes {_round(other['cpu'] / found['cpu'])} times that"
     finest = mine.loc[mine["dofs"].idxmax()].to_dict()
-    return (
-        f"{element} never does: {_where(finest)}, {finest['cpu'] / found['cpu']:.2g} times that, "
-        f"{error(finest)}"
-    )
+    dearer = _round(finest["cpu"] / found["cpu"])
+    return f"{element} never does: {_where(finest)}, {dearer} times that, {error(finest)}"
 
 
 def by_element(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> list[list[str]]:
@@ -160,6 +158,11 @@ def _where(row: Mapping[str, Any]) -> str:
 def error(row: Mapping[str, Any]) -> str:
     """An error in words; "<=" where the reference cannot tell it."""
     return ("<= " if row["error"] <= row["floor"] else "") + percent(row["error"])
+
+
+def _round(times: float) -> str:
+    """To two digits, without an exponent."""
+    return f"{float(f'{times:.2g}'):g}"
 
 
 def percent(part: float) -> str:
