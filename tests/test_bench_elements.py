@@ -8,7 +8,7 @@ import pytest
 
 from fem_snh.elements import ELEMENTS
 from fem_snh.studies import bench
-from fem_snh.studies.bench import bound, orders, quadrature
+from fem_snh.studies.bench import bound, filters, orders, quadrature
 
 
 def test_orders() -> None:
@@ -46,3 +46,17 @@ def test_bound_is_put_back(capsys: pytest.CaptureFixture[str]) -> None:
     assert bench.main("bound", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
     row = json.loads(capsys.readouterr().out)
     assert row["bound"] is None and row["least"]["1"] > 0
+
+
+def test_filters_reach_one_state_from_rough_starts() -> None:
+    (row,) = filters.rows(elements="Q2Q1", cases="twist", nus="0.49", cells="2", seeds=2)
+    assert row["failed"] == {"clamp": 0, "abs": 0, "adaptive": 0} and row["states"] == 1
+    assert row["newton"]["adaptive"] < row["newton"]["clamp"] < row["newton"]["abs"]
+    assert row["better"] == 0
+
+
+def test_filters_count_what_is_given_up() -> None:
+    (row,) = filters.rows(
+        elements="Q2", cases="press", nus="0.4999", cells="2", seeds=1, hessians="abs"
+    )
+    assert row["newton"] == {"abs": None} and row["failed"] == {"abs": 1} and row["states"] == 0

@@ -7,6 +7,7 @@ stretch       the paper's stretch, its materials; --elements Q1 --materials M,M 
 references    published numbers beside ours; --only cook,torsion --write docs/references.md
 ranks         the same runs on 1 and 2 ranks; --cells N
 eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N --seed N
+filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C --nus X,X --seeds N
 orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
 quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
@@ -28,6 +29,7 @@ NAMES = (
     "assembly",
     "bound",
     "eigensolvers",
+    "filters",
     "orders",
     "quadrature",
     "ranks",
