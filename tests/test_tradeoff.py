@@ -154,7 +154,9 @@ def test_without_three_meshes_there_is_no_error() -> None:
     table = by_hand().iloc[:5]
     found = errors.assess(table, OF, lambda line: None)
     assert found["error_displacement"].isna().all()
-    assert list(advice.words(found)) == ["hand, nu = 0.3: no reference, so no advice"]
+    assert list(advice.words(found)) == [
+        "hand, nu = 0.3: no reference is good enough, so no advice"
+    ]
     assert advice.advice(found).empty
 
 

@@ -72,7 +72,7 @@ def words(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> Iter
         mine = rows[rows["nu"] == nu]
         head = f"{table['scene'].iloc[0]}, nu = {nu:g}"
         if mine.empty:
-            yield f"{head}: no reference, so no advice"
+            yield f"{head}: no reference is good enough, so no advice"
             continue
         least = mine.loc[mine["cpu"].idxmin()].to_dict()
         for accuracy in accuracies:

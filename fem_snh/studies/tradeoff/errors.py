@@ -76,8 +76,11 @@ def assess(
             largest["error"] = np.maximum(largest["error"], errors)
             largest["floor"] = np.maximum(largest["floor"], floor)
     if probes:
+        told_any = np.nanmax(largest["error"], initial=0.0) > np.nanmax(
+            largest["floor"], initial=0.0
+        )
         for kind, values in largest.items():
-            table[f"{kind}_displacement"] = values
+            table[f"{kind}_displacement"] = values if told_any else np.nan
         table["shift"] = shifts(table[good], [c for name in probes for c in of[name]])
     return table
 
