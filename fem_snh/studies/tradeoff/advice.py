@@ -89,7 +89,7 @@ def _answer(rows: pd.DataFrame, least: Mapping[str, Any], accuracy: float) -> st
         return f"nothing that was tried; best: {describe(best)}, {error(best)}"
     times = found["cpu"] / least["cpu"]
     answer = f"use {describe(found)}: {error(found)}, {found['cpu']:.2g} s"
-    answer += f", {_round(times)} times the cheapest" if times > 1.005 else ", the cheapest"
+    answer += f", {_round(times)} times the cheapest" if times > 1.05 else ", the cheapest"
     locks = [e for e in rows["element"].unique() if _locks(e)]
     return answer + "".join(f"; {_against(rows, e, found, accuracy)}" for e in locks)
 
