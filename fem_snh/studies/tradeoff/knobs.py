@@ -33,6 +33,7 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "direct": _DIRECT,
     },
     True: {
+        "minres+hypre": {"fieldsplit_u_pc_type": "hypre"},
         "minres+gamg": {"fieldsplit_u_pc_type": "gamg"},
         "minres+icc": _U_ICC,
         "direct": _DIRECT,
