@@ -37,9 +37,6 @@ class Saddle:
         """The owned pressures' part of a vector, in units of E/L [Pa/m]."""
         return self._unknowns.pressures(x)
 
-    def field(self) -> tuple[object, np.ndarray]:
-        return self.Q, self.pressure()
-
     def pressure(self) -> np.ndarray:
         """The pressure's nodal values [Pa], ghosts included, of the vector last evaluated.
 

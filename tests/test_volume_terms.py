@@ -97,7 +97,7 @@ def put(p, field, push=0.0):
     n = 3 * _dolfinx.num_nodes(p.V)[0]
     p.x.array[:n] = field(p.V.tabulate_dof_coordinates()[: n // 3]).ravel()
     if p.saddle:
-        Q, _ = p.saddle.field()
+        Q, _ = p.saddle.Q, p.saddle.pressure()
         X = Q.tabulate_dof_coordinates()[: _dolfinx.num_nodes(Q)[0]]
         p.x.array[n:] = push * (np.sin(X @ [3.0, 5, 2]) - 0.7)
     return p
@@ -158,7 +158,7 @@ def pressures(p, volume, w, F, cell):
     if p.element.volume == "mean":
         mean = w @ np.linalg.det(F) / w.sum()
         return np.full(len(w), volume.curve(mean, moduli(p)[2])[1])
-    Q, values = p.saddle.field()
+    Q, values = p.saddle.Q, p.saddle.pressure()
     points, _ = _dolfinx.quadrature(p.element.cell, p.element.quadrature)
     return _dolfinx.tabulate_values(Q, points) @ values[_dolfinx.node_dofs(Q)[cell]]
 
@@ -283,7 +283,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, law, nu):
     p.gradient(p.x, r)
     p.jacobian(p.x, "exact")
 
-    Q, values = p.saddle.field()
+    Q, values = p.saddle.Q, p.saddle.pressure()
     u, pressure = p.u, _dolfinx.function(Q, "p")
     pressure.x.array[:] = values
     mu, local, k = moduli(p)

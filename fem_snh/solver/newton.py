@@ -7,8 +7,7 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -18,7 +17,7 @@ from petsc4py import PETSc
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import choose
 from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.saddle import SaddleSearch
+from fem_snh.solver.saddle import SaddleSearch, clamped_blocks
 
 #: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
 OPTIONS: dict[str, str | float] = {
@@ -210,24 +209,19 @@ class ProjectedNewton:
             self._indefinite = now.residual
         return None
 
-    @contextmanager
     def _preconditioner(
         self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str
-    ) -> Iterator[None]:
-        """MINRES wants definite blocks, whatever the operator is: those of the clamped Hessian."""
+    ) -> AbstractContextManager[None]:
+        """Meanwhile the linear solver has a preconditioner that it may have."""
+
+        def fill(filter: str) -> None:
+            self.filter = filter
+            snes.computeJacobian(x, A, P)
+
         ksp = snes.getKSP()
-        pc = ksp.getPC()
-        apart = filter == "exact" and pc.getType() == PETSc.PC.Type.FIELDSPLIT
-        if apart:
-            for self.filter in ("clamp", filter):
-                snes.computeJacobian(x, A, P)
-                if self.filter == "clamp":
-                    ksp.setOperators(A, P)
-                    ksp.setUp()
-            pc.setReusePreconditioner(True)
-        yield
-        if apart:
-            pc.setReusePreconditioner(False)
+        if filter == "exact" and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
+            return clamped_blocks(ksp, A, P, fill)
+        return nullcontext()
 
     def _linear(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -57,6 +59,25 @@ def set_blocks(ksp: PETSc.KSP) -> None:
     finally:
         for name in ours:
             database.delValue(name)
+
+
+@contextmanager
+def clamped_blocks(
+    ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat, fill: Callable[[str], None]
+) -> Iterator[None]:
+    """A is exact meanwhile, and its preconditioner that of the clamped Hessian. Collective.
+
+    MINRES takes an indefinite matrix, but no indefinite preconditioner. ``fill(filter)`` fills A.
+    """
+    fill("clamp")
+    ksp.setOperators(A, P)
+    ksp.setUp()
+    fill("exact")
+    ksp.getPC().setReusePreconditioner(True)
+    try:
+        yield
+    finally:
+        ksp.getPC().setReusePreconditioner(False)
 
 
 @dataclass

@@ -196,7 +196,7 @@ class Manufactured:
         wrong = self.problem.u - self.u
         found = [self._norm(wrong), self._norm(ufl.grad(wrong))]
         if self.problem.saddle:
-            Q, values = self.problem.saddle.field()
+            Q, values = self.problem.saddle.Q, self.problem.saddle.pressure()
             p = _dolfinx.function(Q, "p")
             p.x.array[:] = values
             found.append(self._norm(p - self.pressure()))
