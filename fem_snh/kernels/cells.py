@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -94,7 +95,7 @@ class CellLoops:
         kind = {"float64": "double *", "int32": "int *", "uint8": "unsigned char *"}
         return self._ffi.cast(kind[array.dtype.name], array.ctypes.data)
 
-    def target(self, strides: list[Array], position: Array, free: Array, marked: Array) -> Any:
+    def target(self, strides: Sequence[Array], position: Array, free: Array, marked: Array) -> Any:
         """A Target for `jacobian`; its ``values`` are set by the caller before each use."""
         pointers = [self.pointer(a) for a in (*strides, position, free, marked)]
         target = self._ffi.new("Target *")

@@ -56,12 +56,12 @@ def assess(
     """
     table = table.copy()
     probes = _probes(of)
-    largest = {kind: np.zeros(len(table)) for kind in ("error", "floor")}
+    largest: dict[str, np.ndarray] = {kind: np.zeros(len(table)) for kind in ("error", "floor")}
     good = table["converged"].astype(str) == "True"
     for name, components in of.items():
         values = table[list(components)].to_numpy(dtype=float)
         found = reference(table[good], values[good.to_numpy()])
-        errors = np.full(len(table), np.nan)
+        errors: np.ndarray = np.full(len(table), np.nan)
         if found is not None:
             errors = np.array([found.error_of(value) for value in values])
             errors[~good.to_numpy()] = np.nan
