@@ -20,6 +20,7 @@ from typing import Any
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
+from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.table import ASKED, Table, found, read_record, write_whole
 
@@ -114,24 +115,28 @@ class Campaign:
         ended = len(points) - len(waiting)
         if ended:
             self.report(f"{ended} of {len(points)} points are there already")
-        try:
-            while waiting or running:
-                for name in self._next(waiting, running, points):
-                    waiting.remove(name)
-                    point = points[name]
-                    if reason := self._hopeless(point, rows.get(point.after or "")):
-                        row = self._row(name, point) | {"converged": False, "status": reason}
-                        rows[name] = self._ended(name, row, ended := ended + 1, len(points))
-                    else:
-                        running[name] = self._begin(scene, name, point)
-                for name in [name for name in running if running[name].poll() is not None]:
-                    child = running.pop(name)
-                    row = self._result(name, points[name], child, more)
-                    rows[name] = self._ended(name, row, ended := ended + 1, len(points))
-                time.sleep(0.02)
-        finally:
-            for child in running.values():
-                child.end()
+        with Interrupts() as interrupts:
+            try:
+                while waiting or running:
+                    with interrupts.undivided():  # a child that is being made would be lost
+                        for name in self._next(waiting, running, points):
+                            waiting.remove(name)
+                            point = points[name]
+                            if reason := self._hopeless(point, rows.get(point.after or "")):
+                                row = self._row(name, point)
+                                row |= {"converged": False, "status": reason}
+                                ended += 1
+                                rows[name] = self._ended(name, row, ended, len(points))
+                            else:
+                                running[name] = self._begin(scene, name, point)
+                        for name in [name for name in running if running[name].poll() is not None]:
+                            row = self._result(name, points[name], running.pop(name), more)
+                            ended += 1
+                            rows[name] = self._ended(name, row, ended, len(points))
+                    time.sleep(0.02)
+            finally:
+                for child in running.values():
+                    child.end()
 
     def draw(self) -> None:
         """NAME.png, by a process of its own: a table without its picture is still a result."""
