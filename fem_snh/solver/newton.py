@@ -7,7 +7,7 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import choose
 from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.saddle import SaddleSearch, clamped_blocks
+from fem_snh.solver.saddle import SaddleSearch, preconditioner_of
 
 #: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
 OPTIONS: dict[str, str | float] = {
@@ -196,32 +196,30 @@ class ProjectedNewton:
             if now.residual > float(self.options["snes_adaptive_retry"]) * self._indefinite:
                 del filters[0]
         for now.filter in filters:
-            self.filter = now.filter
             A, P = snes.getJacobian()[:2]
-            snes.computeJacobian(x, A, P)
+            ksp = snes.getKSP()
+            # MINRES takes an indefinite matrix, but no indefinite preconditioner: the blocks of a
+            # saddle come from the clamped Hessian, whatever the operator is.
+            blocks = now.filter == "exact" and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
+            self._compute(snes, x, A, P, "clamp" if blocks else now.filter)
             now.filtered_points = self.filtered_points
-            if now.filter == "exact" and not self.filtered_points:
+            if now.filter == "exact" and not now.filtered_points:
                 now.filter = "none needed"
-            with self._preconditioner(snes, x, A, P, now.filter):
+            with preconditioner_of(ksp, A, P) if blocks else nullcontext():
+                if blocks and now.filtered_points:
+                    self._compute(snes, x, A, P, now.filter)
                 slope = self._linear(snes, A, P, f, d, now, previous)
             if slope is not None:
                 return slope
             self._indefinite = now.residual
         return None
 
-    def _preconditioner(
+    def _compute(
         self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str
-    ) -> AbstractContextManager[None]:
-        """Meanwhile the linear solver has a preconditioner that it may have."""
-
-        def fill(filter: str) -> None:
-            self.filter = filter
-            snes.computeJacobian(x, A, P)
-
-        ksp = snes.getKSP()
-        if filter == "exact" and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
-            return clamped_blocks(ksp, A, P, fill)
-        return nullcontext()
+    ) -> None:
+        """Have the SNES fill its Jacobian, filtered so."""
+        self.filter = filter
+        snes.computeJacobian(x, A, P)
 
     def _linear(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
@@ -62,17 +62,10 @@ def set_blocks(ksp: PETSc.KSP) -> None:
 
 
 @contextmanager
-def clamped_blocks(
-    ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat, fill: Callable[[str], None]
-) -> Iterator[None]:
-    """A is exact meanwhile, and its preconditioner that of the clamped Hessian. Collective.
-
-    MINRES takes an indefinite matrix, but no indefinite preconditioner. ``fill(filter)`` fills A.
-    """
-    fill("clamp")
+def preconditioner_of(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
+    """Meanwhile the preconditioner stays that of A as it is now. Collective."""
     ksp.setOperators(A, P)
     ksp.setUp()
-    fill("exact")
     ksp.getPC().setReusePreconditioner(True)
     try:
         yield
