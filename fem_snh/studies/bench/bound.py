@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from mpi4py import MPI
 
@@ -18,6 +16,7 @@ from fem_snh.kernels import law
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.runs import run
+from fem_snh.scenes import Hold, Move
 from fem_snh.studies.bench import Row, words
 from fem_snh.studies.bench.quadrature import dense, spurious_modes
 from fem_snh.studies.manufactured import bent_cube
@@ -64,25 +63,19 @@ def split_at(bound: float | None) -> Iterator[None]:
         law.split = kept
 
 
-@dataclass
-class _Boundary:
-    group: str
-    components: tuple[str, ...]
-    stretch: float = 1.0
-
-    def displacement(self, X: Any, load: float) -> Any:
-        return load * (self.stretch - 1) * X
-
-
 def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     """Of the stiffness, pressures eliminated, in the exact uniaxial state."""
     chosen = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
-    rollers = {"left": "x", "right": "x", "front": "y", "bottom": "z"}
     p = Problem(
         bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.0),
         kind,
         chosen,
-        move=[_Boundary(face, (axis,), stretch) for face, axis in rollers.items()],
+        hold=[
+            Hold(group="left", components=("x",)),
+            Hold(group="front", components=("y",)),
+            Hold(group="bottom", components=("z",)),
+        ],
+        move=[Move(group="right", translate=(stretch - 1, 0, 0), components=("x",))],
     )
     mu, lam = chosen.law.values
     J = 1 + mu / lam * (1 - 1 / stretch)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, pi
 from statistics import median
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -18,11 +16,19 @@ from fem_snh.elements import ELEMENTS, element
 from fem_snh.errors import choose
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
+from fem_snh.scenes import Hold, Move, Rotate
 from fem_snh.studies.bench import Row, words
 
 #: What becomes of the unit cube's right face, in one step: stretched to twice the length, pressed
 #: to six tenths, turned by a right angle, or moved sideways by half of the length.
-CASES = {"stretch": 1.0, "press": -0.4, "twist": 90.0, "shear": 0.5}
+CASES = {
+    "stretch": Move(group="right", translate=(1, 0, 0)),
+    "press": Move(group="right", translate=(-0.4, 0, 0)),
+    "twist": Move(
+        group="right", rotate=Rotate(axis=(1, 0, 0), angle=pi / 2, through=(0, 0.5, 0.5))
+    ),
+    "shear": Move(group="right", translate=(0, 0, 0.5)),
+}
 #: Newton iterations after which a solve is given up.
 MOST = 150
 
@@ -82,7 +88,7 @@ def solve(
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = Problem(body, kind, law, [_Held()], [_Moved(choose("case", case, CASES))])
+    p = Problem(body, kind, law, [Hold(group="left")], [CASES[choose("case", case, CASES)]])
     n = p.u.x.array.size
     p.x.array[:n] = noise / cells * np.random.default_rng(seed).uniform(-1, 1, n)
     p.set_load(1.0)
@@ -96,27 +102,3 @@ def solve(
     snes.solve(None, p.x)
     good = snes.getConvergedReason() > 0
     return (snes.getIterationNumber() if good else float("inf")), p.energy(p.x)
-
-
-@dataclass
-class _Held:
-    group: str = "left"
-    components: tuple[str, ...] = ("x", "y", "z")
-
-
-@dataclass
-class _Moved:
-    case: str
-    group: str = "right"
-    components: tuple[str, ...] = ("x", "y", "z")
-
-    def displacement(self, X: Any, load: float) -> Any:
-        size = load * CASES[self.case]
-        if self.case == "shear":
-            return size * np.array([[0.0, 0, 1]]) + 0 * X
-        if self.case != "twist":
-            return size * X * [1, 0, 0]
-        c, s = np.cos(np.radians(size)), np.sin(np.radians(size))
-        turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-        middle = np.array([0, 0.5, 0.5])
-        return (X - middle) @ (turn.T - np.eye(3))
