@@ -27,6 +27,7 @@ from fem_snh.elements import Element
 from fem_snh.errors import BadInput
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
+from fem_snh.studies.direct import factorise
 
 #: Integrates waves on cells as small as one half well enough for any element here.
 DEGREE = 7
@@ -67,9 +68,7 @@ def settle(problem: Problem, tolerance: float = 1e-9) -> int:
     snes, most = solver.create(problem), 30
     snes.getPythonContext().options |= {"snes_scaled_tol": 1e-7, "snes_forcing_max": 0.0}
     ksp = snes.getKSP()
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)  # of a symmetric matrix, definite or not
-    ksp.getPC().setFactorSolverType("mumps")
+    factorise(ksp)
     x, r, d = problem.x, problem.x.duplicate(), problem.x.duplicate()
     its = 0
     if not problem.saddle:

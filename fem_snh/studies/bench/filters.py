@@ -7,7 +7,6 @@ from math import isfinite, pi
 from statistics import median
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate
 from fem_snh.studies.bench import Row, words
+from fem_snh.studies.direct import factorise
 
 #: What becomes of the unit cube's right face, in one step: stretched to twice the length, pressed
 #: to six tenths, turned by a right angle, or moved sideways by half of the length.
@@ -95,10 +95,7 @@ def solve(
     p.prescribe(p.x)
     snes = solver.create(p, hessian)
     snes.setTolerances(max_it=MOST)
-    ksp = snes.getKSP()
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-    ksp.getPC().setFactorSolverType("mumps")
+    factorise(snes.getKSP())
     snes.solve(None, p.x)
     good = snes.getConvergedReason() > 0
     return (snes.getIterationNumber() if good else float("inf")), p.energy(p.x)

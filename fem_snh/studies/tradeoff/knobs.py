@@ -14,14 +14,10 @@ from typing import Any
 from fem_snh.choices import EIGENSOLVERS, HESSIANS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
+from fem_snh.studies.direct import DIRECT
 
 _ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
-_DIRECT = {
-    "ksp_type": "preonly",
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-}
 
 #: Linear solvers with their preconditioners: of the displacement alone, and of a saddle (there,
 #: what it says is the preconditioner of the displacement's block).
@@ -30,13 +26,13 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
         "cg+icc": {"ksp_type": "cg", **_ICC},
         "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
-        "direct": _DIRECT,
+        "direct": DIRECT,
     },
     True: {
         "minres+hypre": {"fieldsplit_u_pc_type": "hypre"},
         "minres+gamg": {"fieldsplit_u_pc_type": "gamg"},
         "minres+icc": _U_ICC,
-        "direct": _DIRECT,
+        "direct": DIRECT,
     },
 }
 #: Where a knob is turned to, one at a time.

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from fem_snh.elements import ELEMENTS
 from fem_snh.studies.bench import Row
-from fem_snh.studies.bench.references.compare import DIRECT, compare, solve
+from fem_snh.studies.bench.references.compare import compare, solve
+from fem_snh.studies.direct import DIRECT
 
 SOURCE = "Schröder et al. 2021, table 3.{}"
 #: Table 3.3 by the cells along an edge: displacement element and mean dilatation.

@@ -7,9 +7,8 @@ from typing import Any
 from fem_snh.runs import Result, run
 from fem_snh.scenes import Scene
 from fem_snh.studies.bench import Row
+from fem_snh.studies.direct import DIRECT
 
-#: Factors of so small bodies are cheap, and nu -> 1/2 costs them nothing.
-DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 #: Residuals far below the differences that are looked for.
 TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT}
 
