@@ -19,10 +19,8 @@ from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
 from fem_snh.studies.bench import Row, words
 from fem_snh.studies.bench.quadrature import dense, spurious_modes
+from fem_snh.studies.direct import DIRECT
 from fem_snh.studies.manufactured import bent_cube
-
-#: Factors are cheap at these sizes, and blind to what is studied.
-DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 
 
 def rows(
