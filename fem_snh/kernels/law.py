@@ -7,7 +7,7 @@ from typing import NamedTuple
 from fem_snh.errors import BadInput
 from fem_snh.kernels import codegen
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.split import split
+from fem_snh.materials.split import BOUNDS, split
 
 
 class Law(NamedTuple):
@@ -16,6 +16,7 @@ class Law(NamedTuple):
     energy: Energy
     functions: tuple[str, ...] = ()
     stiffness: float = 0.0  # U''(1) [Pa]
+    local: float = 0.0  # lambda_local [Pa], what is left of lambda
 
 
 def law_for(energy: Energy, volume: str) -> Law:
@@ -30,6 +31,6 @@ def law_for(energy: Energy, volume: str) -> Law:
                 "element (P2P1, Q2Q1)"
             )
         return Law(energy)
-    parts = split(energy)
+    parts = split(energy, BOUNDS[volume])
     curve = codegen.volume_curve if volume == "mean" else codegen.volume_dual
-    return Law(parts.law, (curve(parts),), parts.stiffness)
+    return Law(parts.law, (curve(parts),), parts.stiffness, parts.local)

@@ -7,7 +7,7 @@ a point the energy is psi' + p J and its Hessian is filtered like any other.
 
 What psi' keeps is what resists a J that varies within a cell, which no mean and no continuous
 pressure sees: with b = 0 twisted Taylor-Hood cells collapse in parts (docs/elements.md). b = 4 is a
-psi' of nu -> 0.4, where nothing locks yet.
+psi' of nu -> 0.4, b = 2 one of nu -> 1/3, where nothing locks yet.
 
 mean dilatation   p = U'(J_e), J_e the mean of J over an element
 Taylor-Hood       p is unknown; psi' + p J - U*(p), with U* = max_J (p J - U(J)) the conjugate
@@ -26,8 +26,9 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
-#: Of lambda_local, in units of mu_lame: b above.
-BOUND = 4.0
+#: b above, of lambda_local in units of mu_lame, by the volume's treatment. Linear solvers of a
+#: saddle want it small, what is pressed together wants it large (docs/elements.md).
+BOUNDS = {"mean": 4.0, "pressure": 2.0}
 J = MEASURES["J"]
 
 _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
@@ -48,8 +49,12 @@ class Split:
     @property
     def stiffness(self) -> float:
         """U''(1) [Pa], lambda_lame - lambda_local; infinite at nu = 0.5."""
-        _, lam, local = self.law.values
-        return lam - local
+        return self.law.values[1] - self.local
+
+    @property
+    def local(self) -> float:
+        """lambda_local [Pa]."""
+        return self.law.values[2]
 
     @property
     def volume_curve(self) -> _Curve:
@@ -93,7 +98,7 @@ class Split:
         return sympy.simplify(conjugate), volume, sympy.simplify(sympy.diff(volume, PRESSURE))
 
 
-def split(law: Energy, bound: float = BOUND) -> Split:
+def split(law: Energy, bound: float) -> Split:
     """The energy ``law`` in two parts. Raises BadInput if lambda adds more to it than a U(J).
 
     bound : of lambda_local [mu_lame]; 0 for the classical mean dilatation of some energies.

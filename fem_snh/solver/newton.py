@@ -200,8 +200,11 @@ class ProjectedNewton:
             ksp = snes.getKSP()
             # MINRES takes an indefinite matrix, but no indefinite preconditioner: the blocks of a
             # saddle come from the clamped Hessian, whatever the operator is.
-            blocks = now.filter == "exact" and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
+            split = self.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
+            blocks = split and now.filter == "exact"
             self._compute(snes, x, A, P, "clamp" if blocks else now.filter)
+            if split:
+                self.saddle.weigh_supports(P)
             now.filtered_points = self.filtered_points
             if now.filter == "exact" and not now.filtered_points:
                 now.filter = "none needed"

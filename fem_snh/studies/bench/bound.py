@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 
 from mpi4py import MPI
 
@@ -12,8 +11,8 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.elements import ELEMENTS, Element, element
-from fem_snh.kernels import law
 from fem_snh.kernels.pointwise import material
+from fem_snh.materials.split import BOUNDS
 from fem_snh.problem import Problem
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
@@ -52,13 +51,13 @@ def rows(
 @contextmanager
 def split_at(bound: float | None) -> Iterator[None]:
     """Mixed elements made meanwhile have this bound instead of their own."""
-    kept = law.split
+    kept = dict(BOUNDS)
     if bound is not None:
-        law.split = partial(kept, bound=bound)
+        BOUNDS.update(dict.fromkeys(BOUNDS, bound))
     try:
         yield
     finally:
-        law.split = kept
+        BOUNDS.update(kept)
 
 
 def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
