@@ -10,6 +10,7 @@ eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N 
 filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C --nus X,X --seeds N
 orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
 quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
+saddle        Taylor-Hood elements' linear iterations by nu; --elements M,M --nus X,X --tolerance X
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
 
 twist and stretch use the ranks they are started on: mpirun -n 2 python -m fem_snh bench twist
@@ -34,6 +35,7 @@ NAMES = (
     "quadrature",
     "ranks",
     "references",
+    "saddle",
     "stretch",
     "twist",
 )
