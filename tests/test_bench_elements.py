@@ -8,7 +8,7 @@ import pytest
 
 from fem_snh.elements import ELEMENTS
 from fem_snh.studies import bench
-from fem_snh.studies.bench import bound, filters, orders, quadrature
+from fem_snh.studies.bench import bound, filters, orders, quadrature, saddle
 
 
 def test_orders() -> None:
@@ -34,7 +34,7 @@ def test_quadrature() -> None:
 
 
 def test_bound_keeps_taylor_hood_cells_from_collapsing() -> None:
-    none, some = bound.rows(elements="Q2Q1", bounds="0,4", stretches="1,0.5", cells=2)
+    none, some = bound.rows(elements="Q2Q1", bounds="0,2", stretches="1,0.5", cells=2)
     assert none["least"]["0.5"] < 0 < some["least"]["0.5"]
     assert none["spurious"] == some["spurious"] == 0
     assert some["converged"] and len(some["newton"]) == 2 and some["min_J"][1] > 0.7
@@ -60,3 +60,13 @@ def test_filters_count_what_is_given_up() -> None:
         elements="Q2", cases="press", nus="0.4999", cells="2", seeds=1, hessians="abs"
     )
     assert row["newton"] == {"abs": None} and row["failed"] == {"abs": 1} and row["states"] == 0
+
+
+@pytest.mark.parametrize("element", ["P2P1", "Q2Q1"])
+def test_linear_iterations_hardly_grow_with_nu(
+    element: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(saddle.SCENES, "block", ([4], {"steps": 1}))
+    (row,) = saddle.rows(elements=element, scenes="block", nus="0.3,0.5", tolerance=1e-6)
+    assert row["ok"] and 1 < row["growth"] <= 1.5
+    assert row["growth"] == pytest.approx(row["linear"]["0.5"] / row["linear"]["0.3"], abs=0.006)
