@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from petsc4py import PETSc
@@ -15,6 +17,8 @@ int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
+int KSPCGSetRadius(void *ksp, double radius);
+int KSPCGGetNormD(void *ksp, double *norm);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
 # The extension module's own file: looking a symbol up in it also finds those of its PETSc.
@@ -32,3 +36,17 @@ def option_used(name: str) -> bool:
     used = ffi.new("int *")
     call("PetscOptionsUsed", ffi.NULL, name.encode(), used)
     return bool(used[0])
+
+
+@contextmanager
+def defaults(prefix: str, options: Mapping[str, str]) -> Iterator[None]:
+    """Meanwhile these are options under a prefix, where nothing else was given."""
+    database = PETSc.Options(prefix)
+    ours = {name: value for name, value in options.items() if not database.hasName(name)}
+    for name, value in ours.items():
+        database[name] = value
+    try:
+        yield
+    finally:
+        for name in ours:
+            database.delValue(name)

@@ -3,8 +3,10 @@
 #: What is done to a Hessian at a quadrature point, in the order of point.h.
 FILTERS = ("exact", "clamp", "abs")
 
-#: Which of them Newton's method asks for; ``adaptive`` decides by itself.
-HESSIANS = (*FILTERS, "adaptive")
+#: Which of them Newton's method asks for before a line search; ``adaptive`` decides by itself.
+SEARCHED = (*FILTERS, "adaptive")
+#: ``trust``: the exact one, within a trust region.
+HESSIANS = (*SEARCHED, "trust")
 
 #: Of the 3x3 scaling block; the default first (docs/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")

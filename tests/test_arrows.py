@@ -50,7 +50,8 @@ ONLY = {
     "doctor": {"errors"},
     "modes": {"errors", "_dolfinx", "terms", "problem"},
     "probes": {"errors", "_dolfinx"},
-    "solver": {"errors", "choices"},  # given a problem, it needs no more of one than its methods
+    # Given a problem, the solver needs no more of one than its methods.
+    "solver": {"errors", "choices", "_petsc"},
 }
 
 #: Packages from outside that only some parts may import.

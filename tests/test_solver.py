@@ -10,12 +10,14 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Condition, Force, Hold, cube, norm, problem, put, wave
+from bodies import MINIMISING, Condition, Force, Hold, cube, dense, norm, problem, put, wave
 
 from fem_snh import mesh, solver
 from fem_snh.choices import HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.kernels.pointwise import material
+from fem_snh.problem import Problem
 from fem_snh.runs import run
 from fem_snh.solver.linesearch import LineSearch
 
@@ -66,6 +68,40 @@ def solve(p, load=1.0, predictor="none", **kwargs):
     return snes, snes.getPythonContext()
 
 
+@mpi
+def test_the_trust_region_leaves_nearly_unstable_states(comm):
+    """The twist by half a turn, nu = 0.3: clamp crawls from fold to fold, and so does adaptive."""
+    found = {}
+    for hessian in ("trust", "adaptive"):
+        p = Problem(
+            cube(comm, "hexahedron", 6),
+            ELEMENTS["Q1"],
+            material("stable_neo_hookean", nu=0.3),
+            hold=[Hold("bottom")],
+            move=[Condition("top", turned(np.pi))],
+        )
+        with options(snes_forcing_max=5e-3, snes_max_it=60):
+            snes, context = solve(p, hessian=hessian)
+        found[hessian] = snes.getConvergedReason() > 0, context.history, p
+    good, history, p = found["trust"]
+    assert good and len(history) <= 50 and any(i.filter == "trust" for i in history)
+    energies = [i.energy for i in history] + [p.energy(p.x)]
+    assert (np.diff(energies) <= 1e-12).all()
+    p.jacobian(p.x, "exact")
+    if comm.size == 1:
+        assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # no saddle: a minimum
+
+
+@pytest.mark.parametrize("why", ["Taylor-Hood", "without an energy"])
+def test_what_has_no_least_energy_has_no_trust_region(comm, why):
+    name, element = "stable_neo_hookean", "Q2Q1"
+    if why == "without an energy":
+        name, element = "filtered_neo_hookean", "Q1"
+    p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
+    with pytest.raises(BadInput, match=f"'trust'.*{why}"):
+        solver.create(p, hessian="trust")
+
+
 # --- policies ------------------------------------------------------------------------------------
 
 
@@ -81,12 +117,14 @@ def test_every_policy_reaches_the_same_state(comm, element, hessian):
     assert p.energy(p.x) == pytest.approx(reference.energy(reference.x), rel=1e-9)
     assert norm(comm, p.x.array - reference.x.array) <= 1e-6 * p.x.norm()
     used = {i.filter for i in context.history}
-    wanted = {"adaptive": {"exact", "none needed", "clamp"}, "exact": {"exact", "none needed"}}
+    wanted = {"exact": {"exact", "none needed"}} | {
+        policy: {"exact", "none needed", "clamp", policy} for policy in ("adaptive", "trust")
+    }
     assert used <= wanted.get(hessian, {hessian})
 
 
 @mpi
-@pytest.mark.parametrize("hessian", ["clamp", "abs", "adaptive"])  # exact may well fail
+@pytest.mark.parametrize("hessian", ["clamp", "abs", "adaptive", "trust"])  # exact may well fail
 @pytest.mark.parametrize("law", ["stable_neo_hookean", "neo_hookean", "fixed_corotational"])
 def test_energy_and_history_of_a_strong_twist(comm, law, hessian):
     """From far away: the energy falls in every iteration, and the history is complete."""

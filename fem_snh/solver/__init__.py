@@ -12,9 +12,10 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import defaults
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
-from fem_snh.solver import saddle
+from fem_snh.solver import saddle, trust
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
@@ -24,15 +25,18 @@ __all__ = [
 ]  # fmt: skip
 
 PREFIX = "snh_"
+#: Preconditioners with solvers of their own, that have options.
+_IN_PARTS = (PETSc.PC.Type.FIELDSPLIT, PETSc.PC.Type.BJACOBI)
 
 
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: CG with Jacobi (of a saddle: MINRES with a block fieldsplit), linear tolerance between
-    1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a step starts far away (the twist), so
-    loose a solve lets rounding, and so the number of ranks, decide the path:
-    ``-snes_forcing_max 5e-3`` makes it repeatable.
+    Defaults: CG with Jacobi; of a saddle MINRES with a block fieldsplit; for ``trust`` Steihaug's
+    CG with incomplete Cholesky factors, blocks of each rank. Linear tolerance between 1e-3 and 0.1
+    (Eisenstat-Walker), 200 iterations. Where a step starts far away (the twist), so loose a solve
+    lets rounding, and so the number of ranks, decide the path: ``-snes_forcing_max 5e-3`` makes it
+    repeatable.
 
     Raises BadInput for an option's bad value.
     """
@@ -58,10 +62,13 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     else:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    policy = PETSc.Options(prefix).getString("snes_hessian", hessian)
+    ours = saddle.BLOCKS if problem.saddle else trust.SOLVER if policy == "trust" else {}
     try:
-        with own_errors():
+        with own_errors(), defaults(prefix, ours):
             snes.setFromOptions()
-            saddle.set_blocks(ksp)
+            if ours and ksp.getPC().getType() in _IN_PARTS:
+                ksp.getPC().setUp()  # the parts read their options, once
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes

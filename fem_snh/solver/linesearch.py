@@ -54,12 +54,12 @@ class LineSearch:
         """From ``x`` with ``energy`` and ``slope`` = f.d < 0: (step, energy there), or None."""
         step = 1.0
         while step >= self.min_step:
-            there = self._energy(x, d, step)
+            there = self.energy_at(x, d, step)
             change = there - energy
             if not isfinite(there):
                 step *= 0.5
                 continue
-            flat = self._flat(change, energy)
+            flat = self.flat(change, energy)
             if flat or change <= self.armijo * step * slope:
                 end = self._slope(d)
                 if not flat or end <= (2 * self.armijo - 1) * slope:
@@ -72,7 +72,7 @@ class LineSearch:
             step = self._shorter(step, change, slope)
         return None
 
-    def _flat(self, change: float, energy: float) -> bool:
+    def flat(self, change: float, energy: float) -> bool:
         """Whether a change of the energy may be rounding."""
         size = max(abs(energy), abs(energy + change))
         return abs(change) <= max(_NOISE * size, _ROUNDING * self.energy_scale)
@@ -90,14 +90,14 @@ class LineSearch:
         """From a full step with ``energy`` and slope ``end``: the better of it and a longer one."""
         kept, f_kept = self.trial.copy(), self.f_trial.copy()
         longer = min(3.0, slope / (slope - end))
-        there = self._energy(x, d, longer)
+        there = self.energy_at(x, d, longer)
         if isfinite(there) and there <= energy and abs(self._slope(d)) < abs(end):
             return longer, there
         kept.copy(self.trial)
         f_kept.copy(self.f_trial)
         return 1.0, energy
 
-    def _energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
+    def energy_at(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
         """Put x + step d into ``trial``; the energy there, 0 where there is none."""
         d.copy(self.trial)
         self.trial.aypx(step, x)

@@ -7,7 +7,8 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -15,13 +16,14 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh.choices import HESSIANS
-from fem_snh.errors import choose
+from fem_snh.errors import BadInput, choose
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.saddle import SaddleSearch, preconditioner_of
+from fem_snh.solver.trust import TrustRegion
 
 #: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
 OPTIONS: dict[str, str | float] = {
-    "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive
+    "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive | trust
     "snes_adaptive_filter": "clamp",  # what adaptive falls back to: clamp | abs
     "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
@@ -33,7 +35,11 @@ OPTIONS: dict[str, str | float] = {
 Reason = PETSc.SNES.ConvergedReason
 _Linear = PETSc.KSP.ConvergedReason
 #: How linear solvers say that the matrix, or what preconditions it, is not positive.
-_INDEFINITE = (_Linear.DIVERGED_INDEFINITE_MAT, _Linear.DIVERGED_INDEFINITE_PC)
+_INDEFINITE = (
+    _Linear.DIVERGED_INDEFINITE_MAT,
+    _Linear.DIVERGED_INDEFINITE_PC,
+    _Linear.CONVERGED_CG_NEG_CURVE,
+)
 
 
 #: At a saddle a direction of the exact Hessian may be downhill though H is not positive: a step
@@ -60,6 +66,8 @@ class ProjectedNewton:
     clamp     negative eigenvalues -> 0 at every quadrature point (the paper)
     abs       negative eigenvalues -> their absolute value
     adaptive  exact while the linear solver finds no negative curvature, filtered when it does
+    trust     as adaptive; when filtered steps gain little, exact within a trust region: negative
+              curvature is followed, see `TrustRegion`
 
     Convergence: ||residual||_2 <= snes_scaled_tol * force_scale with force_scale = E V^(2/3), the
     same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
@@ -98,7 +106,10 @@ class ProjectedNewton:
             get = database.getString if isinstance(default, str) else database.getReal
             self.options[name] = get(name, self.options[name])
         self.divergence_asked_for = database.hasName("snes_divergence_tolerance")
-        choose("hessian", str(self.options["snes_hessian"]), HESSIANS)
+        policy = choose("hessian", str(self.options["snes_hessian"]), HESSIANS)
+        if policy == "trust" and (self.saddle or not self.has_energy):
+            what = "a saddle (Taylor-Hood)" if self.saddle else "a material without an energy"
+            raise BadInput(f"hessian 'trust' needs an energy that is least: not {what}")
         choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
@@ -119,6 +130,7 @@ class ProjectedNewton:
         d = x.duplicate()
         self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
+        trust = TrustRegion(self, snes, line) if self.options["snes_hessian"] == "trust" else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
@@ -135,15 +147,20 @@ class ProjectedNewton:
                 break
             now = Iteration(residual=norm, energy=energy)
             self.history.append(now)
-            slope = self._direction(snes, x, f, d, now, previous)
-            if slope is None:
-                snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
-                return
-            found = line.search(x, d, energy, slope)
+            if trust and trust.called:
+                found = trust.step(x, f, d, energy, now, previous)
+            else:
+                slope = self._direction(snes, x, f, d, now, previous)
+                if slope is None:
+                    snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
+                    return
+                found = line.search(x, d, energy, slope)
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
             now.step, energy = found
+            if trust:
+                trust.look(now, energy)
             if self.saddle and now.step < _SHORT:
                 self._indefinite = now.residual
             line.trial.copy(x)
@@ -191,7 +208,7 @@ class ProjectedNewton:
         """d = -H^-1 f by the policy's Hessian; its slope f.d < 0, or None if there is none."""
         policy = str(self.options["snes_hessian"])
         filters = [policy]
-        if policy == "adaptive":
+        if policy in ("adaptive", "trust"):
             filters = ["exact", str(self.options["snes_adaptive_filter"])]
             if now.residual > float(self.options["snes_adaptive_retry"]) * self._indefinite:
                 del filters[0]
@@ -202,7 +219,7 @@ class ProjectedNewton:
             # saddle come from the clamped Hessian, whatever the operator is.
             split = self.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
             blocks = split and now.filter == "exact"
-            self._compute(snes, x, A, P, "clamp" if blocks else now.filter)
+            self.fill(snes, x, A, P, "clamp" if blocks else now.filter)
             if split:
                 self.saddle.weigh_supports(P)
             now.filtered_points = self.filtered_points
@@ -210,19 +227,29 @@ class ProjectedNewton:
                 now.filter = "none needed"
             with preconditioner_of(ksp, A, P) if blocks else nullcontext():
                 if blocks and now.filtered_points:
-                    self._compute(snes, x, A, P, now.filter)
+                    self.fill(snes, x, A, P, now.filter)
                 slope = self._linear(snes, A, P, f, d, now, previous)
             if slope is not None:
                 return slope
             self._indefinite = now.residual
         return None
 
-    def _compute(
-        self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str
-    ) -> None:
+    def fill(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str) -> None:
         """Have the SNES fill its Jacobian, filtered so."""
         self.filter = filter
         snes.computeJacobian(x, A, P)
+
+    @contextmanager
+    def forcing(self, ksp: PETSc.KSP, now: Iteration, previous: float | None) -> Iterator[None]:
+        """Meanwhile linear solves are as loose as the iteration asks."""
+        tolerance = ksp.getTolerances()[0]
+        if cap := float(self.options["snes_forcing_max"]):
+            ratio = 1.0 if previous is None else now.residual / previous
+            ksp.setTolerances(rtol=min(cap, max(tolerance, 0.9 * ratio**2)))
+        try:
+            yield
+        finally:
+            ksp.setTolerances(rtol=tolerance)
 
     def _linear(
         self,
@@ -237,13 +264,9 @@ class ProjectedNewton:
         """Solve A d = -f inexactly; f.d, or None if A showed a direction of negative curvature."""
         ksp = snes.getKSP()
         ksp.setOperators(A, P)
-        tolerance = ksp.getTolerances()[0]
-        if cap := float(self.options["snes_forcing_max"]):
-            ratio = 1.0 if previous is None else now.residual / previous
-            ksp.setTolerances(rtol=min(cap, max(tolerance, 0.9 * ratio**2)))
         d.set(0.0)
-        ksp.solve(f, d)
-        ksp.setTolerances(rtol=tolerance)
+        with self.forcing(ksp, now, previous):
+            ksp.solve(f, d)
         d.scale(-1.0)
         now.linear += ksp.getIterationNumber()
         if ksp.getConvergedReason() in _INDEFINITE:

@@ -46,21 +46,6 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     ksp.setOperators(A)
 
 
-def set_blocks(ksp: PETSc.KSP) -> None:
-    """Make the solvers of the blocks, from `BLOCKS` and what options say instead. Collective."""
-    pc, database = ksp.getPC(), PETSc.Options(ksp.getOptionsPrefix())
-    if pc.getType() != PETSc.PC.Type.FIELDSPLIT:
-        return
-    ours = {name: value for name, value in BLOCKS.items() if not database.hasName(name)}
-    for name, value in ours.items():
-        database[name] = value
-    try:
-        pc.setUp()  # reads them, once
-    finally:
-        for name in ours:
-            database.delValue(name)
-
-
 @contextmanager
 def preconditioner_of(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
     """Meanwhile the preconditioner stays that of A as it is now. Collective."""
@@ -113,14 +98,14 @@ class SaddleSearch(LineSearch):
         """From ``x`` with Lagrangian ``energy`` and the merit's ``slope``: (step, energy there)."""
         step, start = 1.0, energy + self.penalty / 2 * self._square
         while step >= self.min_step:
-            there = self._energy(x, d, step)
+            there = self.energy_at(x, d, step)
             self.snes.computeFunction(self.trial, self.f_trial)
             change = there + self.penalty / 2 * self._squares(self.f_trial) - start
             if not isfinite(change):
                 step *= 0.5
                 continue
             falls = change <= self.armijo * step * slope
-            if falls or (self._flat(change, start) and self.f_trial.norm() <= self._norm):
+            if falls or (self.flat(change, start) and self.f_trial.norm() <= self._norm):
                 return step, there
             step = self._shorter(step, change, slope)
         return None

@@ -40,7 +40,11 @@ def rows(
                 row |= {"tolerance": tolerance, "newton": {}, "linear": {}}
                 good = True
                 for nu in words(nus):
-                    options = {"element": element, "cells": cells, "nu": float(nu)} | settings
+                    options: dict[str, Any] = {
+                        "element": element,
+                        "cells": cells,
+                        "nu": float(nu),
+                    } | settings
                     result = run(scene, **options, petsc=petsc, progress=False)
                     newton = sum(step["newton"] for step in result.steps)
                     linear = sum(step["linear"] for step in result.steps)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from fem_snh.choices import EIGENSOLVERS, HESSIANS
+from fem_snh.choices import EIGENSOLVERS, SEARCHED
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.direct import DIRECT
@@ -69,7 +69,7 @@ class Choice:
 
     def __post_init__(self) -> None:
         saddle = ELEMENTS[choose("element", self.element, ELEMENTS)].volume == "pressure"
-        choose("hessian", self.hessian, HESSIANS)
+        choose("hessian", self.hessian, SEARCHED)
         choose("eigensolver", self.eigensolver, EIGENSOLVERS)
         solver = self.solver or iterative(self.element)
         object.__setattr__(self, "solver", solver)
@@ -129,7 +129,7 @@ def iterative(element: str) -> str:
 def positions(element: str) -> Mapping[str, tuple[Any, ...]]:
     """For each knob the values that it takes with this element."""
     return {
-        "hessian": HESSIANS,
+        "hessian": SEARCHED,
         "solver": tuple(SOLVERS[ELEMENTS[element].volume == "pressure"]),
         "forcing": FORCINGS,
         "tolerance": TOLERANCES,

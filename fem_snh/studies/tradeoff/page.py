@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fem_snh.choices import HESSIANS
+from fem_snh.choices import SEARCHED
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.table import write_whole
@@ -159,9 +159,9 @@ def filters(table: pd.DataFrame) -> str:
         ]
         mine = rows[only].set_index("hessian")
         if len(mine) > 1:
-            said = [_filtered(mine, policy, default) for policy in HESSIANS]
+            said = [_filtered(mine, policy, default) for policy in SEARCHED]
             lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
-    return advice.markdown(["nu", "element", "cells", *HESSIANS], lines)
+    return advice.markdown(["nu", "element", "cells", *SEARCHED], lines)
 
 
 def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:
