@@ -14,8 +14,8 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.elements import Element
+from fem_snh.layout import Layout, Space
 from fem_snh.mesh import Mesh
-from fem_snh.sparse import Layout, Space
 
 
 class Displacement:

@@ -22,7 +22,8 @@ from fem_snh.kernels import build
 from fem_snh.kernels.cells import CellLoops, Tables, c_source
 from fem_snh.kernels.law import law_for
 from fem_snh.kernels.pointwise import Material
-from fem_snh.sparse import BlockMatrix, Layout
+from fem_snh.layout import Layout
+from fem_snh.sparse import BlockMatrix
 
 Array = npt.NDArray[Any]
 

@@ -14,8 +14,8 @@ import ufl
 from fem_snh import _dolfinx, elements, forms, mesh
 from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.layout import Layout
 from fem_snh.materials import names
-from fem_snh.sparse import Layout
 from fem_snh.studies.bench import Row, words
 from fem_snh.terms import Elastic
 from fem_snh.unknowns import space
