@@ -3,6 +3,7 @@
 assembly      the filtered Jacobian against FFCx's exact one; --elements Q1 --cells N --material M
               (all: every material against stable_neo_hookean)
 twist         Newton and linear iterations on the paper's twist; --cells N --hessians clamp,adaptive
+              --nu X --steps N
 stretch       the paper's stretch, its materials; --elements Q1 --materials M,M --cells N --steps N
 references    published numbers beside ours; --only cook,torsion --write docs/references.md
 ranks         the same runs on 1 and 2 ranks; --cells N

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from fem_snh.runs import run
 from fem_snh.studies.bench import Row, words
@@ -14,17 +15,28 @@ LIMITS = {"clamp": [20, 34], "adaptive": [18, 18]}
 
 
 def rows(
-    cells: int = 15, hessians: str = "clamp,adaptive", tolerance: float = 1e-7
+    cells: int = 15,
+    hessians: str = "clamp,adaptive",
+    tolerance: float = 1e-7,
+    nu: float = 0.49,
+    steps: int = 2,
+    most: int = 200,
 ) -> Iterator[Row]:
-    """One row per Hessian policy; residual norms are in E L^2."""
+    """One row per Hessian policy; residual norms are in E L^2.
+
+    steps : of equal angles to half a turn; one fails after ``most`` Newton iterations.
+    """
     for hessian in words(hessians):
-        options = {"snes_scaled_tol": tolerance}
-        result = run("twist", cells=cells, hessian=hessian, petsc=options, progress=False)
+        options = {"snes_scaled_tol": tolerance, "snes_max_it": most}
+        settings: dict[str, Any] = {"cells": cells, "nu": nu, "steps": steps, "hessian": hessian}
+        result = run("twist", **settings, petsc=options, progress=False)
         row: Row = {"hessian": hessian, "cells": cells, "ranks": result.record["ranks"]}
+        row |= {"nu": nu, "filtered": [step["clamped"] for step in result.steps]}
         for key in ("newton", "linear", "residual", "energy", "seconds"):
             row[key] = [step[key] for step in result.steps]
-        row |= {"converged": result.converged, "paper": PAPER}
-        if hessian in LIMITS and cells == 15 and tolerance == 1e-7:
+        row |= {"converged": result.converged, "min_J": [step["min_J"] for step in result.steps]}
+        row["paper"] = PAPER
+        if hessian in LIMITS and (cells, tolerance, nu, steps) == (15, 1e-7, 0.49, 2):
             limit = LIMITS[hessian]
             few = len(row["newton"]) == 2 and all(
                 n <= most for n, most in zip(row["newton"], limit, strict=True)
