@@ -21,6 +21,13 @@ int KSPCGSetRadius(void *ksp, double radius);
 int KSPCGGetNormD(void *ksp, double *norm);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
+_reasons = PETSc.KSP.ConvergedReason
+#: How Steihaug's conjugate gradients say that they met negative curvature (names of 3.18, 3.22).
+NEGATIVE_CURVATURE = (
+    _reasons.CONVERGED_NEG_CURVE
+    if hasattr(_reasons, "CONVERGED_NEG_CURVE")
+    else _reasons.CONVERGED_CG_NEG_CURVE
+)
 # The extension module's own file: looking a symbol up in it also finds those of its PETSc.
 _library = ffi.dlopen(PETSc.__file__)
 

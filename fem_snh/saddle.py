@@ -90,10 +90,9 @@ class Saddle:
         """(owned pressures,) diag(B D^-1 B^T) of A = [[H, B^T], [B, -C]]."""
         u, p = self.fields["u"], self.fields["p"]
         self._B = B = A.createSubMatrix(p, u, self._B)
-        scale = A.getDiagonal().getSubVector(u)
-        scale.sqrtabs()
-        scale.reciprocal()
-        B.diagonalScale(R=scale)
+        root = B.createVecRight()
+        root.array[:] = np.abs(A.getDiagonal().array_r[: root.getLocalSize()]) ** -0.5
+        B.diagonalScale(R=root)
         starts, _, b = B.getValuesCSR()
         return np.add.reduceat(b**2, starts[:-1]) if len(b) else np.zeros(len(starts) - 1)
 

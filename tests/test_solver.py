@@ -13,7 +13,7 @@ import pytest
 from bodies import MINIMISING, Condition, Force, Hold, cube, dense, norm, problem, put, wave
 
 from fem_snh import mesh, solver
-from fem_snh.choices import HESSIANS, PREDICTORS
+from fem_snh.choices import HESSIANS, PREDICTORS, SEARCHED
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.pointwise import material
@@ -90,6 +90,14 @@ def test_the_trust_region_leaves_nearly_unstable_states(comm):
     p.jacobian(p.x, "exact")
     if comm.size == 1:
         assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # no saddle: a minimum
+
+
+def test_a_trust_region_needs_a_linear_solver_that_knows_a_radius(comm):
+    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("left")])
+    with options(ksp_type="nash", pc_type="jacobi"):
+        assert solver.create(p, hessian="trust").getKSP().getType() == "nash"
+    with options(ksp_type="gmres"), pytest.raises(BadInput, match=r"'gmres'.*from stcg, nash"):
+        solver.create(p, hessian="trust")
 
 
 @pytest.mark.parametrize("why", ["Taylor-Hood", "without an energy"])
@@ -397,7 +405,7 @@ def factorisation(comm):
 
 
 @mpi
-@policies
+@pytest.mark.parametrize("hessian", SEARCHED)
 def test_direct_solver(comm, hessian):
     p, reference = twist(comm), twist(comm)
     package = factorisation(comm)

@@ -71,6 +71,8 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
                 ksp.getPC().setUp()  # the parts read their options, once
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
+    if policy == "trust":
+        choose("linear solver within a trust region, ksp_type", ksp.getType(), trust.SOLVERS)
     return snes
 
 

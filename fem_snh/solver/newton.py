@@ -15,6 +15,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import NEGATIVE_CURVATURE
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.solver.linesearch import LineSearch
@@ -38,7 +39,7 @@ _Linear = PETSc.KSP.ConvergedReason
 _INDEFINITE = (
     _Linear.DIVERGED_INDEFINITE_MAT,
     _Linear.DIVERGED_INDEFINITE_PC,
-    _Linear.CONVERGED_CG_NEG_CURVE,
+    NEGATIVE_CURVATURE,
 )
 
 

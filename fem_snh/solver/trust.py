@@ -26,6 +26,8 @@ _LITTLE = 0.01
 #: Radii tried before the clamped Hessian is asked.
 _ATTEMPTS = 12
 
+#: Linear solvers that know a radius. (PETSc's gltr has one, too, and frees memory twice.)
+SOLVERS = ("stcg", "nash")
 #: PETSc options of the linear solver, unless others are given.
 SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc"}
 
