@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
-from fem_snh._petsc import option_used
+from fem_snh._petsc import defaults, option_used
 from fem_snh.kernels.pointwise import material
 from fem_snh.probes import Probes
 from fem_snh.problem import Problem
@@ -142,15 +142,11 @@ def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) ->
 def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[Callable[[], list[str]]]:
     """Put a scene's options into PETSc's database under ``prefix``, and take them out again.
 
-    What is already there (the command line of a program that gave it to PETSc) wins. Lends a
-    function that lists the options nothing has asked for: PETSc is silent about a mistyped one.
+    What is already there (the command line of a program that gave it to PETSc) wins, and comes
+    before `solver.SMOOTHERS`. Lends a function that lists the options nothing has asked for: PETSc
+    is silent about a mistyped one.
     """
     database = PETSc.Options(prefix)
     mine = {key: value for key, value in options.items() if not database.hasName(key)}
-    for key, value in mine.items():
-        database.setValue(key, value)
-    try:
+    with defaults(prefix, mine), defaults(prefix, solver.SMOOTHERS):
         yield lambda: [key for key in mine if not option_used(prefix + key)]
-    finally:
-        for key in mine:
-            database.delValue(key)

@@ -25,6 +25,14 @@ __all__ = [
 ]  # fmt: skip
 
 PREFIX = "snh_"
+#: PETSc options of multigrid's smoothers, unless others are given: of the displacement, and of a
+#: saddle's. PETSc's own is a polynomial for eigenvalues up to an estimated one; where a filtered
+#: Hessian has larger ones, it makes the preconditioner indefinite.
+SMOOTHERS = {
+    f"{block}mg_levels_{key}": value
+    for block in ("", "fieldsplit_u_")
+    for key, value in (("ksp_type", "richardson"), ("pc_type", "sor"))
+}
 #: Preconditioners with solvers of their own, that have options.
 _IN_PARTS = (PETSc.PC.Type.FIELDSPLIT, PETSc.PC.Type.BJACOBI)
 
