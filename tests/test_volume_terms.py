@@ -82,9 +82,10 @@ def pairs(elements):
 
 
 def moduli(p):
-    """(mu_lame, lambda_local, k) [Pa]: 1/lambda_local = 1/lambda + 1/(4 mu)."""
+    """(mu_lame, lambda_local, k) [Pa]: 1/lambda_local = 1/lambda + 1/(b mu)."""
     mu, lam = p.material.lame
-    local = 1 / (1 / lam + 1 / (4 * mu))
+    b = 2 if p.saddle else 4
+    local = 1 / (1 / lam + 1 / (b * mu))
     return mu, local, lam - local
 
 
