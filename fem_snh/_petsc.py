@@ -46,14 +46,17 @@ def option_used(name: str) -> bool:
 
 
 @contextmanager
-def defaults(prefix: str, options: Mapping[str, str]) -> Iterator[None]:
-    """Meanwhile these are options under a prefix, where nothing else was given."""
+def defaults(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Meanwhile these are options under a prefix, where nothing else was given. Lends their names.
+
+    A flag has the value None.
+    """
     database = PETSc.Options(prefix)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
     for name, value in ours.items():
         database[name] = value
     try:
-        yield
+        yield list(ours)
     finally:
         for name in ours:
             database.delValue(name)

@@ -508,10 +508,6 @@ def test_petsc_options_of_a_scene_end_with_it_and_yield_to_the_command_lines(com
         database.delValue("ksp_type")
 
 
-if __name__ == "__main__":
-    print(json.dumps({name: numbers(setup) for name, setup in RUNS.items()}, indent=1))
-
-
 @pytest.mark.mpi
 def test_multigrids_preconditioner_is_definite_for_filtered_matrices(comm):
     """Symmetric sweeps are; PETSc's own polynomial need not be, and then every step fails."""
@@ -520,3 +516,7 @@ def test_multigrids_preconditioner_is_definite_for_filtered_matrices(comm):
     assert found.converged and len(found.steps) == 12
     assert max(step["linear"] / step["newton"] for step in found.steps) < 10
     assert not PETSc.Options(solver.PREFIX).hasName("mg_levels_ksp_type")
+
+
+if __name__ == "__main__":
+    print(json.dumps({name: numbers(setup) for name, setup in RUNS.items()}, indent=1))

@@ -10,7 +10,6 @@ from time import perf_counter, process_time
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
@@ -146,7 +145,5 @@ def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[Callable[[],
     before `solver.SMOOTHERS`. Lends a function that lists the options nothing has asked for: PETSc
     is silent about a mistyped one.
     """
-    database = PETSc.Options(prefix)
-    mine = {key: value for key, value in options.items() if not database.hasName(key)}
-    with defaults(prefix, mine), defaults(prefix, solver.SMOOTHERS):
+    with defaults(prefix, options) as mine, defaults(prefix, solver.SMOOTHERS):
         yield lambda: [key for key in mine if not option_used(prefix + key)]
