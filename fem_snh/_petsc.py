@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from petsc4py import PETSc
 
 import cffi
+import numpy as np
 
 ffi = cffi.FFI()
 ffi.cdef("""
-int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, const int **columns);
+int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghosts);
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
+int MatGetSize(void *A, int *rows, int *columns);
+int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr, int **indices,
+                int *done);
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
 int KSPCGSetRadius(void *ksp, double radius);
@@ -60,3 +65,51 @@ def defaults(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
     finally:
         for name in ours:
             database.delValue(name)
+
+
+@dataclass
+class Part:
+    """A sequential AIJ matrix: its handle, the address of its values.
+
+    Of other ranks' columns also ``ghosts``, their global numbers in ascending order; the matrix has
+    them as 0, 1, ...
+    """
+
+    handle: Any
+    values: int
+    ghosts: np.ndarray
+
+    def blocks(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """(indptr, indices) of its blocks of ``size`` unknowns; every block is whole."""
+        n, done = ffi.new("int *"), ffi.new("int *")
+        pattern = ffi.new("int *[2]")
+        call("MatGetRowIJ", self.handle, 0, 0, 0, n, pattern, pattern + 1, done)
+        indptr = np.frombuffer(ffi.buffer(pattern[0], 4 * (n[0] + 1)), np.int32)
+        indices = np.frombuffer(ffi.buffer(pattern[1], 4 * int(indptr[-1])), np.int32)
+        lengths = np.diff(indptr)[::size] // size
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        inside = np.arange(starts[-1]) - np.repeat(starts[:-1], lengths)
+        return starts, indices[np.repeat(indptr[:-1:size], lengths) + size * inside] // size
+
+
+@contextmanager
+def aij(A: PETSc.Mat) -> Iterator[list[Part]]:
+    """An AIJ matrix: its own columns and, where there are other ranks, theirs; to be written to."""
+    handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
+    ghosts = [np.empty(0, np.int32)] * 2
+    if A.getType() == PETSc.Mat.Type.SEQAIJ:
+        parts[0] = handle
+    else:
+        columns, count = ffi.new("int **"), ffi.new("int *")
+        call("MatMPIAIJGetSeqAIJ", handle, parts, parts + 1, columns)
+        call("MatGetSize", parts[1], ffi.NULL, count)
+        ghosts[1] = np.frombuffer(ffi.buffer(columns[0], 4 * count[0]), np.int32).copy()
+    arrays = ffi.new("double *[2]")
+    present = [k for k in range(2) if parts[k] != ffi.NULL]
+    for k in present:
+        call("MatSeqAIJGetArray", parts[k], arrays + k)
+    try:
+        yield [Part(parts[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present]
+    finally:
+        for k in present:
+            call("MatSeqAIJRestoreArray", parts[k], arrays + k)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from fem_snh._petsc import call, ffi
+from fem_snh._petsc import aij, call, ffi
 from fem_snh.errors import BadInput
 from fem_snh.layout import Layout
 
@@ -150,21 +150,11 @@ class BlockMatrix:
         A = self.petsc
         A.zeroEntries()
         self._sent_values[:] = 0
-        handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
-        if A.getType() == PETSc.Mat.Type.SEQAIJ:
-            parts[0] = handle
-        else:
-            columns = ffi.new("int **")
-            call("MatMPIAIJGetSeqAIJ", handle, parts, parts + 1, columns)
-        arrays = ffi.new("double *[2]")
-        present = [k for k in range(2) if parts[k] != ffi.NULL]
-        for k in present:
-            call("MatSeqAIJGetArray", parts[k], arrays + k)
         sent = self._sent_values.ctypes.data
-        yield [*(int(ffi.cast("intptr_t", arrays[k])) for k in range(2)), sent]
-        for k in present:
-            call("MatSeqAIJRestoreArray", parts[k], arrays + k)
-        self._send(handle)
+        with aij(A) as parts:
+            addresses = [part.values for part in parts]
+            yield [*addresses, *[0] * (2 - len(addresses)), sent]
+        self._send(ffi.cast("void *", A.handle))
         A.assemble()
         A.stateIncrease()  # values changed behind PETSc's back: preconditioners must know
 

@@ -16,12 +16,14 @@ from fem_snh._petsc import defaults
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.solver import saddle, trust
+from fem_snh.solver.eisenstat import EisenstatCG
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "own_errors", "reason",
+    "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
+    "own_errors", "reason",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -40,8 +42,9 @@ _IN_PARTS = (PETSc.PC.Type.FIELDSPLIT, PETSc.PC.Type.BJACOBI)
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: CG with Jacobi; of a saddle MINRES with a block fieldsplit; for ``trust`` Steihaug's
-    CG with incomplete Cholesky factors, blocks of each rank. Linear tolerance between 1e-3 and 0.1
+    Defaults: `EisenstatCG`; of a saddle MINRES with a block fieldsplit; for ``trust`` Steihaug's
+    CG with incomplete Cholesky factors, blocks of each rank. With an option ``ksp_type`` or
+    ``pc_type`` all is PETSc's own, from CG with Jacobi on. Linear tolerance between 1e-3 and 0.1
     (Eisenstat-Walker), 200 iterations. Where a step starts far away (the twist), so loose a solve
     lets rounding, and so the number of ranks, decide the path: ``-snes_forcing_max 5e-3`` makes it
     repeatable.
@@ -50,6 +53,8 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     """
     energy_scale = problem.force_scale * problem.length
     has_energy = problem.material.law.has_energy
+    database = PETSc.Options(prefix)
+    policy = database.getString("snes_hessian", hessian)
     context = ProjectedNewton(
         problem.jacobian, problem.force_scale, energy_scale, has_energy, problem.saddle
     )
@@ -67,10 +72,13 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     if problem.saddle:
         saddle.configure(ksp, problem.A, problem.saddle)
+    elif policy != "trust" and not (database.hasName("ksp_type") or database.hasName("pc_type")):
+        ksp.setType(PETSc.KSP.Type.PYTHON)
+        ksp.setPythonContext(EisenstatCG())
+        ksp.getPC().setType(PETSc.PC.Type.NONE)
     else:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-    policy = PETSc.Options(prefix).getString("snes_hessian", hessian)
     ours = saddle.BLOCKS if problem.saddle else trust.SOLVER if policy == "trust" else {}
     try:
         with own_errors(), defaults(prefix, ours):

@@ -1,0 +1,86 @@
+"""A symmetric matrix of 3x3 blocks in single precision, and the sweeps of SSOR over it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.errors import BadInput
+from fem_snh.kernels import build
+
+Array = npt.NDArray[Any]
+
+DECLARATIONS = """
+typedef struct {
+  int rows;
+  const int *start; const int *column; const long *place; const int *aij; const int *middle;
+  float *upper; float *diagonal; float *inverse;
+  const int *far_start; const int *far_column; float *far;
+} Blocks;
+long fill(const Blocks *b, const double *values, const double *far, double scale);
+void solve_lower(const Blocks *b, float *w);
+void sweep_up(const Blocks *b, float beta, const float *z, float *p, float *t, float *w);
+double sweep_down(const Blocks *b, const float *p, const float *t, const float *ghosts, float *w,
+                  float *q);
+double update(const Blocks *b, float alpha, const float *t, const float *q, float *x, float *r,
+              float *z);
+"""
+#: Blocks in a row, at most (blocks.h).
+_WIDEST = 4096
+
+
+def source() -> str:
+    """The C source, the same for every matrix."""
+    return Path(__file__).with_name("blocks.h").read_text()
+
+
+class Blocks:
+    """This rank's rows of a matrix, on a pattern that stays.
+
+    Parameters
+    ----------
+    path : the compiled `source`.
+    near : (indptr, indices) of the blocks in this rank's columns, each row sorted, symmetric.
+    far : the same of the columns that other ranks own, numbered from 0; None on one rank.
+
+    Vectors are (3 rows,) float32. Raises BadInput for a row without a diagonal block.
+    """
+
+    def __init__(self, path: Any, near: tuple[Array, Array], far: tuple[Array, Array] | None):
+        self._ffi, self.lib = build.load(path, DECLARATIONS)
+        indptr, indices = near
+        self.rows = len(indptr) - 1
+        row = np.repeat(np.arange(self.rows), np.diff(indptr))
+        middle = np.flatnonzero(indices == row)
+        widest = np.diff(indptr).max(initial=0)
+        if len(middle) != self.rows or widest > _WIDEST:
+            raise BadInput(f"a matrix for SSOR needs its diagonal, and rows of <= {_WIDEST} blocks")
+        above = indices > row
+        start = np.concatenate([[0], np.cumsum(np.bincount(row[above], minlength=self.rows))])
+        floats = 3 * ((3 * np.diff(start) + 7) // 8 * 8)  # three rows, padded as in blocks.h
+        place = np.concatenate([[0], np.cumsum(floats)]).astype(np.int64)
+        ints = [a.astype(np.int32) for a in (start, indices[above], indptr, middle - indptr[:-1])]
+        single = [np.zeros(n, np.float32) for n in (place[-1], 9 * self.rows, 9 * self.rows)]
+        self._kept = [*ints[:2], place, *ints[2:], *single]
+        if far is not None:
+            pattern = [np.ascontiguousarray(a, np.int32) for a in far]
+            self._kept += [*pattern, np.zeros(9 * len(far[1]), np.float32)]
+        pointers = [self.pointer(array) for array in self._kept]
+        pointers += [self._ffi.NULL] * (11 - len(pointers))  # no columns of other ranks
+        self.struct = self._ffi.new("Blocks *", [self.rows, *pointers])
+
+    def pointer(self, array: Array) -> Any:
+        """A C pointer to the memory of ``array``, which the caller keeps alive."""
+        kind = {"float32": "float *", "int32": "int *", "int64": "long *"}[array.dtype.name]
+        return self._ffi.cast(kind, array.ctypes.data)
+
+    def fill(self, values: int, far: int, scale: float) -> int:
+        """Take an AIJ matrix's values, at these addresses, times ``scale``.
+
+        Returns the number of rows whose diagonal block is not positive definite.
+        """
+        addresses = (self._ffi.cast("double *", address) for address in (values, far))
+        return int(self.lib.fill(self.struct, *addresses, scale))
