@@ -18,8 +18,8 @@ int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghos
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
 int MatGetSize(void *A, int *rows, int *columns);
-int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr, int **indices,
-                int *done);
+int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr,
+                int **indices, int *done);
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
 int KSPCGSetRadius(void *ksp, double radius);

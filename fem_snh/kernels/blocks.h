@@ -23,15 +23,24 @@ typedef struct {
 
 static inline long padded(int blocks) { return (3L * blocks + 7) / 8 * 8; }
 
-/* inverse of a symmetric 3x3; 0 if it is not positive definite */
-static inline int invert(const float *a, float *b) {
-  const double p = a[0], q = a[4], r = a[8], x = a[5], y = a[2], z = a[1];
-  const double m = p * q - z * z, det = r * m - p * x * x - q * y * y + 2 * x * y * z;
-  b[0] = (q * r - x * x) / det; b[4] = (p * r - y * y) / det; b[8] = m / det;
-  b[1] = b[3] = (x * y - r * z) / det;
-  b[2] = b[6] = (x * z - q * y) / det;
-  b[5] = b[7] = (y * z - p * x) / det;
-  return p > 0 && m > 0 && det > 0;
+/* Inverse of a symmetric 3x3; 0 if it is not positive definite beyond the rounding of its values.
+   One that is nearly singular, as of a clamped Hessian without stiffness at a node, gets what it
+   lacks, of the size of that rounding. */
+static inline int invert(float *a, float *b) {
+  const double e = fmax(1e-6 * fabs((double)a[0] + a[4] + a[8]), 1e-12);
+  for (int attempt = 0; attempt < 2; attempt++) {
+    const double p = a[0], q = a[4], r = a[8], x = a[5], y = a[2], z = a[1];
+    const double m = p * q - z * z, det = r * m - p * x * x - q * y * y + 2 * x * y * z;
+    if (p > e / 2 && m > e / 2 * p && det > e / 2 * m) {
+      b[0] = (q * r - x * x) / det; b[4] = (p * r - y * y) / det; b[8] = m / det;
+      b[1] = b[3] = (x * y - r * z) / det;
+      b[2] = b[6] = (x * z - q * y) / det;
+      b[5] = b[7] = (y * z - p * x) / det;
+      return 1;
+    }
+    for (int k = 0; k < 9; k += 4) a[k] += e;
+  }
+  return 0;
 }
 
 /* Take the values of the AIJ matrix (and of its columns of other ranks), times scale: the rows

@@ -35,9 +35,9 @@ class EisenstatCG:
     residuals are computed anew with A itself. Tolerances, monitors and reasons are as of any KSP;
     its PC is not used.
 
-    DIVERGED_INDEFINITE_PC where a diagonal block is not positive definite,
-    DIVERGED_INDEFINITE_MAT where a direction of negative curvature is met, DIVERGED_BREAKDOWN
-    where single precision gains nothing. Raises BadInput for a matrix of other blocks.
+    DIVERGED_INDEFINITE_MAT where a direction of negative curvature is met, DIVERGED_INDEFINITE_PC
+    where a diagonal block is not positive definite or the sweeps overflow, DIVERGED_BREAKDOWN where
+    single precision gains nothing. Raises BadInput for a matrix of other blocks.
     """
 
     def create(self, ksp: PETSc.KSP) -> None:
@@ -50,14 +50,17 @@ class EisenstatCG:
         x.set(0.0)
         residual, its, earlier = b.copy(), 0, float("inf")
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
+        ksp.setIterationNumber(0)
+        if self._bad:
+            ksp.setConvergedReason(self._bad)
         while not ksp.getConvergedReason():
             norm, unit = self._begin(residual)
-            if its == 0:
+            if not isfinite(norm):
+                ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_PC)
+            elif its == 0:
                 self._test(ksp, its, norm)
             elif norm > _GAIN * earlier:
                 ksp.setConvergedReason(_Reason.DIVERGED_BREAKDOWN)
-            if self._bad:
-                ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_PC)
             if not ksp.getConvergedReason():
                 its = self._pass(ksp, its, norm, unit)
                 x.array[:] += unit * self._x
@@ -82,8 +85,8 @@ class EisenstatCG:
         size = residual.norm(PETSc.NormType.INFINITY)
         size = size if isfinite(size) and size > 0 else 1.0
         self._r[:] = residual.array_r / size
-        for vector in (self._x, self._p):
-            vector[:] = 0
+        for key in "xptq":
+            self._vectors[key][:] = 0
         blocks, r = self._blocks, self._pointers["r"]
         blocks.lib.solve_lower(blocks.struct, r)
         self._rho = self._update(0.0)
@@ -101,11 +104,13 @@ class EisenstatCG:
             curvature = self._sum(
                 blocks.lib.sweep_down(blocks.struct, v["p"], v["t"], v["ghosts"], v["w"], v["q"])
             )
-            if not isfinite(curvature):
-                ksp.setConvergedReason(_Reason.DIVERGED_NANORINF)
-                return its
-            if curvature <= 0:
-                ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_MAT)
+            if not curvature > 0:
+                # Sweeps over a positive matrix cannot grow; over another they may, to infinity.
+                grown = not isfinite(curvature)
+                reason = (
+                    _Reason.DIVERGED_INDEFINITE_PC if grown else _Reason.DIVERGED_INDEFINITE_MAT
+                )
+                ksp.setConvergedReason(reason)
                 return its
             new = self._update(rho / curvature)
             its += 1
@@ -131,10 +136,13 @@ class EisenstatCG:
             return
         self._state = A.stateGet()
         largest = self._comm.allreduce(np.abs(A.getDiagonal().array_r).max(initial=0), op=MPI.MAX)
-        self._scale = 1 / largest if isfinite(largest) and largest > 0 else 1.0
+        if not isfinite(largest):
+            self._bad = _Reason.DIVERGED_NANORINF
+            return
+        self._scale = 1 / largest if largest > 0 else 1.0
         with aij(A) as (near, *far):
             bad = self._blocks.fill(near.values, far[0].values if far else 0, self._scale)
-        self._bad = self._comm.allreduce(bad)
+        self._bad = _Reason.DIVERGED_INDEFINITE_PC if self._comm.allreduce(bad) else 0
 
     def _prepare(self, A: PETSc.Mat) -> None:
         if A.getBlockSize() != 3:
@@ -148,7 +156,7 @@ class EisenstatCG:
         self._halo = None if nodes is None else Halo(self._comm, first, nodes)
         names = "xrzptwq"
         vectors = [np.zeros(3 * self._blocks.rows, np.float32) for _ in names]
-        self._x, self._r, _, self._p, self._t, *_ = vectors
+        self._x, self._r, self._t = vectors[0], vectors[1], vectors[4]
         self._vectors = dict(zip(names, vectors, strict=True))
         self._vectors["ghosts"] = self._halo.ghosts if self._halo else vectors[0]
         self._pointers = {key: self._blocks.pointer(v) for key, v in self._vectors.items()}
