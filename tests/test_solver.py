@@ -301,7 +301,7 @@ def test_out_of_the_domain_is_backtracked_in_a_real_problem(comm):
     """A traction that full Newton steps overshoot: neo_hookean never sees J <= 0."""
     body = cube(comm, "hexahedron", 2)
     p = problem(
-        body, "Q1", "neo_hookean", hold=[Hold("left")], traction=[Force("right", (-0.6, 0, 0))]
+        body, "Q1", "neo_hookean", hold=[Hold("left")], traction=[Force("right", (-0.8, 0, 0))]
     )
     snes, context = solve(p, hessian="clamp")
     assert snes.getConvergedReason() > 0
@@ -362,7 +362,7 @@ def test_view_shows_the_solver_and_its_options(comm, capfd):
         assert "projected Newton with a line search" in text
         for name in ("snes_hessian = adaptive", "snes_scaled_tol = 1e-07", "snes_armijo = 0.01"):
             assert f"  {name}\n" in text
-        assert "type: cg" in text and "type: jacobi" in text and "(snh_)" in text
+        assert "fem_snh.solver.eisenstat.EisenstatCG" in text and "(snh_)" in text
 
 
 @mpi
@@ -464,7 +464,7 @@ def test_a_residual_that_grows_is_no_divergence(comm):
 
     body = mesh.generate(comm, "cylinder", "hexahedron", cells=3, length=6.0, radius=0.5)
     p = problem(body, "Q1", hold=[Hold("left")], move=[Condition("right", squeeze)])
-    with options(snes_scaled_tol=1e-5):
+    with options(snes_scaled_tol=1e-5, pc_type="jacobi"):  # keeps the symmetry; sweeps do not
         snes, _ = solve(p, hessian="clamp", predictor="tangent")
     straight, energy = p.x.copy(), p.energy(p.x)
     assert snes.getConvergedReason() > 0
@@ -690,7 +690,7 @@ def test_a_filtered_stress_survives_inversion(name):
     """A face jumps through the other: the plain energy is infinite, the filtered stress goes on."""
     result = run(
         "pull", material=name, cells=3, steps=1, hessian="clamp", predictor="none", progress=False,
-        **{"move.0.translate": [-1.1, 0.0, 0.0]},
+        petsc={"snes_max_it": 400}, **{"move.0.translate": [-1.1, 0.0, 0.0]},
     )  # fmt: skip
     first = result.steps[0]
     if name == "neo_hookean":
