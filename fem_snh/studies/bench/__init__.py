@@ -12,6 +12,8 @@ filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C
 orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
 quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
 saddle        Taylor-Hood elements' linear iterations by nu; --elements M,M --nus X,X --tolerance X
+solve         the stretch by the paper's recipe, FEniCSx's tutorial and ours; --cells N,N --ways W,W
+              --nu X --steps N --ranks N --timeout S --memory GiB
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
 
 twist and stretch use the ranks they are started on: mpirun -n 2 python -m fem_snh bench twist
@@ -37,6 +39,7 @@ NAMES = (
     "ranks",
     "references",
     "saddle",
+    "solve",
     "stretch",
     "twist",
 )
