@@ -85,7 +85,8 @@ def run(
     scene = scenes.load(scene, **overrides)
     folder = Folder(comm, Path(out), overwrite) if out is not None else None
     show = Progress(comm, progress)
-    with petsc_options(solver.PREFIX, scene.petsc) as unused:
+    smoothers = solver.smoothers(scene.material.E)
+    with petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
         element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
@@ -138,12 +139,14 @@ def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) ->
 
 
 @contextmanager
-def petsc_options(prefix: str, options: dict[str, Any]) -> Iterator[Callable[[], list[str]]]:
+def petsc_options(
+    prefix: str, options: dict[str, Any], otherwise: dict[str, Any]
+) -> Iterator[Callable[[], list[str]]]:
     """Put a scene's options into PETSc's database under ``prefix``, and take them out again.
 
     What is already there (the command line of a program that gave it to PETSc) wins, and comes
-    before `solver.SMOOTHERS`. Lends a function that lists the options nothing has asked for: PETSc
+    before ``otherwise``. Lends a function that lists the options nothing has asked for: PETSc
     is silent about a mistyped one.
     """
-    with defaults(prefix, options) as mine, defaults(prefix, solver.SMOOTHERS):
+    with defaults(prefix, options) as mine, defaults(prefix, otherwise):
         yield lambda: [key for key in mine if not option_used(prefix + key)]

@@ -23,18 +23,10 @@ from fem_snh.solver.predictor import Predictor
 
 __all__ = [
     "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
-    "own_errors", "reason",
+    "own_errors", "reason", "smoothers",
 ]  # fmt: skip
 
 PREFIX = "snh_"
-#: PETSc options of multigrid's smoothers, unless others are given: of the displacement, and of a
-#: saddle's. PETSc's own is a polynomial for eigenvalues up to an estimated one; where a filtered
-#: Hessian has larger ones, it makes the preconditioner indefinite.
-SMOOTHERS = {
-    f"{block}mg_levels_{key}": value
-    for block in ("", "fieldsplit_u_")
-    for key, value in (("ksp_type", "richardson"), ("pc_type", "sor"))
-}
 #: Preconditioners with solvers of their own, that have options.
 _IN_PARTS = (PETSc.PC.Type.FIELDSPLIT, PETSc.PC.Type.BJACOBI)
 
@@ -90,6 +82,19 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     if policy == "trust":
         choose("linear solver within a trust region, ksp_type", ksp.getType(), trust.SOLVERS)
     return snes
+
+
+def smoothers(E: float) -> dict[str, Any]:
+    """PETSc options of multigrid's smoothers, of the displacement and of a saddle's: sweeps.
+
+    PETSc's own is a polynomial for eigenvalues up to an estimated one; where a filtered Hessian has
+    larger ones, it makes the preconditioner indefinite. An aggregate of one node has fewer unknowns
+    than there are rigid motions, so a zero on the diagonal of the coarser matrix: the shift, of
+    nothing beside a stiffness with Young's modulus ``E`` [Pa].
+    """
+    sweeps = {"ksp_type": "richardson", "pc_type": "sor", "pc_sor_diagonal_shift": 1e-10 * E}
+    blocks = ("", "fieldsplit_u_")
+    return {f"{b}mg_levels_{key}": value for b in blocks for key, value in sweeps.items()}
 
 
 @contextmanager

@@ -1,0 +1,171 @@
+"""Conjugate gradients with SSOR in single precision, as a PETSc KSP."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import MINIMISING, Hold, cube, problem, put, wave
+
+from fem_snh.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.solver import EisenstatCG
+
+mpi = pytest.mark.mpi
+Reason = PETSc.KSP.ConvergedReason
+
+
+def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4):
+    """A held cube in a wave of displacement; its matrix is filled."""
+    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=[Hold("left")], E=E)
+    put(p, wave(size), p.x)
+    p.prescribe(p.x)
+    p.jacobian(p.x, filter)
+    return p
+
+
+def right_side(p):
+    b = p.x.duplicate()
+    p.residual(p.x, b)
+    return b
+
+
+def solver(A, rtol=1e-3, kind="ours", **options):
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOperators(A)
+    if kind == "ours":
+        ksp.setType("python")
+        ksp.setPythonContext(EisenstatCG())
+        ksp.getPC().setType("none")
+    else:
+        ksp.setType("cg")
+        ksp.getPC().setType(kind)
+        ksp.setNormType(PETSc.KSP.NormType.NATURAL)
+        if kind == "sor":
+            database = PETSc.Options("t_")
+            database["pc_sor_local_symmetric"] = None
+            ksp.setOptionsPrefix("t_")
+            ksp.setFromOptions()
+            database.delValue("pc_sor_local_symmetric")
+    ksp.setTolerances(rtol=rtol, atol=0.0, max_it=2000)
+    return ksp
+
+
+def solve(A, b, **options):
+    """(KSP, solution, true relative residual)."""
+    ksp = solver(A, **options)
+    x, r = b.duplicate(), b.duplicate()
+    x.set(7.0)  # whatever was there
+    ksp.solve(b, x)
+    A.mult(x, r)
+    r.axpy(-1.0, b)
+    return ksp, x, r.norm() / b.norm()
+
+
+@mpi
+@pytest.mark.parametrize("element", MINIMISING)
+@pytest.mark.parametrize("rtol", [1e-2, 1e-5, 1e-11])
+def test_it_solves_to_any_tolerance(comm, element, rtol):
+    p = body(comm, element)
+    ksp, _, residual = solve(p.A, right_side(p), rtol=rtol)
+    assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL
+    assert residual <= 10 * rtol
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-6])
+def test_iterations_are_those_of_petsc_with_ssor(comm, rtol):
+    """The same method in double precision; points there, blocks of three here."""
+    p = body(comm)
+    b = right_side(p)
+    ours, theirs = (solve(p.A, b, kind=kind, rtol=rtol)[0] for kind in ("ours", "sor"))
+    passes = 1 if rtol >= 1e-4 else 2  # single precision starts anew where it ends
+    assert ours.getIterationNumber() <= (1 + 0.1 * (passes - 1)) * theirs.getIterationNumber() + 2
+    jacobi, *_ = solve(p.A, b, kind="jacobi", rtol=rtol)
+    assert ours.getIterationNumber() < 0.7 * jacobi.getIterationNumber()
+
+
+@mpi
+def test_units_make_no_difference(comm):
+    counts, solutions = [], []
+    for E in (1e-12, 1.0, 1e12):
+        p = body(comm, E=E)
+        ksp, x, residual = solve(p.A, right_side(p), rtol=1e-4)
+        counts.append(ksp.getIterationNumber())
+        solutions.append(x.array)
+        assert residual < 1e-3
+    assert max(counts) - min(counts) <= 1
+    for x in solutions:
+        assert np.abs(x - solutions[1]).max() < 1e-3 * np.abs(solutions[1]).max()
+
+
+@mpi
+def test_new_values_are_taken(comm):
+    p = body(comm)
+    b = right_side(p)
+    ksp, x, _ = solve(p.A, b, rtol=1e-8)
+    p.A.scale(2.0)
+    y = b.duplicate()
+    ksp.solve(b, y)
+    y.axpy(-0.5, x)
+    assert y.norm() < 1e-7 * x.norm()
+
+
+@mpi
+def test_an_indefinite_matrix_is_found_out(comm):
+    p = body(comm, size=0.5, filter="exact")
+    ksp, *_ = solve(p.A, right_side(p), rtol=1e-8)
+    indefinite = (Reason.DIVERGED_INDEFINITE_MAT, Reason.DIVERGED_INDEFINITE_PC)
+    assert ksp.getConvergedReason() in indefinite
+    p.A.scale(-1.0)
+    ksp, x, _ = solve(p.A, right_side(p))
+    assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_PC
+    assert x.norm() == 0
+
+
+@mpi
+def test_values_that_are_no_numbers(comm):
+    p = body(comm)
+    b = right_side(p)
+    p.A.scale(np.nan)
+    ksp, *_ = solve(p.A, b)
+    assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
+
+
+@mpi
+def test_a_node_without_stiffness(comm):
+    """As of a clamped Hessian where a node's cells are crushed: a zero row, and no force there."""
+    p = body(comm)
+    b = right_side(p)
+    first = p.A.getOwnershipRange()[0]
+    rows = np.arange(first + 30, first + 33, dtype=PETSc.IntType)
+    p.A.zeroRowsColumns(rows, diag=0.0)
+    b.array[30:33] = 0.0
+    ksp, x, residual = solve(p.A, b)
+    assert ksp.getConvergedReason() > 0
+    assert residual < 1e-2 and np.isfinite(x.array).all()
+
+
+@mpi
+def test_monitors_and_history_are_those_of_any_ksp(comm):
+    p = body(comm)
+    ksp = solver(p.A)
+    ksp.setConvergenceHistory()
+    seen = []
+    ksp.setMonitor(lambda ksp, its, norm: seen.append((its, norm)))
+    b = right_side(p)
+    ksp.solve(b, b.duplicate())
+    its = ksp.getIterationNumber()
+    assert [i for i, _ in seen] == list(range(its + 1))
+    assert list(ksp.getConvergenceHistory()) == [norm for _, norm in seen]
+    assert seen[-1][1] <= 1e-3 * seen[0][1] < seen[-2][1]
+    ksp.setTolerances(max_it=3)
+    ksp.solve(b, b.duplicate())
+    assert ksp.getConvergedReason() == Reason.DIVERGED_MAX_IT
+
+
+def test_other_blocks_are_refused(comm):
+    indptr = np.arange(5, dtype=PETSc.IntType)
+    A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
+    with pytest.raises((BadInput, PETSc.Error), match="3x3 blocks"):
+        solve(A, A.createVecLeft())
