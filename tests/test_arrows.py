@@ -52,7 +52,7 @@ ONLY = {
     "modes": {"errors", "_dolfinx", "terms", "problem"},
     "probes": {"errors", "_dolfinx"},
     # Given a problem, the solver needs no more of one than its methods.
-    "solver": {"errors", "choices", "_petsc"},
+    "solver": {"errors", "choices", "_petsc", "kernels"},
 }
 
 #: Packages from outside that only some parts may import.

@@ -12,6 +12,8 @@ filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C
 orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
 quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
 saddle        Taylor-Hood elements' linear iterations by nu; --elements M,M --nus X,X --tolerance X
+growth        linear iterations against mesh and nu, by solver; --cells N,N --nus X,X --solvers S,S
+              --element M --tolerance X
 solve         the stretch by the paper's recipe, FEniCSx's tutorial and ours; --cells N,N --ways W,W
               --nu X --steps N --ranks N --timeout S --memory GiB
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
@@ -34,6 +36,7 @@ NAMES = (
     "bound",
     "eigensolvers",
     "filters",
+    "growth",
     "orders",
     "quadrature",
     "ranks",
