@@ -68,6 +68,7 @@ class Blocks:
         if far is not None:
             pattern = [np.ascontiguousarray(a, np.int32) for a in far]
             self._kept += [*pattern, np.zeros(9 * len(far[1]), np.float32)]
+        self.bytes = sum(array.nbytes for array in self._kept)
         pointers = [self.pointer(array) for array in self._kept]
         pointers += [self._ffi.NULL] * (11 - len(pointers))  # no columns of other ranks
         self.struct = self._ffi.new("Blocks *", [self.rows, *pointers])

@@ -42,11 +42,17 @@ class EisenstatCG:
 
     def create(self, ksp: PETSc.KSP) -> None:
         self._matrix = self._state = -1
+        self._blocks: Blocks
+
+    @property
+    def bytes(self) -> int:
+        """What this rank keeps of the matrix it last solved with, and a sweep reads."""
+        return self._blocks.bytes
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Put an approximate A^-1 b into ``x``, whatever was there."""
         A = ksp.getOperators()[0]
-        self._take(A)
+        self.take(A)
         x.set(0.0)
         residual, its, earlier = b.copy(), 0, float("inf")
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
@@ -128,11 +134,11 @@ class EisenstatCG:
     def _sum(self, mine: float) -> float:
         return mine if self._comm.size == 1 else float(self._comm.allreduce(mine))
 
-    def _take(self, A: PETSc.Mat) -> None:
-        """Take the matrix's values, if they are new; its pattern, if it is another matrix."""
+    def take(self, A: PETSc.Mat, anew: bool = False) -> None:
+        """Take the matrix's values, if new or ``anew``; its pattern, if it is another matrix."""
         if self._matrix != A.handle:
             self._prepare(A)
-        if self._state == A.stateGet():
+        if self._state == A.stateGet() and not anew:
             return
         self._state = A.stateGet()
         largest = self._comm.allreduce(np.abs(A.getDiagonal().array_r).max(initial=0), op=MPI.MAX)

@@ -90,6 +90,11 @@ class Elastic:
         self._target = self.loops.target(self._blocks.strides, *self._arrays[3:])
         return self._blocks.petsc
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(cells of this rank, nodes of a cell)."""
+        return self._nodes.shape[0], self._nodes.shape[1]
+
     def energy(self, u: PETSc.Vec) -> float:
         """The integral of psi [J]; +inf where u is outside the energy's domain."""
         with u.localForm() as local:

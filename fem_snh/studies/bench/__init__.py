@@ -14,11 +14,13 @@ quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M
 saddle        Taylor-Hood elements' linear iterations by nu; --elements M,M --nus X,X --tolerance X
 growth        linear iterations against mesh and nu, by solver; --cells N,N --nus X,X --solvers S,S
               --element M --tolerance X
+traffic       the parts of a Newton step, beside the memory's speed; --cells N --nu X --repeat N
 solve         the stretch by the paper's recipe, FEniCSx's tutorial and ours; --cells N,N --ways W,W
               --nu X --steps N --ranks N --timeout S --memory GiB
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
 
-twist and stretch use the ranks they are started on: mpirun -n 2 python -m fem_snh bench twist
+traffic, twist and stretch use the ranks they are started on:
+mpirun -n 2 python -m fem_snh bench twist
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ NAMES = (
     "saddle",
     "solve",
     "stretch",
+    "traffic",
     "twist",
 )
 
