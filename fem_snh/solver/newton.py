@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from fem_snh._petsc import NEGATIVE_CURVATURE
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
+from fem_snh.solver.corrections import Corrections
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.saddle import SaddleSearch, preconditioner_of
 from fem_snh.solver.trust import TrustRegion
@@ -29,6 +30,7 @@ OPTIONS: dict[str, str | float] = {
     "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
     "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
+    "snes_corrections": 0,  # quasi-Newton steps after a Newton step, at most; trust: 10
     "snes_armijo": 1e-4,  # sufficient decrease
     "snes_min_step": 1e-10,  # shortest step of the line search
 }
@@ -58,6 +60,7 @@ class Iteration:
     filtered_points: int = 0  # quadrature points with a negative eigenvalue
     linear: int = 0  # Krylov iterations, all attempts
     step: float = 0.0  # of the line search
+    corrections: int = 0  # quasi-Newton steps after it
 
 
 class ProjectedNewton:
@@ -131,7 +134,8 @@ class ProjectedNewton:
         d = x.duplicate()
         self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
-        trust = TrustRegion(self, snes, line) if self.options["snes_hessian"] == "trust" else None
+        corrections = Corrections(snes, line, int(self.options["snes_corrections"]))
+        trust = TrustRegion(self, snes, corrections) if self.options["snes_hessian"] == "trust" else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
@@ -155,7 +159,10 @@ class ProjectedNewton:
                 if slope is None:
                     snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
                     return
-                found = line.search(x, d, energy, slope)
+                if found := line.search(x, d, energy, slope):
+                    now.step, end = found
+                    end, now.corrections = corrections.improve(norm, end)
+                    found = now.step, end
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
