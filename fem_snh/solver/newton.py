@@ -30,7 +30,7 @@ OPTIONS: dict[str, str | float] = {
     "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
     "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
-    "snes_corrections": 0,  # quasi-Newton steps after a Newton step, at most; trust: 10
+    "snes_corrections": 0,  # quasi-Newton steps after a Newton step, at most; trust: 20
     "snes_armijo": 1e-4,  # sufficient decrease
     "snes_min_step": 1e-10,  # shortest step of the line search
 }
@@ -111,9 +111,12 @@ class ProjectedNewton:
             self.options[name] = get(name, self.options[name])
         self.divergence_asked_for = database.hasName("snes_divergence_tolerance")
         policy = choose("hessian", str(self.options["snes_hessian"]), HESSIANS)
-        if policy == "trust" and (self.saddle or not self.has_energy):
+        if self.saddle or not self.has_energy:
             what = "a saddle (Taylor-Hood)" if self.saddle else "a material without an energy"
-            raise BadInput(f"hessian 'trust' needs an energy that is least: not {what}")
+            if policy == "trust":
+                raise BadInput(f"hessian 'trust' needs an energy that is least: not {what}")
+            if float(self.options["snes_corrections"]) > 0:
+                raise BadInput(f"snes_corrections needs an energy that is least: not {what}")
         choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
@@ -161,7 +164,8 @@ class ProjectedNewton:
                     return
                 if found := line.search(x, d, energy, slope):
                     now.step, end = found
-                    end, now.corrections = corrections.improve(norm, end)
+                    if not trust:
+                        end, now.corrections = corrections.improve(norm, end)
                     found = now.step, end
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)

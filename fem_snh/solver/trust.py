@@ -29,7 +29,7 @@ _ATTEMPTS = 12
 #: Linear solvers that know a radius. (PETSc's gltr has one, too, and frees memory twice.)
 SOLVERS = ("stcg", "nash")
 #: PETSc options of the linear solver, unless others are given.
-SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc", "snes_corrections": 10}
+SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc", "snes_corrections": 20}
 
 
 class TrustRegion:
