@@ -20,15 +20,16 @@ class Corrections:
     a filtered Hessian, which are definite, it descends.
     """
 
-    def __init__(self, snes: PETSc.SNES, line: LineSearch, most: int) -> None:
-        self.snes, self.line, self.most = snes, line, most
+    def __init__(self, snes: PETSc.SNES, line: LineSearch, most: int, goal: float) -> None:
+        """``most`` corrections after a step; none below ``goal``, a residual's norm [N]."""
+        self.snes, self.line, self.most, self.goal = snes, line, most, goal
         self._x, self._f, self._d = (line.trial.duplicate() for _ in range(3))
 
     def improve(self, before: float, energy: float) -> tuple[float, int]:
         """Go on from the line search's ``trial``, of ``energy``; ``before``: the residual's norm.
 
         State and residual are in the line search's vectors, then as before. Returns the energy
-        there, and the corrections made.
+        there, and the corrections made. Stops where Newton's method does.
         """
         line, count = self.line, 0
         if not self.most or line.f_trial.norm() <= _ENOUGH * before:
@@ -36,6 +37,8 @@ class Corrections:
         x, f, d = self._x, self._f, self._d
         memory = self._memory()
         for count in range(self.most):
+            if line.f_trial.norm() <= self.goal:
+                return energy, count
             line.trial.copy(x)
             line.f_trial.copy(f)
             call("MatLMVMUpdate", *(ffi.cast("void *", v.handle) for v in (memory, x, f)))

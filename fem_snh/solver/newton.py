@@ -30,7 +30,7 @@ OPTIONS: dict[str, str | float] = {
     "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
     "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
-    "snes_corrections": 0,  # quasi-Newton steps after a Newton step, at most; trust: 20
+    "snes_corrections": 0,  # quasi-Newton steps after a step, at most; trust: 20, in its region
     "snes_armijo": 1e-4,  # sufficient decrease
     "snes_min_step": 1e-10,  # shortest step of the line search
 }
@@ -71,7 +71,7 @@ class ProjectedNewton:
     abs       negative eigenvalues -> their absolute value
     adaptive  exact while the linear solver finds no negative curvature, filtered when it does
     trust     as adaptive; when filtered steps gain little, exact within a trust region: negative
-              curvature is followed, see `TrustRegion`
+              curvature is followed, see `TrustRegion`; with `Corrections` between Newton's steps
 
     Convergence: ||residual||_2 <= snes_scaled_tol * force_scale with force_scale = E V^(2/3), the
     same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
@@ -137,7 +137,8 @@ class ProjectedNewton:
         d = x.duplicate()
         self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
-        corrections = Corrections(snes, line, int(self.options["snes_corrections"]))
+        most = int(float(self.options["snes_corrections"]))
+        corrections = Corrections(snes, line, most, self._goal)
         trust = TrustRegion(self, snes, corrections) if self.options["snes_hessian"] == "trust" else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
@@ -194,6 +195,11 @@ class ProjectedNewton:
         )
         return SaddleSearch(*common, self.saddle) if self.saddle else LineSearch(*common)
 
+    @property
+    def _goal(self) -> float:
+        """The residual's norm [N] of a solution."""
+        return float(self.options["snes_scaled_tol"]) * self.force_scale
+
     def _test(self, snes: PETSc.SNES, its: int, x: float, step: float, norm: float) -> bool:
         """Tell the SNES where it is; whether to stop, for PETSc's reasons or the scaled one."""
         snes.setIterationNumber(its)
@@ -202,7 +208,7 @@ class ProjectedNewton:
         reason = snes.callConvergenceTest(its, x, step, norm)
         if reason == Reason.DIVERGED_DTOL and not self.divergence_asked_for:
             reason = 0  # away from an unstable state the residual grows while the energy falls
-        if norm <= float(self.options["snes_scaled_tol"]) * self.force_scale:
+        if norm <= self._goal:
             reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
