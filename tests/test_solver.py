@@ -166,7 +166,7 @@ def test_trust_leaves_a_saddle_on_which_filters_crawl(comm):
     ends = {}
     for hessian in ("clamp", "adaptive", "trust"):
         straight.copy(p.x)
-        with options(snes_max_it=40):
+        with options(snes_max_it=70):
             snes = solver.create(p, hessian)
             snes.solve(None, p.x)
         ends[hessian] = solver.reason(snes)

@@ -139,7 +139,11 @@ class ProjectedNewton:
         self.history, self._indefinite = [], float("inf")
         most = int(float(self.options["snes_corrections"]))
         corrections = Corrections(snes, line, most, self._goal)
-        trust = TrustRegion(self, snes, corrections) if self.options["snes_hessian"] == "trust" else None
+        trust = (
+            TrustRegion(self, snes, corrections)
+            if self.options["snes_hessian"] == "trust"
+            else None
+        )
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve

@@ -44,9 +44,7 @@ class TrustRegion:
     step gains less than a hundredth of what all have: at a state that is nearly unstable.
     """
 
-    def __init__(
-        self, newton: ProjectedNewton, snes: PETSc.SNES, corrections: Corrections
-    ) -> None:
+    def __init__(self, newton: ProjectedNewton, snes: PETSc.SNES, corrections: Corrections) -> None:
         self.newton, self.snes, self.corrections = newton, snes, corrections
         self.line = line = corrections.line
         self.radius: float | None = None

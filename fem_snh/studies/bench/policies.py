@@ -32,7 +32,7 @@ _TRUSTED = 0.01
 
 
 class Ratio(solver.ProjectedNewton):
-    """Chen, Hsieh, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
+    """Chen, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
 
     clamp after a step whose gain was within 1 % of what the exact quadratic model had promised;
     abs after any other one, and at first.
