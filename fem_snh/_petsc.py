@@ -22,6 +22,9 @@ int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int *
                 int **indices, int *done);
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
+int MatLMVMAllocate(void *B, void *x, void *f);
+int MatLMVMUpdate(void *B, void *x, void *f);
+int MatLMVMSetJ0PC(void *B, void *pc);
 int KSPCGSetRadius(void *ksp, double radius);
 int KSPCGGetNormD(void *ksp, double *norm);
 int PetscOptionsUsed(void *options, const char *name, int *used);

@@ -8,7 +8,7 @@ import pytest
 
 from fem_snh.elements import ELEMENTS
 from fem_snh.studies import bench
-from fem_snh.studies.bench import bound, filters, orders, quadrature, saddle
+from fem_snh.studies.bench import bound, filters, orders, policies, quadrature, saddle
 
 
 def test_orders() -> None:
@@ -60,6 +60,18 @@ def test_filters_count_what_is_given_up() -> None:
         elements="Q2", cases="press", nus="0.4999", cells="2", seeds=1, hessians="abs"
     )
     assert row["newton"] == {"abs": None} and row["failed"] == {"abs": 1} and row["states"] == 0
+
+
+def test_policies_on_loads_in_one_step() -> None:
+    found = list(
+        policies.rows(cases="quarter turn", cells="3", hessians="ratio,abs,trust", seeds=2)
+    )
+    assert [(row["hessian"], row["allowed"]) for row in found] == [
+        (hessian, allowed) for hessian in ("ratio", "abs", "trust") for allowed in (0, 20)
+    ]
+    assert all(len(row["newton"]) == 2 and all(row["newton"]) for row in found)
+    assert len({energy for row in found for energy in row["energy"]}) == 1
+    assert not any(sum(row["corrections"]) for row in found if row["allowed"] == 0)
 
 
 @pytest.mark.parametrize("element", ["P2P1", "Q2Q1"])

@@ -89,26 +89,93 @@ def test_every_policy_reaches_the_same_state(comm, element, hessian):
     assert used <= wanted.get(hessian, {hessian})
 
 
-@mpi
-def test_the_trust_region_leaves_nearly_unstable_states(comm):
-    """The twist by half a turn, nu = 0.3, where filtered steps crawl from fold to fold."""
+def half_turn(comm, cells, noise=0.0):
+    """The paper's cube, its top turned by half a turn, nu = 0.3: it folds in many ways."""
     p = Problem(
-        cube(comm, "hexahedron", 6),
+        cube(comm, "hexahedron", cells),
         ELEMENTS["Q1"],
         material("stable_neo_hookean", nu=0.3),
         hold=[Hold("bottom")],
         move=[Condition("top", turned(np.pi))],
     )
-    with options(snes_forcing_max=5e-3, snes_max_it=60):
+    put(p, wave(noise))
+    return p
+
+
+@mpi
+@pytest.mark.parametrize("noise", [0.0, 1e-10, 1e-4])
+def test_the_trust_region_leaves_nearly_unstable_states(comm, noise):
+    """The twist by half a turn in one step, where filtered steps crawl from fold to fold."""
+    p = half_turn(comm, 8, noise)
+    with options(snes_forcing_max=5e-3, snes_max_it=40):
         snes, context = solve(p, hessian="trust")
     history = context.history
-    assert snes.getConvergedReason() > 0
-    assert len(history) <= 50 and any(i.filter == "trust" for i in history)
+    assert snes.getConvergedReason() > 0 and len(history) <= 30
+    assert any(i.filter == "trust" for i in history)
     energies = [i.energy for i in history] + [p.energy(p.x)]
     assert (np.diff(energies) <= 1e-12).all()
-    p.jacobian(p.x, "exact")
+    # corrections come with the region
+    first = next(k for k, i in enumerate(history) if i.corrections)
+    assert first > 3 and all(i.step > 0 for i in history)
+    assert 0 < max(i.corrections for i in history) <= 20
+
+
+@mpi
+def test_the_trust_region_alone_needs_more_steps_than_with_corrections(comm):
+    counts = []
+    for most in (0, 5, 20):
+        p = half_turn(comm, 6)
+        with options(snes_forcing_max=5e-3, snes_corrections=most):
+            snes, context = solve(p, hessian="trust")
+        assert snes.getConvergedReason() > 0
+        assert all(i.corrections <= most for i in context.history)
+        counts.append(len(context.history))
+        if comm.size == 1:
+            p.jacobian(p.x, "exact")
+            assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # no saddle: a minimum
+    assert counts[0] > counts[1] > counts[2]
+
+
+@mpi
+@pytest.mark.parametrize("hessian", ["clamp", "adaptive"])
+def test_corrections_of_other_policies_reach_the_same_state(comm, hessian):
+    counts, energies = [], []
+    for most in (0, 20):
+        p = twist(comm, angle=1.2)
+        with options(snes_corrections=most, pc_type="bjacobi", sub_pc_type="icc"):
+            snes, context = solve(p, hessian=hessian)
+        assert snes.getConvergedReason() > 0
+        counts.append(len(context.history))
+        energies.append(p.energy(p.x))
+    assert counts[1] < counts[0]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-9)
+
+
+@mpi
+def test_trust_leaves_a_saddle_on_which_filters_crawl(comm):
+    """A straight column pressed far beyond its buckling load."""
+    body = mesh.generate(comm, "cylinder", "hexahedron", cells=3, length=6.0, radius=0.5)
+    press = [Condition("right", lambda X, load: load * np.array([-1.8, 0, 0]) * np.ones_like(X))]
+    p = problem(body, "Q1", hold=[Hold("left")], move=press)
+    with options(snes_scaled_tol=1e-5, pc_type="jacobi"):  # keeps the symmetry; sweeps do not
+        snes, _ = solve(p, hessian="clamp", predictor="tangent")
+    straight, energy = p.x.copy(), p.energy(p.x)
+    bow = put(p, lambda X: 1e-6 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate())
+    straight.axpy(1.0, bow)
+    assert snes.getConvergedReason() > 0  # clamp takes the saddle for a solution
+    ends = {}
+    for hessian in ("clamp", "adaptive", "trust"):
+        straight.copy(p.x)
+        with options(snes_max_it=70):
+            snes = solver.create(p, hessian)
+            snes.solve(None, p.x)
+        ends[hessian] = solver.reason(snes)
+    crawls = "DIVERGED_MAX_IT"
+    assert ends == {"clamp": crawls, "adaptive": crawls, "trust": "CONVERGED_FNORM_ABS"}
+    assert p.energy(p.x) < 0.47 * energy
     if comm.size == 1:
-        assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # no saddle: a minimum
+        p.jacobian(p.x, "exact")
+        assert np.linalg.eigvalsh(dense(p.A))[0] > 0
 
 
 def test_a_trust_region_needs_a_linear_solver_that_knows_a_radius(comm):
@@ -127,6 +194,8 @@ def test_what_has_no_least_energy_has_no_trust_region(comm, why):
     p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
     with pytest.raises(BadInput, match=f"'trust'.*{why}"):
         solver.create(p, hessian="trust")
+    with options(snes_corrections=5), pytest.raises(BadInput, match=f"snes_corrections.*{why}"):
+        solver.create(p)
 
 
 @mpi

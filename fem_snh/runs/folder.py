@@ -24,8 +24,8 @@ from fem_snh.problem import Problem
 from fem_snh.scenes import Scene
 
 COLUMNS = (
-    "load", "converged", "reason", "newton", "clamped", "linear", "residual", "energy",
-    "volume_ratio", "min_J", "seconds",
+    "load", "converged", "reason", "newton", "clamped", "linear", "corrections", "residual",
+    "energy", "volume_ratio", "min_J", "seconds",
 )  # fmt: skip
 MODE_COLUMNS = ("mode", "frequency", "residual")
 

@@ -86,6 +86,7 @@ class Stepper:
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": predicted + sum(i.linear for i in history),
+            "corrections": sum(i.corrections for i in history),
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),

@@ -16,22 +16,11 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE
-from fem_snh.choices import HESSIANS
-from fem_snh.errors import BadInput, choose
+from fem_snh.solver import options
+from fem_snh.solver.corrections import Corrections
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.saddle import SaddleSearch, preconditioner_of
 from fem_snh.solver.trust import TrustRegion
-
-#: PETSc options this module adds to SNES's own, under the same prefix, with their defaults.
-OPTIONS: dict[str, str | float] = {
-    "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive | trust
-    "snes_adaptive_filter": "clamp",  # what adaptive falls back to: clamp | abs
-    "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
-    "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
-    "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
-    "snes_armijo": 1e-4,  # sufficient decrease
-    "snes_min_step": 1e-10,  # shortest step of the line search
-}
 
 Reason = PETSc.SNES.ConvergedReason
 _Linear = PETSc.KSP.ConvergedReason
@@ -58,6 +47,7 @@ class Iteration:
     filtered_points: int = 0  # quadrature points with a negative eigenvalue
     linear: int = 0  # Krylov iterations, all attempts
     step: float = 0.0  # of the line search
+    corrections: int = 0  # quasi-Newton steps after it
 
 
 class ProjectedNewton:
@@ -68,7 +58,7 @@ class ProjectedNewton:
     abs       negative eigenvalues -> their absolute value
     adaptive  exact while the linear solver finds no negative curvature, filtered when it does
     trust     as adaptive; when filtered steps gain little, exact within a trust region: negative
-              curvature is followed, see `TrustRegion`
+              curvature is followed, see `TrustRegion`; with `Corrections` between Newton's steps
 
     Convergence: ||residual||_2 <= snes_scaled_tol * force_scale with force_scale = E V^(2/3), the
     same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
@@ -94,7 +84,7 @@ class ProjectedNewton:
         self.saddle = saddle
         self._fill, self.has_energy = jacobian, has_energy
         self.force_scale, self.energy_scale = force_scale, energy_scale
-        self.options = dict(OPTIONS)
+        self.options = dict(options.OPTIONS)
         self.history: list[Iteration] = []
         self.filter = "exact"
         self.divergence_asked_for = False
@@ -102,16 +92,12 @@ class ProjectedNewton:
     # --- what PETSc calls ------------------------------------------------------------------------
 
     def setFromOptions(self, snes: PETSc.SNES) -> None:
-        database = PETSc.Options(snes.getOptionsPrefix())
-        for name, default in OPTIONS.items():
-            get = database.getString if isinstance(default, str) else database.getReal
-            self.options[name] = get(name, self.options[name])
-        self.divergence_asked_for = database.hasName("snes_divergence_tolerance")
-        policy = choose("hessian", str(self.options["snes_hessian"]), HESSIANS)
-        if policy == "trust" and (self.saddle or not self.has_energy):
-            what = "a saddle (Taylor-Hood)" if self.saddle else "a material without an energy"
-            raise BadInput(f"hessian 'trust' needs an energy that is least: not {what}")
-        choose("snes_adaptive_filter", str(self.options["snes_adaptive_filter"]), ("clamp", "abs"))
+        prefix = snes.getOptionsPrefix()
+        asked = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
+        self.divergence_asked_for = asked
+        self.options = options.read(prefix, self.options)
+        what = "a saddle (Taylor-Hood)" if self.saddle else "a material without an energy"
+        options.check(self.options, "" if self.has_energy and not self.saddle else what)
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
@@ -131,7 +117,10 @@ class ProjectedNewton:
         d = x.duplicate()
         self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
-        trust = TrustRegion(self, snes, line) if self.options["snes_hessian"] == "trust" else None
+        most = int(float(self.options["snes_corrections"]))
+        corrections = Corrections(snes, line, most, self._goal)
+        policy = self.options["snes_hessian"]
+        trust = TrustRegion(self, snes, corrections) if policy == "trust" else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
@@ -155,7 +144,11 @@ class ProjectedNewton:
                 if slope is None:
                     snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
                     return
-                found = line.search(x, d, energy, slope)
+                if found := line.search(x, d, energy, slope):
+                    now.step, end = found
+                    if not trust:
+                        end, now.corrections = corrections.improve(norm, end)
+                    found = now.step, end
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
@@ -164,9 +157,12 @@ class ProjectedNewton:
                 trust.look(now, energy)
             if self.saddle and now.step < _SHORT:
                 self._indefinite = now.residual
+            if now.corrections:
+                d.waxpy(-1.0, x, line.trial)
             line.trial.copy(x)
             line.f_trial.copy(f)
-            previous, norm, step_norm = norm, f.norm(), now.step * d.norm()
+            step_norm = d.norm() * (1.0 if now.corrections else now.step)
+            previous, norm = norm, f.norm()
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- its parts -------------------------------------------------------------------------------
@@ -183,6 +179,11 @@ class ProjectedNewton:
         )
         return SaddleSearch(*common, self.saddle) if self.saddle else LineSearch(*common)
 
+    @property
+    def _goal(self) -> float:
+        """The residual's norm [N] of a solution."""
+        return float(self.options["snes_scaled_tol"]) * self.force_scale
+
     def _test(self, snes: PETSc.SNES, its: int, x: float, step: float, norm: float) -> bool:
         """Tell the SNES where it is; whether to stop, for PETSc's reasons or the scaled one."""
         snes.setIterationNumber(its)
@@ -191,7 +192,7 @@ class ProjectedNewton:
         reason = snes.callConvergenceTest(its, x, step, norm)
         if reason == Reason.DIVERGED_DTOL and not self.divergence_asked_for:
             reason = 0  # away from an unstable state the residual grows while the energy falls
-        if norm <= float(self.options["snes_scaled_tol"]) * self.force_scale:
+        if norm <= self._goal:
             reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
-from fem_snh.solver.linesearch import LineSearch
+from fem_snh.solver.corrections import Corrections
 from fem_snh.solver.saddle import preconditioner_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _ATTEMPTS = 12
 #: Linear solvers that know a radius. (PETSc's gltr has one, too, and frees memory twice.)
 SOLVERS = ("stcg", "nash")
 #: PETSc options of the linear solver, unless others are given.
-SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc"}
+SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc", "snes_corrections": 20}
 
 
 class TrustRegion:
@@ -44,8 +44,9 @@ class TrustRegion:
     step gains less than a hundredth of what all have: at a state that is nearly unstable.
     """
 
-    def __init__(self, newton: ProjectedNewton, snes: PETSc.SNES, line: LineSearch) -> None:
-        self.newton, self.snes, self.line = newton, snes, line
+    def __init__(self, newton: ProjectedNewton, snes: PETSc.SNES, corrections: Corrections) -> None:
+        self.newton, self.snes, self.corrections = newton, snes, corrections
+        self.line = line = corrections.line
         self.radius: float | None = None
         self.called, self._start = False, float("nan")
         self._Ad = line.trial.duplicate()
@@ -79,8 +80,11 @@ class TrustRegion:
             with preconditioner_of(ksp, A, P):
                 if now.filtered_points:
                     newton.fill(self.snes, x, A, P, "exact")
-                found = self._within(x, f, d, energy, now)
-            if found is None and now.filtered_points:
+                if found := self._within(x, f, d, energy, now):
+                    now.step, end = found
+                    end, now.corrections = self.corrections.improve(now.residual, end)
+                    return now.step, end
+            if now.filtered_points:
                 now.filter = "clamp"
                 newton.fill(self.snes, x, A, P, "clamp")
                 self.radius = None

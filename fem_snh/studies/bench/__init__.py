@@ -9,6 +9,9 @@ references    published numbers beside ours; --only cook,torsion --write docs/re
 ranks         the same runs on 1 and 2 ranks; --cells N
 eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N --seed N
 filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C --nus X,X --seeds N
+policies      every policy on hard loads, in one step; --cases C,C --nus X,X --cells N,N
+              --hessians H,H --corrections N,N --seeds N --noise X
+              --tolerance X --most N --factors true
 orders        errors of a manufactured solution; --elements M,M --nus X,X --cells N,N --swell X
 quadrature    elements by quadrature degree: modes, errors, cost; --elements M,M --nus X,X --cells N
 saddle        Taylor-Hood elements' linear iterations by nu; --elements M,M --nus X,X --tolerance X
@@ -19,8 +22,8 @@ solve         the stretch by the paper's recipe, FEniCSx's tutorial and ours; --
               --nu X --steps N --ranks N --timeout S --memory GiB
 bound         mixed elements by the bound of their local lambda; --elements M,M --bounds X,X
 
-traffic, twist and stretch use the ranks they are started on:
-mpirun -n 2 python -m fem_snh bench twist
+twist, stretch, policies, growth and traffic use the ranks they are started on:
+    mpirun -n 2 python -m fem_snh bench twist
 """
 
 from __future__ import annotations
@@ -40,6 +43,7 @@ NAMES = (
     "filters",
     "growth",
     "orders",
+    "policies",
     "quadrature",
     "ranks",
     "references",
