@@ -23,6 +23,7 @@ _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
 #: what it says is the preconditioner of the displacement's block).
 SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
     False: {
+        "cg+ssor": {},  # in single precision, fem_snh.solver.EisenstatCG
         "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
         "cg+icc": {"ksp_type": "cg", **_ICC},
         "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
