@@ -19,6 +19,7 @@ int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
 int KSPCGSetRadius(void *ksp, double radius);
 int KSPCGGetNormD(void *ksp, double *norm);
+int PCGetFailedReason(void *pc, int *reason);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
 _reasons = PETSc.KSP.ConvergedReason
@@ -36,6 +37,18 @@ def call(name: str, *arguments: Any) -> None:
     """Call a PETSc function. Raises PETSc.Error if it fails."""
     if code := getattr(_library, name)(*arguments):
         raise PETSc.Error(code)
+
+
+#: PETSc's error code of an allocation that failed.
+OUT_OF_MEMORY = 55
+_FACTORS_OUT_OF_MEMORY = 3  # of PCFailedReason
+
+
+def factors_out_of_memory(pc: PETSc.PC) -> bool:
+    """Whether the last set-up failed as the factors took too much memory."""
+    found = ffi.new("int *")
+    call("PCGetFailedReason", ffi.cast("void *", pc.handle), found)
+    return bool(found[0] == _FACTORS_OUT_OF_MEMORY)
 
 
 def option_used(name: str) -> bool:

@@ -14,7 +14,7 @@ import traceback
 from importlib import import_module
 from typing import Any
 
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, Failed, choose
 
 COMMANDS = {
     "run": ("run", "solve a scene, or a scene file of your own"),
@@ -40,6 +40,8 @@ def main(argv: list[str] | None = None) -> int:
         return _dispatch(argv)
     except BadInput as error:
         return _stop(str(error), 2)
+    except Failed as error:
+        return _stop(f"{error}; what was computed is kept", 1)
     except ImportError as error:
         if (error.name or "").startswith("fem_snh"):
             return _crash()

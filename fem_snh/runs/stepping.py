@@ -20,8 +20,12 @@ class Stepper:
     """Iterates over attempted load increments, yielding a row of run.json for each.
 
     Every multiple of 1/steps is reached. A step that fails is rolled back and halved; after a
-    success the next one doubles again. ``seconds`` is what the steps took, ``processor`` what this
-    rank's processor worked for them.
+    success the next one doubles again. It begins at the problem's load.
+
+    Attributes
+    ----------
+    size : of the next step; None if it goes all the way to the next multiple.
+    seconds : what the steps took; ``processor`` what this rank's processor worked for them.
     """
 
     def __init__(
@@ -34,25 +38,26 @@ class Stepper:
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.predictor = solver.Predictor(problem, snes, predictor)
+        self.size: float | None = None
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        load, shortest = 0.0, 2.0**-_HALVINGS / self.steps
-        for k in range(1, self.steps + 1):
-            target = k / self.steps
-            size = target - load
-            while load < target:
+        problem, shortest = self.problem, 2.0**-_HALVINGS / self.steps
+        for target in (k / self.steps for k in range(1, self.steps + 1)):
+            while problem.load < target:
+                load = problem.load
+                size = self.size or target - load
                 # The last part of a halved step must end at the target to the last digit.
                 to = target if size >= (target - load) * (1 - 1e-12) else load + size
                 row = self._attempt(load, to)
-                yield row
                 if row["converged"]:
-                    load, size = to, 2 * size
-                elif size > shortest * 1.5:
-                    size = (to - load) / 2
+                    self.size = None if to == target else 2 * size
                 else:
+                    self.size = (to - load) / 2
+                yield row
+                if not row["converged"] and size <= shortest * 1.5:
                     return
         self.done = True
 
@@ -81,7 +86,7 @@ class Stepper:
         self._last = {
             "load": to,
             "converged": converged,
-            "reason": solver.reason(self.snes),
+            "reason": solver.why(self.snes),
             # the tangent predictor is a linear solve with a Hessian of its own
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),

@@ -12,16 +12,17 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import defaults
+from fem_snh._petsc import OUT_OF_MEMORY, defaults, factors_out_of_memory
 from fem_snh.choices import HESSIANS
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, Failed, choose
 from fem_snh.solver import saddle, trust
 from fem_snh.solver.linesearch import LineSearch
 from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "own_errors", "reason",
+    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures", "own_errors",
+    "reason", "why",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -101,8 +102,37 @@ def own_errors() -> Iterator[None]:
         raise cause from None
 
 
+@contextmanager
+def failures() -> Iterator[None]:
+    """What PETSc cannot go on from, or memory that ran out, as `Failed`: in one line."""
+    try:
+        yield
+    except MemoryError as error:
+        raise Failed(f"out of memory ({str(error) or 'an array'})") from error
+    except PETSc.Error as error:
+        if error.ierr == OUT_OF_MEMORY:
+            raise Failed("out of memory (PETSc)") from error
+        last = str(error).strip().splitlines()[-1].partition("] ")[2]
+        raise Failed(f"PETSc error {error.ierr}: {last or error}") from error
+
+
 def reason(snes: PETSc.SNES) -> str:
     """Why the last solve ended, by PETSc's name: "CONVERGED_FNORM_ABS", "DIVERGED_MAX_IT"..."""
-    code = snes.getConvergedReason()
-    names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+    return _name(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
+
+
+def why(snes: PETSc.SNES) -> str:
+    """`reason`; of a linear solve that failed also the linear solver's, in parentheses."""
+    said, ksp = reason(snes), snes.getKSP()
+    if snes.getConvergedReason() != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+        return said
+    if ksp.getConvergedReason() >= 0:
+        return f"{said} (no way down)"
+    if factors_out_of_memory(ksp.getPC()):
+        return f"{said} (factors out of memory)"
+    return f"{said} ({_name(PETSc.KSP.ConvergedReason, ksp.getConvergedReason())})"
+
+
+def _name(reasons: Any, code: int) -> str:
+    names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
     return names.get(code, str(code))

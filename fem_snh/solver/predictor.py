@@ -18,12 +18,17 @@ class Predictor:
     none         the new boundary values, nothing else moves
     extrapolate  on along the last step, in proportion; tangent where there was none
     tangent      the linearised response to the change of load: one linear solve
+
+    Attributes
+    ----------
+    before : load and vector of the equilibrium before the present one, which extrapolation goes on
+        from; None if there is none. All that it remembers between steps.
     """
 
     problem: Any
     snes: PETSc.SNES
     kind: str = "tangent"
-    _before: tuple[float, PETSc.Vec] | None = field(default=None, init=False)
+    before: tuple[float, PETSc.Vec] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         choose("predictor", self.kind, PREDICTORS)
@@ -33,8 +38,8 @@ class Predictor:
         problem, x, old = self.problem, self.problem.x, self.problem.load
         here, linear = x.copy(), 0
         problem.set_load(load)
-        if self.kind == "extrapolate" and self._before is not None:
-            earlier, before = self._before
+        if self.kind == "extrapolate" and self.before is not None:
+            earlier, before = self.before
             x.axpy((load - old) / (old - earlier), here)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
@@ -45,7 +50,7 @@ class Predictor:
 
     def accept(self) -> None:
         """The step from the last prediction converged: extrapolation may use it."""
-        self._before = self._last
+        self.before = self._last
 
     def _tangent(self) -> int:
         """x -= H^-1 (residual at the new load + H_free,prescribed * jump of the boundary values).
