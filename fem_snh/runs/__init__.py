@@ -154,7 +154,7 @@ def run(
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
     """Interruptions that leave rank 0 the time to say so."""
-    if comm.size > 1 and comm.rank == 0:
+    if comm.rank == 0:
         snes.getKSP().setMonitor(lambda *_: None)  # Python looks for signals when it is called
     return Interrupts(_PATIENCE if comm.rank else 0.0)
 

@@ -57,16 +57,24 @@ class Stepper:
                 else:
                     self.size = (to - load) / 2
                 yield row
-                if not row["converged"] and size <= shortest * 1.5:
+                if not row["converged"] and (size <= shortest * 1.5 or self._hopeless):
                     return
         self.done = True
 
     def failure(self) -> str:
         """Why it ended before load 1."""
+        where = f"stopped at load {self.problem.load:.6g}"
+        if self._hopeless:
+            return f"{where}: {self._last['reason']}"
         return (
-            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal "
+            f"{where}: a step of 1/{2**_HALVINGS} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
+
+    @property
+    def _hopeless(self) -> bool:
+        """Whether a shorter step will fail as well."""
+        return solver.out_of_memory(self.snes)
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve at load ``to``, from ``load``; on failure the state is as it was before."""

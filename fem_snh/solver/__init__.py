@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from typing import Any
 
 from petsc4py import PETSc
@@ -21,8 +22,8 @@ from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures", "own_errors",
-    "reason", "why",
+    "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures",
+    "out_of_memory", "own_errors", "reason", "why",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -122,15 +123,26 @@ def reason(snes: PETSc.SNES) -> str:
 
 
 def why(snes: PETSc.SNES) -> str:
-    """`reason`; of a linear solve that failed also the linear solver's, in parentheses."""
-    said, ksp = reason(snes), snes.getKSP()
+    """`reason`, and what is behind it: "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC".
+
+    Collective.
+    """
+    said, linear = reason(snes), snes.getKSP().getConvergedReason()
+    if snes.getConvergedReason() < 0 and not isfinite(snes.getSolution().norm()):
+        return f"{said}: NaN or infinity in the unknowns"
     if snes.getConvergedReason() != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
         return said
-    if ksp.getConvergedReason() >= 0:
-        return f"{said} (no way down)"
-    if factors_out_of_memory(ksp.getPC()):
-        return f"{said} (factors out of memory)"
-    return f"{said} ({_name(PETSc.KSP.ConvergedReason, ksp.getConvergedReason())})"
+    if out_of_memory(snes):
+        return f"{said}: the factors do not fit into memory"
+    if linear >= 0:
+        return f"{said}: no direction down"
+    return f"{said}: {_name(PETSc.KSP.ConvergedReason, linear)}"
+
+
+def out_of_memory(snes: PETSc.SNES) -> bool:
+    """Whether the last solve failed as its preconditioner's factors took too much memory."""
+    failed = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+    return failed and factors_out_of_memory(snes.getKSP().getPC())
 
 
 def _name(reasons: Any, code: int) -> str:

@@ -10,6 +10,8 @@ from petsc4py import PETSc
 from fem_snh.choices import PREDICTORS
 from fem_snh.errors import choose
 
+_CUT_SHORT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+
 
 @dataclass
 class Predictor:
@@ -78,5 +80,7 @@ class Predictor:
         ksp.setTolerances(rtol=max(tolerance, 1e-2))
         ksp.solve(right, other)
         ksp.setTolerances(rtol=tolerance)
-        x.axpy(-1.0, other)
+        # Newton's own linear solve will say what is wrong; a direction that is not one hides it.
+        if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _CUT_SHORT:
+            x.axpy(-1.0, other)
         return int(ksp.getIterationNumber())
