@@ -85,7 +85,7 @@ class Stepper:
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = self.snes.getPythonContext().history
-        residual = self.snes.getFunctionNorm()
+        residual, why = self.snes.getFunctionNorm(), solver.why(self.snes)
         if converged:
             self.predictor.accept()
         else:
@@ -94,7 +94,7 @@ class Stepper:
         self._last = {
             "load": to,
             "converged": converged,
-            "reason": solver.why(self.snes),
+            "reason": why,
             # the tangent predictor is a linear solve with a Hessian of its own
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),

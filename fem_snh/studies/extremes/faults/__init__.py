@@ -2,8 +2,8 @@
 
 Each of `FAULTS` takes an empty folder, starts runs in processes of their own, sees the fault
 happen, has the run resumed, compares its end with that of a run to which nothing happened, and
-returns a row: ``holds``, ``status`` (what the user saw), ``newton``, ``linear``, ``seconds``, ``difference``
-(max |u - u'| over the body's extent).
+returns a row: ``holds``, ``status`` (what the user saw), ``newton``, ``linear``, ``seconds``,
+``difference`` (max |u - u'| over the body's extent).
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fem_snh.studies.extremes.faults.nan import nan_in_u
 from fem_snh.studies.extremes.faults.processes import (
     file_cut_short,
     full_disk,
@@ -23,6 +22,7 @@ from fem_snh.studies.extremes.faults.solves import (
     diverging_solve,
     factors_out_of_memory,
     indefinite_preconditioner,
+    nan_in_u,
     stagnating_solve,
 )
 

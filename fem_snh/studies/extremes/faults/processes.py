@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from fem_snh.studies.extremes.faults.trial import Trial, verdict
 
 #: Steps that are done before something happens.
 _DONE = 3
+_SMALL = 40 * 1024  # [B] of the fields' 51, and of the checkpoint's 30
 _MOUNT = ("mount", "-t", "tmpfs", "-o")
 
 
@@ -24,7 +26,7 @@ def killed_rank(folder: Path) -> dict[str, Any]:
     trial.wait(child, _DONE)
     os.kill(child.ranks()[1], signal.SIGKILL)
     code = trial.wait(child)
-    return verdict(trial, code, lambda said: "signal 9" in said, _DONE, 1)
+    return verdict(trial, code, "signal 9", _DONE, 1)
 
 
 def terminated(folder: Path) -> dict[str, Any]:
@@ -34,31 +36,31 @@ def terminated(folder: Path) -> dict[str, Any]:
     trial.wait(child, _DONE)
     child.signal(signal.SIGTERM)
     code = trial.wait(child)
-    row = verdict(trial, code, lambda said: "interrupted" in said, _DONE, 1)
-    return row
+    return verdict(trial, code, "interrupted", _DONE, 1)
 
 
 def full_disk(folder: Path) -> dict[str, Any]:
     """A disk of 400 KiB; it gets larger before the run is resumed.
 
-    Where none may be mounted, files of that size at most.
+    Where none may be mounted, it is files that may not be large.
     """
     with _disk(folder / "disk", "400k") as disk:
         if disk is None:
             return file_cut_short(folder)
-        trial = Trial(disk)
+        trial = Trial(folder, disk / "run")
         code = trial.wait(trial.start(2))
         subprocess.run([*_MOUNT, "remount,size=16m", "tmpfs", str(disk)], check=True)
-        return verdict(trial, code, lambda said: "No space left on device" in said, 1, 2)
+        return verdict(trial, code, "No space left on device", 1, 2)
 
 
 def file_cut_short(folder: Path) -> dict[str, Any]:
-    """No file may be larger than 40 KiB, which the fields of a first step are."""
+    """From some step on no file may be larger than 40 KiB, which the fields of a step are."""
     trial = Trial(folder)
-    code = trial.wait(trial.start(1, within=("bash", "-c", 'ulimit -f 40; exec "$0" "$@"')))
-    return verdict(
-        trial, code, lambda said: "cannot write" in said and "File too large" in said, 1, 1
-    )
+    child = trial.start(1)
+    trial.wait(child, _DONE)
+    resource.prlimit(child.ranks()[0], resource.RLIMIT_FSIZE, (_SMALL, _SMALL))
+    code = trial.wait(child)
+    return verdict(trial, code, "File too large", _DONE, 1)
 
 
 @contextmanager
