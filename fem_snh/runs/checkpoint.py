@@ -26,7 +26,7 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import put
 from fem_snh.runs import nodal
-from fem_snh.runs.folder import CHECKPOINT, Folder, plain
+from fem_snh.runs.folder import CHECKPOINT, Folder
 from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
 
@@ -64,7 +64,8 @@ class Writer:
 
 
 def _write(path: Path, about: dict[str, Any], arrays: dict[str, Array]) -> None:
-    text = np.frombuffer(json.dumps(plain(about)).encode(), np.uint8)
+    # Infinities stay, which run.json cannot have; numpy's numbers become Python's.
+    text = np.frombuffer(json.dumps(about, default=lambda v: v.item()).encode(), np.uint8)
     put(path, lambda file: np.savez(file, about=text, **arrays), sync=True)
 
 

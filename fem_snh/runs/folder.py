@@ -119,7 +119,7 @@ class Folder:
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
             put(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
-        put(self.path / "run.json", json.dumps(plain(record), indent=1) + "\n")
+        put(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:
@@ -139,12 +139,12 @@ def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """JSON has no infinity or NaN: they become null; numpy numbers become Python's."""
     if isinstance(value, dict):
-        return {key: plain(v) for key, v in value.items()}
+        return {key: _plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [_plain(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value
