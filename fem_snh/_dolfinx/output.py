@@ -45,13 +45,21 @@ class Series:
         Raises BadInput on every rank if one cannot write its file.
         """
         hidden = self._path.with_name(f".{self._path.name}")
-        with VTKFile(self._comm, str(hidden), "w") as file:
-            file.write_function(list(functions), t)
-        del file  # its end writes once more
+        file, complaint = VTKFile(self._comm, str(hidden), "w"), ""
         try:
-            on_every(self._comm, self._show_piece, hidden)
+            file.write_function(list(functions), t)
+        except RuntimeError as error:
+            complaint = str(error)
+        try:
+            file.close()
+        except RuntimeError:
+            pass  # it could not write its own .pvd, which nobody reads
+        try:
+            on_every(self._comm, self._show_piece, hidden, complaint)
             on_root(self._comm, self._show_state, hidden, t)
         finally:
+            self._clean(hidden)
+            del file  # it writes its .pvd once more: not without room, a destructor cannot fail
             self._clean(hidden)
         self.times.append(t)
 
@@ -72,11 +80,13 @@ class Series:
                 remove(file)
         return kept
 
-    def _show_piece(self, hidden: Path) -> None:
+    def _show_piece(self, hidden: Path, complaint: str) -> None:
         name = f"_p{self._comm.rank}_"
         piece = hidden.with_name(f"{hidden.stem}{name}{0:06}.vtu")
         seen = self._named(name, len(self.times), ".vtu")
         check_whole(piece, seen, _END)
+        if complaint:
+            raise BadInput(f"cannot write {seen}: {complaint}")
         os.replace(piece, seen)
 
     def _show_state(self, hidden: Path, t: float) -> None:
