@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
+import runpy
 from typing import Any
 
-from fem_snh import cli, solver
+from fem_snh import solver
 
 #: In which solve, after which of its iterations.
 SOLVE, ITERATION = 4, 1
@@ -26,8 +26,8 @@ class Injector:
                 values[len(values) // 2] = float("nan")
 
 
-def main() -> int:
-    """The command line of fem-snh."""
+def main() -> None:
+    """Run the program with every SNES that is made so monitored."""
     create = solver.create
 
     def created(*arguments: Any, **options: Any) -> Any:
@@ -36,8 +36,8 @@ def main() -> int:
         return snes
 
     solver.create = created
-    return cli.main()
+    runpy.run_module("fem_snh", run_name="__main__")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
