@@ -27,6 +27,7 @@ int MatLMVMUpdate(void *B, void *x, void *f);
 int MatLMVMSetJ0PC(void *B, void *pc);
 int KSPCGSetRadius(void *ksp, double radius);
 int KSPCGGetNormD(void *ksp, double *norm);
+int PCGetFailedReason(void *pc, int *reason);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
 _reasons = PETSc.KSP.ConvergedReason
@@ -44,6 +45,23 @@ def call(name: str, *arguments: Any) -> None:
     """Call a PETSc function. Raises PETSc.Error if it fails."""
     if code := getattr(_library, name)(*arguments):
         raise PETSc.Error(code)
+
+
+#: PETSc's error code of an allocation that failed.
+OUT_OF_MEMORY = 55
+_FACTORS_OUT_OF_MEMORY = 3  # of PCFailedReason
+#: What MUMPS says of memory in INFOG(1). Of some PETSc knows, not of its own limit too small.
+_MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
+
+
+def factors_out_of_memory(pc: PETSc.PC) -> bool:
+    """Whether the last set-up failed as the factors took too much memory."""
+    found = ffi.new("int *")
+    call("PCGetFailedReason", ffi.cast("void *", pc.handle), found)
+    if found[0] and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+        if pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS:
+            return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
+    return bool(found[0] == _FACTORS_OUT_OF_MEMORY)
 
 
 def option_used(name: str) -> bool:

@@ -48,3 +48,25 @@ def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:
     if message is not None:
         raise BadInput(message)
     return result
+
+
+def on_every(comm: Any, function: Callable[..., None], *args: Any) -> None:
+    """Call ``function(*args)`` on every rank: what fails on one is a BadInput on all. Collective.
+
+    It is the lowest failing rank's BadInput or OSError.
+    """
+    message = None
+    try:
+        function(*args)
+    except (BadInput, OSError) as error:
+        message = str(error)
+    failed = [found for found in comm.allgather(message) if found is not None]
+    if failed:
+        raise BadInput(failed[0])
+
+
+class Failed(RuntimeError):
+    """What ended a run that nothing was wrong with: one line, exit code 1.
+
+    Memory that ran out, an error of PETSc's. The steps before it are kept.
+    """

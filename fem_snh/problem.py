@@ -173,6 +173,10 @@ class Problem:
         if self._traction:
             self._traction.load = load
 
+    def refresh(self) -> None:
+        """Bring ``u``, and the pressure, up to date with ``x``. Collective."""
+        self._unknowns.displacement(self.x)
+
     def prescribe(self, x: PETSc.Vec) -> None:
         """Put the boundary values of the present load into ``x``."""
         values = x.array

@@ -16,6 +16,7 @@ PACKAGE = Path(fem_snh.__file__).parent
 #: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices"),
+    ("files",),
     ("_dolfinx", "_petsc", "materials", "elements"),
     ("kernels", "_gmsh", "scenes"),
     ("mesh", "layout"),

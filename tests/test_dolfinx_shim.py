@@ -114,16 +114,20 @@ def test_pvd_files_read_back_in_pyvista(comm, folder, space):
         for name in ("J", "energy_density")
     ]
     path = folder / "fields.pvd"
-    with _dolfinx.vtk_writer(comm, path) as writer:
-        for number, t in enumerate((0.0, 0.5, 1.0)):
-            u.interpolate(lambda x, t=t: t * field(x))
-            for i, scalar in enumerate(scalars):
-                scalar.interpolate(lambda x, t=t, i=i: t + x[i])
-            writer.write([u, *scalars], t)
-            comm.barrier()  # the file is complete after every write, not only when closed
-            reader = pyvista.get_reader(str(path))
-            assert reader.time_values == [0.0, 0.5, 1.0][: number + 1]
-            comm.barrier()
+    series = _dolfinx.Series(comm, path)
+    for t in (0.0, 0.5, 0.7, 1.0):
+        u.interpolate(lambda x, t=t: t * field(x))
+        for i, scalar in enumerate(scalars):
+            scalar.interpolate(lambda x, t=t, i=i: t + x[i])
+        series.write([u, *scalars], t)
+        comm.barrier()  # the file is complete after every write
+        reader = pyvista.get_reader(str(path))
+        assert reader.time_values == [s for s in (0.0, 0.5) if s < t] + [t]
+        if t == 0.7:  # another series goes on, up to what it is told to keep
+            series = _dolfinx.Series(comm, path, 0.6)
+            assert series.times == [0.0, 0.5]
+        comm.barrier()
+    assert not [file for file in folder.iterdir() if file.name.startswith(".")]
     reader.set_active_time_value(1.0)
     grid = reader.read().combine()
     assert grid.n_cells == comm.allreduce(_dolfinx.num_owned(domain))  # each once

@@ -58,19 +58,18 @@ def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
     fields |= {name: dolfinx.fem.Function(per_cell, name=name) for name in render.FIELDS[2:]}
     J = ufl.det(ufl.Identity(3) + ufl.grad(u))
 
-    with _dolfinx.vtk_writer(comm, folder / "fields.pvd") as file:
-        for t in (0.0, 0.5, 1.0):
+    file = _dolfinx.Series(comm, folder / "fields.pvd")
+    for t in (0.0, 0.5, 1.0):
 
-            def twist(x: np.ndarray, t: float = t) -> np.ndarray:
-                angle, a, b = math.pi * t * x[2], x[0] - 0.5, x[1] - 0.5
-                c, s = np.cos(angle), np.sin(angle)
-                return np.array([c * a - s * b - a, s * a + c * b - b, 0 * a])
+        def twist(x: np.ndarray, t: float = t) -> np.ndarray:
+            angle, a, b = math.pi * t * x[2], x[0] - 0.5, x[1] - 0.5
+            c, s = np.cos(angle), np.sin(angle)
+            return np.array([c * a - s * b - a, s * a + c * b - b, 0 * a])
 
-            u.interpolate(twist)
-            for field in fields.values():
-                _dolfinx.interpolate(field, J)
-            file.write([u, *fields.values()], t)
-    del file  # dolfinx's destructor writes the .pvd once more
+        u.interpolate(twist)
+        for field in fields.values():
+            _dolfinx.interpolate(field, J)
+        file.write([u, *fields.values()], t)
     on_root(comm, write_record, folder, record(element=element))
     comm.barrier()  # all ranks' pieces are there
     return folder
@@ -147,11 +146,10 @@ def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> 
     V = _dolfinx.function_space(domain, 1, (3,))
     u, mode = _dolfinx.function(V, "displacement"), _dolfinx.function(V, "mode")
     u.interpolate(lambda x: np.array([0.5 * x[2], 0 * x[0], 0 * x[0]]))
-    with _dolfinx.vtk_writer(comm, folder / "modes.pvd") as file:
-        for number in range(1, len(frequencies) + 1):
-            mode.interpolate(lambda x, n=number: np.array([0 * x[0], n * x[2], 0 * x[0]]))
-            file.write([u, mode], float(number))
-    del file
+    file = _dolfinx.Series(comm, folder / "modes.pvd")
+    for number in range(1, len(frequencies) + 1):
+        mode.interpolate(lambda x, n=number: np.array([0 * x[0], n * x[2], 0 * x[0]]))
+        file.write([u, mode], float(number))
     told = {"density": 1.0, "frequencies": frequencies, "residuals": [0.0] * len(frequencies)}
     on_root(comm, write_record, folder, record(modes=told))
     comm.barrier()

@@ -36,7 +36,7 @@ from fem_snh._dolfinx.meshes import (
     reference_corners,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
-from fem_snh._dolfinx.output import Writer, vtk_writer
+from fem_snh._dolfinx.output import Series
 from fem_snh._dolfinx.points import bounding_box, locate
 from fem_snh._dolfinx.spaces import (
     constant,
@@ -57,11 +57,11 @@ from fem_snh._dolfinx.spaces import (
 version: str = dolfinx.__version__
 
 __all__ = [
-    "Writer", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box", "cell_name",
+    "Series", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box", "cell_name",
     "constant", "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
     "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global", "locate",
     "locate_dofs", "newton_solver", "node_dofs", "num_exterior_facets", "num_nodes", "num_owned",
     "petsc_vec", "prescribed", "quadrature", "reference_corners", "surface_measure", "tabulate",
-    "tabulate_geometry", "tabulate_values", "version", "vtk_writer",
+    "tabulate_geometry", "tabulate_values", "version",
 ]  # fmt: skip

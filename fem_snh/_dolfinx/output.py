@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import os
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,40 +13,115 @@ from mpi4py import MPI
 
 from dolfinx.io import VTKFile
 
+from fem_snh.errors import BadInput, on_every, on_root
+from fem_snh.files import check_whole, put, remove
 
-class Writer:
-    """Writes functions of one mesh at increasing times; see `vtk_writer`."""
+_END = b"</VTKFile>"
 
-    def __init__(self, file: Any, comm: MPI.Comm, path: Path) -> None:
-        self._file, self._comm, self._path = file, comm, path
+
+class Series:
+    """Functions of one mesh at increasing times: a .pvd, and beside it the pieces of each state.
+
+    dolfinx's VTKFile writes one state at a time, under hidden names; whole files get the names that
+    are seen, and then the .pvd lists them. So it can be read at any time, whatever becomes of the
+    process, and may be gone on with on another number of ranks. Collective.
+
+    Attributes
+    ----------
+    times : of the states, on every rank.
+    """
+
+    def __init__(self, comm: MPI.Comm, path: Path, until: float | None = None) -> None:
+        """With ``until``, go on with the states that are there up to this time.
+
+        Raises BadInput on every rank if what is there cannot be read.
+        """
+        self._comm, self._path = comm, path
+        self.times: list[float] = on_root(comm, self._earlier, until)
 
     def write(self, functions: Sequence[Any], t: float) -> None:
-        """Write functions (Lagrange ones of one degree first, then DG0) at time t. Collective.
+        """Append the state of functions (Lagrange ones of one degree first, then DG0) at time t.
 
-        The file can be read from then on, whatever becomes of the process.
+        Raises BadInput on every rank if one cannot write its file.
         """
-        self._file.write_function(list(functions), t)
-        self._file.close()  # writes the .pvd, which nothing else does; more can be written after
-        if self._comm.rank == 0:
-            latest = ET.parse(self._path).findall(".//DataSet")[-1].attrib["file"]
-            _drop_repeated_pieces(self._path.parent / latest)
+        hidden = self._path.with_name(f".{self._path.name}")
+        file, complaint = VTKFile(self._comm, str(hidden), "w"), ""
+        try:
+            file.write_function(list(functions), t)
+        except RuntimeError as error:
+            complaint = str(error)
+        try:
+            file.close()
+        except RuntimeError:
+            pass  # it could not write its own .pvd, which nobody reads
+        try:
+            on_every(self._comm, self._show_piece, hidden, complaint)
+            on_root(self._comm, self._show_state, hidden, t)
+        finally:
+            self._clean(hidden)
+            del file  # it writes its .pvd once more: not without room, a destructor cannot fail
+            self._clean(hidden)
+        self.times.append(t)
 
+    # --- on one rank -----------------------------------------------------------------------------
 
-def _drop_repeated_pieces(path: Path) -> None:
-    """0.5 lists each piece once a function: readers then see every cell as often."""
-    tree = ET.parse(path)
-    for grid in tree.getroot():
-        seen: set[str] = set()
-        for piece in grid.findall("Piece"):
-            source = piece.attrib["Source"]
-            if source in seen:
+    def _earlier(self, until: float | None) -> list[float]:
+        """The times to keep; removes the pieces of others."""
+        kept = []
+        if until is not None and self._path.exists():
+            try:
+                states = list(ET.parse(self._path).iter("DataSet"))
+                kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
+            except (OSError, ET.ParseError, KeyError, ValueError) as error:
+                raise BadInput(f"{self._path} cannot be read ({error}): remove it") from None
+        for file in self._path.parent.glob(f"{self._path.stem}*vtu"):
+            number = re.search(r"(\d{6,})\.p?vtu$", file.name)
+            if number and int(number[1]) >= len(kept):
+                remove(file)
+        return kept
+
+    def _show_piece(self, hidden: Path, complaint: str) -> None:
+        name = f"_p{self._comm.rank}_"
+        piece = hidden.with_name(f"{hidden.stem}{name}{0:06}.vtu")
+        seen = self._named(name, len(self.times), ".vtu")
+        check_whole(piece, seen, _END)
+        if complaint:
+            raise BadInput(f"cannot write {seen}: {complaint}")
+        os.replace(piece, seen)
+
+    def _show_state(self, hidden: Path, t: float) -> None:
+        """List the pieces in a .pvtu, once each: 0.5 does once a function; then the states."""
+        number = len(self.times)
+        listed = hidden.with_name(f"{hidden.stem}{0:06}.pvtu")
+        state = self._named("", number, ".pvtu")
+        check_whole(listed, state, _END)
+        root = ET.parse(listed).getroot()
+        for grid in root:
+            for piece in grid.findall("Piece"):
                 grid.remove(piece)
-            seen.add(source)
-    tree.write(path)
+            for rank in range(self._comm.size):
+                source = self._named(f"_p{rank}_", number, ".vtu").name
+                ET.SubElement(grid, "Piece", Source=source)
+        ET.indent(root)
+        put(state, ET.tostring(root, encoding="unicode"))
+        rows = [
+            f'    <DataSet timestep="{time:.17g}" part="0" '
+            f'file="{self._named("", k, ".pvtu").name}" />\n'
+            for k, time in enumerate([*self.times, t])
+        ]
+        put(
+            self._path,
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
+            + "".join(rows)
+            + "  </Collection>\n</VTKFile>\n",
+        )
 
+    def _named(self, part: str, number: int, suffix: str) -> Path:
+        return self._path.with_name(f"{self._path.stem}{part}{number:06}{suffix}")
 
-@contextmanager
-def vtk_writer(comm: MPI.Comm, path: str | Path) -> Iterator[Writer]:
-    """A .pvd (with .vtu/.pvtu pieces beside it) open for writing. Collective."""
-    with VTKFile(comm, str(path), "w") as file:
-        yield Writer(file, comm, Path(path))
+    def _clean(self, hidden: Path) -> None:
+        """Remove what dolfinx wrote and nobody moved."""
+        remove(hidden.with_name(f"{hidden.stem}_p{self._comm.rank}_{0:06}.vtu"))
+        if self._comm.rank == 0:
+            remove(hidden)
+            remove(hidden.with_name(f"{hidden.stem}{0:06}.pvtu"))

@@ -7,14 +7,16 @@ on standard error, from rank 0, never a traceback), 130 interrupted. A command i
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, Failed, choose
 
 COMMANDS = {
     "run": ("run", "solve a scene, or a scene file of your own"),
@@ -28,6 +30,7 @@ COMMANDS = {
 }
 # What MPI launchers set; without any of these there is one rank and no need to start MPI.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # e.g. for what is printed
 _PATIENCE = 10.0  # seconds for the other ranks to fail in the same way
 
 
@@ -40,6 +43,8 @@ def main(argv: list[str] | None = None) -> int:
         return _dispatch(argv)
     except BadInput as error:
         return _stop(str(error), 2)
+    except Failed as error:
+        return _stop(f"{error}; what was computed is kept", 1)
     except ImportError as error:
         if (error.name or "").startswith("fem_snh"):
             return _crash()
@@ -48,6 +53,8 @@ def main(argv: list[str] | None = None) -> int:
         if isinstance(error, BrokenPipeError):  # `fem-snh materials | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
+        if error.errno in _NO_ROOM:
+            return _stop(f"cannot write: {error.strerror}", 2)
         return _stop(str(error), 2) if error.filename else _crash()
     except KeyboardInterrupt:
         return _stop("interrupted; what was computed is kept", 130)
@@ -107,7 +114,8 @@ def _stop(message: str, code: int) -> int:
     comm = _communicator()
     line = "fem-snh: error: " + " ".join(message.split())
     if comm is None or comm.rank == 0:
-        print(line, file=sys.stderr, flush=True)
+        with suppress(OSError):  # it may go to the disk that is full
+            print(line, file=sys.stderr, flush=True)
     if comm is not None:
         together, late = comm.Ibarrier(), time.monotonic() + _PATIENCE
         while not together.Test():

@@ -41,6 +41,11 @@ def run(argv: list[str]) -> int:
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="write run.json, tables, fields")
     parser.add_argument("--overwrite", action="store_true", help="even if DIR holds a run already")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run of this scene in DIR, from its last step, on any number of ranks",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress")
     if not argv:
         print("fem-snh run SCENE|FILE.toml [options]\n\n" + scene_list())
@@ -51,6 +56,8 @@ def run(argv: list[str]) -> int:
         raise BadInput(
             f"which scene? choose from {', '.join(scenes.names())}, or give a .toml file"
         )
+    if args.resume and (args.overwrite or args.out is None):
+        raise BadInput("--resume goes with --out DIR, and without --overwrite")
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}
 
@@ -71,6 +78,7 @@ def run(argv: list[str]) -> int:
         scene,
         out=args.out,
         overwrite=args.overwrite,
+        resume=args.resume,
         comm=comm,
         progress=not args.quiet,
         note=note,

@@ -10,13 +10,16 @@ from time import perf_counter, process_time
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
 from fem_snh._petsc import defaults, option_used
+from fem_snh.errors import BadInput
 from fem_snh.kernels.pointwise import material
 from fem_snh.probes import Probes
 from fem_snh.problem import Problem
+from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.runs.progress import Progress
@@ -24,6 +27,9 @@ from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.stepping import Stepper
 
 __all__ = ["Result", "run"]
+
+#: Seconds by which the other ranks let rank 0 end first; mpirun kills after one.
+_PATIENCE = 5.0
 
 
 @dataclass
@@ -59,6 +65,7 @@ def run(
     *,
     out: str | Path | None = None,
     overwrite: bool = False,
+    resume: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
     progress: bool = True,
     note: Mapping[str, Any] | None = None,
@@ -69,9 +76,11 @@ def run(
     Parameters
     ----------
     scene : a built-in scene's name, a .toml file, or a `fem_snh.scenes.Scene`.
-    out : folder for run.json and steps.csv (written after every step) and fields.pvd; modes.csv and
-        modes.pvd if the scene asks for modes. A folder that already holds a run is refused, unless
-        ``overwrite``.
+    out : folder for run.json, steps.csv, checkpoint.npz (written after every step) and fields.pvd;
+        modes.csv and modes.pvd if the scene asks for modes. A folder that already holds a run is
+        refused, unless ``overwrite`` or ``resume``.
+    resume : go on from the last step of the run in ``out``, on any number of ranks. It must have
+        been of the same scene; `checkpoint.HOW` may differ.
     progress : print a line per step on rank 0.
     note : what run.json is to hold besides.
     overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
@@ -79,14 +88,21 @@ def run(
         own parameters.
 
     A step that fails is rolled back and halved, down to 1/64; when that fails too the run ends with
-    ``converged`` False and keeps what it has. Raises BadInput, on every rank.
+    ``converged`` False and keeps what it has. Raises BadInput, on every rank; Failed if memory runs
+    out or PETSc gives up.
     """
     began = perf_counter()
     scene = scenes.load(scene, **overrides)
-    folder = Folder(comm, Path(out), overwrite) if out is not None else None
+    folder, stored = None, None
+    if out is not None:
+        folder = Folder(comm, Path(out), overwrite, resume)
+    if resume:
+        if folder is None or overwrite:
+            raise BadInput("--resume goes with --out DIR, and without --overwrite")
+        stored = Checkpoint.read(folder, scene)
     show = Progress(comm, progress)
     smoothers = solver.smoothers(scene.material.E)
-    with petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
+    with solver.failures(), petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
         element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
         law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
@@ -108,10 +124,17 @@ def run(
         }
         worked = max(0.0, process_time() - working - jit)
         about = describe(scene, problem, snes) | dict(note or {})
-        recorder = Recorder(about, stepper, folder, seconds, began, worked)
-        show.start(recorder.record)
-        with Interrupts() as interrupts, recorder:
-            recorder.keep("running", fields=True)
+        show.start(about)
+        if stored and folder:
+            stored.restore(stepper)
+            show.resumed(stored.load, stored.finished)
+            if stored.finished:
+                return Result(True, "converged", stored.record, problem, folder.path)
+        checkpoint = Writer(folder, scene, stepper) if folder else None
+        earlier = stored.record if stored else None
+        recorder = Recorder(about, stepper, folder, checkpoint, seconds, began, worked, earlier)
+        with _interrupts(comm, snes) as interrupts, recorder, solver.failures():
+            recorder.keep("running", state=True)
             for step in stepper:
                 show.step(step)
                 with interrupts.undivided():
@@ -128,6 +151,13 @@ def run(
         path = folder.path if folder else None
         show.end(recorder.record, path, unused())
     return Result(stepper.done, status, recorder.record, problem, path)
+
+
+def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
+    """Interruptions that leave rank 0 the time to say so."""
+    if comm.rank == 0:
+        snes.getKSP().setMonitor(lambda *_: None)  # Python looks for signals when it is called
+    return Interrupts(_PATIENCE if comm.rank else 0.0)
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:

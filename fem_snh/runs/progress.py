@@ -28,6 +28,11 @@ class Progress:
             f"{record['hessian']} Hessian; {record['ranks']} rank(s)"
         )
 
+    def resumed(self, load: float, finished: bool) -> None:
+        self._console.print(
+            "  finished already: nothing to do" if finished else f"  resumed from load {load:.6g}"
+        )
+
     def step(self, row: dict[str, Any]) -> None:
         mark = "[green]ok[/]  " if row["converged"] else "[red]fail[/]"
         self._console.print(

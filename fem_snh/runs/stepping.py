@@ -20,8 +20,12 @@ class Stepper:
     """Iterates over attempted load increments, yielding a row of run.json for each.
 
     Every multiple of 1/steps is reached. A step that fails is rolled back and halved; after a
-    success the next one doubles again. ``seconds`` is what the steps took, ``processor`` what this
-    rank's processor worked for them.
+    success the next one doubles again. It begins at the problem's load.
+
+    Attributes
+    ----------
+    size : of the next step; None if it goes all the way to the next multiple.
+    seconds : what the steps took; ``processor`` what this rank's processor worked for them.
     """
 
     def __init__(
@@ -34,34 +38,43 @@ class Stepper:
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.predictor = solver.Predictor(problem, snes, predictor)
+        self.size: float | None = None
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        load, shortest = 0.0, 2.0**-_HALVINGS / self.steps
-        for k in range(1, self.steps + 1):
-            target = k / self.steps
-            size = target - load
-            while load < target:
+        problem, shortest = self.problem, 2.0**-_HALVINGS / self.steps
+        for target in (k / self.steps for k in range(1, self.steps + 1)):
+            while problem.load < target:
+                load = problem.load
+                size = self.size or target - load
                 # The last part of a halved step must end at the target to the last digit.
                 to = target if size >= (target - load) * (1 - 1e-12) else load + size
                 row = self._attempt(load, to)
-                yield row
                 if row["converged"]:
-                    load, size = to, 2 * size
-                elif size > shortest * 1.5:
-                    size = (to - load) / 2
+                    self.size = None if to == target else 2 * size
                 else:
+                    self.size = (to - load) / 2
+                yield row
+                if not row["converged"] and (size <= shortest * 1.5 or self._hopeless):
                     return
         self.done = True
 
     def failure(self) -> str:
         """Why it ended before load 1."""
+        where = f"stopped at load {self.problem.load:.6g}"
+        if self._hopeless:
+            return f"{where}: {self._last['reason']}"
         return (
-            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal "
+            f"{where}: a step of 1/{2**_HALVINGS} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
+
+    @property
+    def _hopeless(self) -> bool:
+        """Whether a shorter step will fail as well."""
+        return solver.out_of_memory(self.snes)
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
@@ -72,7 +85,7 @@ class Stepper:
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = self.snes.getPythonContext().history
-        residual = self.snes.getFunctionNorm()
+        residual, why = self.snes.getFunctionNorm(), solver.why(self.snes)
         if converged:
             self.predictor.accept()
         else:
@@ -81,7 +94,7 @@ class Stepper:
         self._last = {
             "load": to,
             "converged": converged,
-            "reason": solver.reason(self.snes),
+            "reason": why,
             # the tangent predictor is a linear solve with a Hessian of its own
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),

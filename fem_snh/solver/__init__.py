@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import defaults
+from fem_snh._petsc import OUT_OF_MEMORY, defaults, factors_out_of_memory
 from fem_snh.choices import HESSIANS
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, Failed, choose
 from fem_snh.solver import saddle, trust
 from fem_snh.solver.eisenstat import EisenstatCG
 from fem_snh.solver.linesearch import LineSearch
@@ -22,8 +23,8 @@ from fem_snh.solver.newton import Iteration, ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create",
-    "own_errors", "reason", "smoothers",
+    "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures",
+    "out_of_memory", "own_errors", "reason", "smoothers", "why",
 ]  # fmt: skip
 
 PREFIX = "snh_"
@@ -114,8 +115,48 @@ def own_errors() -> Iterator[None]:
         raise cause from None
 
 
+@contextmanager
+def failures() -> Iterator[None]:
+    """What PETSc cannot go on from, or memory that ran out, as `Failed`: in one line."""
+    try:
+        yield
+    except MemoryError as error:
+        raise Failed(f"out of memory ({str(error) or 'an array'})") from error
+    except PETSc.Error as error:
+        if error.ierr == OUT_OF_MEMORY:
+            raise Failed("out of memory (PETSc)") from error
+        last = str(error).strip().splitlines()[-1].partition("] ")[2]
+        raise Failed(f"PETSc error {error.ierr}: {last or error}") from error
+
+
 def reason(snes: PETSc.SNES) -> str:
     """Why the last solve ended, by PETSc's name: "CONVERGED_FNORM_ABS", "DIVERGED_MAX_IT"..."""
-    code = snes.getConvergedReason()
-    names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+    return _name(PETSc.SNES.ConvergedReason, snes.getConvergedReason())
+
+
+def why(snes: PETSc.SNES) -> str:
+    """`reason`, and what is behind it: "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC".
+
+    Collective.
+    """
+    said, linear = reason(snes), snes.getKSP().getConvergedReason()
+    if snes.getConvergedReason() < 0 and not isfinite(snes.getSolution().norm()):
+        return f"{said}: NaN or infinity in the unknowns"
+    if snes.getConvergedReason() != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+        return said
+    if out_of_memory(snes):
+        return f"{said}: the factors do not fit into memory"
+    if linear >= 0:
+        return f"{said}: no direction down"
+    return f"{said}: {_name(PETSc.KSP.ConvergedReason, linear)}"
+
+
+def out_of_memory(snes: PETSc.SNES) -> bool:
+    """Whether the last solve failed as its preconditioner's factors took too much memory."""
+    failed = snes.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+    return failed and factors_out_of_memory(snes.getKSP().getPC())
+
+
+def _name(reasons: Any, code: int) -> str:
+    names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
     return names.get(code, str(code))

@@ -10,6 +10,8 @@ from petsc4py import PETSc
 from fem_snh.choices import PREDICTORS
 from fem_snh.errors import choose
 
+_CUT_SHORT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+
 
 @dataclass
 class Predictor:
@@ -18,12 +20,17 @@ class Predictor:
     none         the new boundary values, nothing else moves
     extrapolate  on along the last step, in proportion; tangent where there was none
     tangent      the linearised response to the change of load: one linear solve
+
+    Attributes
+    ----------
+    before : load and vector of the equilibrium before the present one, which extrapolation goes on
+        from; None if there is none. All that it remembers between steps.
     """
 
     problem: Any
     snes: PETSc.SNES
     kind: str = "tangent"
-    _before: tuple[float, PETSc.Vec] | None = field(default=None, init=False)
+    before: tuple[float, PETSc.Vec] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         choose("predictor", self.kind, PREDICTORS)
@@ -33,8 +40,8 @@ class Predictor:
         problem, x, old = self.problem, self.problem.x, self.problem.load
         here, linear = x.copy(), 0
         problem.set_load(load)
-        if self.kind == "extrapolate" and self._before is not None:
-            earlier, before = self._before
+        if self.kind == "extrapolate" and self.before is not None:
+            earlier, before = self.before
             x.axpy((load - old) / (old - earlier), here)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
@@ -45,7 +52,7 @@ class Predictor:
 
     def accept(self) -> None:
         """The step from the last prediction converged: extrapolation may use it."""
-        self._before = self._last
+        self.before = self._last
 
     def _tangent(self) -> int:
         """x -= H^-1 (residual at the new load + H_free,prescribed * jump of the boundary values).
@@ -73,5 +80,7 @@ class Predictor:
         ksp.setTolerances(rtol=max(tolerance, 1e-2))
         ksp.solve(right, other)
         ksp.setTolerances(rtol=tolerance)
-        x.axpy(-1.0, other)
+        # Newton's own linear solve will say what is wrong; a direction that is not one hides it.
+        if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _CUT_SHORT:
+            x.axpy(-1.0, other)
         return int(ksp.getIterationNumber())

@@ -91,6 +91,16 @@ class Child:
         if _is_rank():  # we are bound to a core or so: our children need not share it
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
+    def ranks(self) -> list[int]:
+        """The ids of its living ranks, the first one's first; a single process is its own rank."""
+        told = [(_rank(pid), pid) for pid in _session(self._process.pid)]
+        found = sorted((rank, pid) for rank, pid in told if rank is not None)
+        return [pid for _, pid in found] or [self._process.pid]
+
+    def signal(self, number: int) -> None:
+        """Send a signal to the launcher, or the only process."""
+        self._process.send_signal(number)
+
     def poll(self) -> int | None:
         """The exit code (negative: a signal), or None while it runs; ends it at its limits."""
         code = self._process.poll()
@@ -140,6 +150,19 @@ def _resident(leader: int) -> float:
         except (OSError, IndexError):
             continue  # it has just ended
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**30
+
+
+def _rank(pid: int) -> int | None:
+    """Which rank a process is, by what its launcher told it."""
+    try:
+        told = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return None  # it has just ended
+    for key in (b"OMPI_COMM_WORLD_RANK=", b"PMIX_RANK=", b"PMI_RANK="):
+        for word in told:
+            if word.startswith(key):
+                return int(word.removeprefix(key))
+    return None
 
 
 def _session(leader: int) -> list[int]:

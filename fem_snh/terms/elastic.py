@@ -56,6 +56,8 @@ class Elastic:
     ``free`` (local nodes, 3) is 0 where the displacement is prescribed: rows and columns of the
     Jacobian are zero there but for a positive diagonal. It is set before `create_matrix`.
 
+    ``diagonal`` is that positive number [N/m], of the first Jacobian; None before there is one.
+
     With a space Q of an unknown pressure (in units of ``scale`` [Pa]) the energy is stationary in
     it, not least; ``pressure`` and ``residual_pressure`` are then its ghosted vectors.
 
@@ -80,7 +82,7 @@ class Elastic:
         self.pressure: PETSc.Vec | None = None
         self.residual_pressure: PETSc.Vec | None = None
         self._target: Any = None
-        self._diagonal: float | None = None
+        self.diagonal: float | None = None
 
     def create_matrix(self, layout: Layout) -> PETSc.Mat:
         """The matrix that `jacobian` fills, made once. Collective."""
@@ -128,11 +130,11 @@ class Elastic:
         diagonal = A.getDiagonal()
         held = self.free[: self._owned].ravel() == 0
         mine = diagonal.array[: len(held)]  # the displacement's; those of a pressure come after
-        if self._diagonal is None:
+        if self.diagonal is None:
             free = mine[~held]
             total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
-            self._diagonal = float(total / max(count, 1)) or 1.0
-        mine[held] = self._diagonal
+            self.diagonal = float(total / max(count, 1)) or 1.0
+        mine[held] = self.diagonal
         A.setDiagonal(diagonal)
 
     def fields(self, u: PETSc.Vec) -> dict[str, Array]:

@@ -1,0 +1,1 @@
+"""The extremes: whatever should break a solver, done to this one."""

@@ -1,0 +1,77 @@
+"""What the system does to a run: a rank killed, the disk full, a signal in the middle of a step."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fem_snh.studies.extremes.faults.trial import Trial, verdict
+
+#: Steps that are done before something happens.
+_DONE = 3
+_SMALL = 40 * 1024  # [B] of the fields' 51, and of the checkpoint's 30
+_MOUNT = ("mount", "-t", "tmpfs", "-o")
+
+
+def killed_rank(folder: Path) -> dict[str, Any]:
+    """SIGKILL to one of two ranks: mpirun ends the other."""
+    trial = Trial(folder)
+    child = trial.start(2)
+    trial.wait(child, _DONE)
+    os.kill(child.ranks()[1], signal.SIGKILL)
+    code = trial.wait(child)
+    return verdict(trial, code, "signal 9", _DONE, 1)
+
+
+def terminated(folder: Path) -> dict[str, Any]:
+    """SIGTERM to mpirun, which gives its ranks a second; as after Ctrl-C."""
+    trial = Trial(folder)
+    child = trial.start(2)
+    trial.wait(child, _DONE)
+    child.signal(signal.SIGTERM)
+    code = trial.wait(child)
+    return verdict(trial, code, "interrupted", _DONE, 1)
+
+
+def full_disk(folder: Path) -> dict[str, Any]:
+    """A disk of 400 KiB; it gets larger before the run is resumed.
+
+    Where none may be mounted, it is files that may not be large.
+    """
+    with _disk(folder / "disk", "400k") as disk:
+        if disk is None:
+            return file_cut_short(folder)
+        trial = Trial(folder, disk / "run")
+        code = trial.wait(trial.start(2))
+        subprocess.run([*_MOUNT, "remount,size=16m", "tmpfs", str(disk)], check=True)
+        return verdict(trial, code, "No space left on device", 1, 2)
+
+
+def file_cut_short(folder: Path) -> dict[str, Any]:
+    """From some step on no file may be larger than 40 KiB, which the fields of a step are."""
+    trial = Trial(folder)
+    child = trial.start(1)
+    trial.wait(child, _DONE)
+    resource.prlimit(child.ranks()[0], resource.RLIMIT_FSIZE, (_SMALL, _SMALL))
+    code = trial.wait(child)
+    return verdict(trial, code, "File too large", _DONE, 1)
+
+
+@contextmanager
+def _disk(path: Path, size: str) -> Iterator[Path | None]:
+    """A disk of its own of this size; None if there may be none."""
+    path.mkdir()
+    done = subprocess.run([*_MOUNT, f"size={size}", "tmpfs", str(path)], capture_output=True)
+    if done.returncode != 0:
+        yield None
+        return
+    try:
+        yield path
+    finally:
+        subprocess.run(["umount", str(path)], check=True)
