@@ -10,11 +10,11 @@ typedef struct {
 } Volume;
 
 INLINE void volume_begin(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, Volume *m) {
-  real G[3 * NODES], weight, F[9], cofactor[9], deformed = splat(0);
+  real G[3 * NODES], weight, F[9], H[9], cofactor[9], deformed = splat(0);
   m->volume = splat(0);
   for (int q = 0; q < POINTS; ++q) {
     geometry_point(c, x, q, G, &weight);
-    deformation_point(G, v, F);
+    deformation_point(G, v, F, H);
     m->volume += weight;
     deformed += weight * volume_point(F, cofactor);
   }

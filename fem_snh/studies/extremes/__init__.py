@@ -1,0 +1,1 @@
+"""What must not break: materials, solves and solvers at their extremes."""

@@ -1,0 +1,52 @@
+"""Pointwise errors at the extremes: every material and filter against as many digits as it takes.
+
+``points`` says at which F, ``oracle`` what is right there, ``bounds`` what may be lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.studies.extremes.pointwise.bounds import compare
+from fem_snh.studies.extremes.pointwise.points import MODULI, QUICK, groups
+
+Row = dict[str, Any]
+
+
+def measure(material: str, quick: bool = False) -> list[Row]:
+    """One row per (nu, E), group of points and quantity: its worst error beside its bound.
+
+    ``ratio`` is the worst error over its bound (`bounds`); ``holds`` if it is at most 1.
+    """
+    rows: list[Row] = []
+    for number, (nu, E) in enumerate(QUICK if quick else MODULI):
+        m = make_material(material, E=E, nu=nu)
+        for group in groups(1 if quick else 3, seed=number):
+            rows += [
+                {"material": material, "nu": nu, "E": E, "group": group.name, **row}
+                for row in _of_group(m, group.F, number)
+            ]
+    return rows
+
+
+def _of_group(m: Any, points: Any, seed: int) -> Iterator[Row]:
+    rng = np.random.default_rng(seed)
+    found: dict[str, list[tuple[Any, Any]]] = {}
+    for F in points:
+        for c in compare(m, F, rng):
+            found.setdefault(c.quantity, []).append((c, F))
+    for quantity, pairs in found.items():
+        worst, F = max(pairs, key=lambda pair: pair[0].ratio)
+        yield {
+            "quantity": quantity,
+            "points": len(pairs),
+            "error": float(worst.error),
+            "bound": float(worst.bound),
+            "ratio": worst.ratio,
+            "holds": worst.ratio <= 1,
+            "F": " ".join(x.hex() for x in F.ravel()),
+        }
