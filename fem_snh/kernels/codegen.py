@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 
 from fem_snh.kernels.functions import Functions
-from fem_snh.kernels.near import NearRest
+from fem_snh.kernels.near import VOLUME_CHANGE, NearRest, volume_near_rest
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.split import PRESSURE, J, Split
 
@@ -18,8 +18,9 @@ _TOOLS = (*_BEFORE, "tools_api.h")
 
 def volume_curve(split: Split) -> str:
     """C for U(J), U', U'' of a material (volume_mean.h)."""
-    head = "volume_curve(Law p, real J, real *U)"
-    return Functions(split.law).curve_function(head, J, split.volume_curve, "U")
+    head = f"volume_curve(Law p, real J, real {VOLUME_CHANGE}, real *U)"
+    curve = split.volume_curve
+    return Functions(split.law).curve_function(head, J, curve, "U", volume_near_rest(curve))
 
 
 def volume_dual(split: Split) -> str:
@@ -58,6 +59,7 @@ def source(
             "#include <math.h>",
             *before,
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
+            f"#define HAS_VOLUME {int(J in energy.measures)}",
             *((folder / name).read_text() for name in (*_BEFORE, *_HELPERS)),
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,

@@ -114,13 +114,18 @@ class Functions(Derivatives):
         return self.function(head, "s", self.derivatives, results)
 
     def curve_function(
-        self, head: str, variable: sympy.Symbol, curve: Sequence[sympy.Expr], out: str
+        self,
+        head: str,
+        variable: sympy.Symbol,
+        curve: Sequence[sympy.Expr],
+        out: str,
+        written: Sequence[sympy.Expr] = (),
     ) -> str:
         """One C function: a curve in one variable and its two derivatives.
 
-        Outside its domain it is infinite, and its derivatives 0.
+        Outside its domain it is infinite, and its derivatives 0. ``written``: the same, otherwise.
         """
-        results = {f"{out}[{i}]": expression for i, expression in enumerate(curve)}
+        results = {f"{out}[{i}]": expression for i, expression in enumerate(written or curve)}
         lines = [self.constants(), statements(results, self.energy.constants, "c_")]
         lines.append("  " + self.inside(results, domain(curve, [variable])))
         outside = ("INFINITY", "0", "0")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import sympy
 
@@ -10,12 +10,24 @@ from fem_snh.kernels.derivatives import I_C, II_C, J
 from fem_snh.kernels.functions import Functions
 from fem_snh.kernels.printer import statements
 from fem_snh.kernels.rest import AboutRest, exactly
+from fem_snh.materials._functions import where
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 
 #: The measures that near.h knows the changes of, in its order, and their values at rest.
 _INVARIANTS = {I_C: 3, II_C: 3, J: 1}
 _STRETCHES = dict.fromkeys(SIGMA, 1)
+
+
+#: J - 1 of the mean volume of a cell, and up to where it is what counts.
+VOLUME_CHANGE = sympy.Symbol("change", real=True)
+_FAR = sympy.Rational(1, 4)
+
+
+def volume_near_rest(curve: Sequence[sympy.Expr]) -> list[sympy.Expr]:
+    """Expressions in J that are written in J - 1 where that is small."""
+    about = AboutRest({J: (sympy.Integer(1), VOLUME_CHANGE)})
+    return [where(_FAR - sympy.Abs(VOLUME_CHANGE), sympy.Add(*about(f)), f) for f in curve]
 
 
 class NearRest:

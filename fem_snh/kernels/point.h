@@ -14,6 +14,16 @@ INLINE real filtered(int filter, real e) {
   return filter == CLAMP ? largest(e, splat(0)) : filter == ABS ? absolute(e) : e;
 }
 
+/* Whether F is so thin that det F from its cofactors may lose its digits, even its sign: products of
+ * |F|^3 that cancel. The product of the stretches does not. */
+INLINE mask thin(const real *F) {
+  real C[9];
+  cross(F + 3, F + 6, C);
+  const real J = dot(F, C), squares = dot(F, F) + dot(F + 3, F + 3) + dot(F + 6, F + 6);
+  const mask cancels = absolute(J) < 1e-3 * squares * lane_sqrt(squares);
+  return HAS_VOLUME ? cancels : (mask){0};
+}
+
 /* The energy at F = I + H. Near rest it is that of H, elsewhere that of F. */
 INLINE void energy_point(Law p, const real *F, const real *H, real *psi) {
   const mask near = near_rest(H);
@@ -33,6 +43,13 @@ INLINE void energy_point(Law p, const real *F, const real *H, real *psi) {
   energy_stretches(p, s, psi);
 #else
   energy_invariants(p, F, psi);
+  const mask flat = thin(F);
+  if (any(flat)) {
+    real value[1];
+    svd(F, U, s, V);
+    energy_stretches(p, s, value);
+    psi[0] = select(flat, value[0], psi[0]);
+  }
 #endif
   psi[0] = select(near, close[0], psi[0]);
 }
@@ -70,6 +87,14 @@ INLINE void stress_point(Law p, const real *F, const real *H, real *P) {
   compose(g, U, V, P);
 #else
   stress_invariants(p, F, P);
+  const mask flat = thin(F);
+  if (any(flat)) {
+    real U[9], V[9], s[3], g[3], value[9];
+    svd(F, U, s, V);
+    gradient_stretches(p, s, g);
+    compose(g, U, V, value);
+    for (int i = 0; i < 9; ++i) P[i] = select(flat, value[i], P[i]);
+  }
 #endif
   for (int i = 0; i < 9; ++i) P[i] = select(near, close[i], P[i]);
 }

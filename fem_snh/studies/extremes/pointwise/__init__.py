@@ -20,7 +20,8 @@ Row = dict[str, Any]
 def measure(material: str, quick: bool = False) -> list[Row]:
     """One row per (nu, E), group of points and quantity: its worst error beside its bound.
 
-    ``ratio`` is the worst error over its bound (`bounds`); ``holds`` if it is at most 1.
+    ``ratio`` is the worst error over its bound (`bounds`); ``holds`` if it is at most 1; ``digits``
+    counts the points at which F, known to a few roundings, decides a digit of the answer at all.
     """
     rows: list[Row] = []
     for number, (nu, E) in enumerate(QUICK if quick else MODULI):
@@ -44,6 +45,7 @@ def _of_group(m: Any, points: Any, seed: int) -> Iterator[Row]:
         yield {
             "quantity": quantity,
             "points": len(pairs),
+            "digits": sum(c.has_digits for c, _ in pairs),
             "error": float(worst.error),
             "bound": float(worst.bound),
             "ratio": worst.ratio,

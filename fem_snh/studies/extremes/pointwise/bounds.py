@@ -46,11 +46,12 @@ HUGE = mpf(10) ** 300
 
 
 class Compared(NamedTuple):
-    """One quantity at one F: its error and its bound."""
+    """One quantity at one F: its error, its bound, and its own size."""
 
     quantity: str
     error: Any
     bound: Any
+    size: Any = mpf(0)
 
     @property
     def ratio(self) -> float:
@@ -58,6 +59,11 @@ class Compared(NamedTuple):
         if self.error == 0:
             return 0.0
         return float(self.error / self.bound) if self.bound else float("inf")
+
+    @property
+    def has_digits(self) -> bool:
+        """Whether F, known to a few roundings, decides any digit of it."""
+        return bool(self.bound < self.size)
 
 
 def digits(F: Any) -> int:
@@ -75,12 +81,14 @@ def is_near_rest(F: Any) -> bool:
 def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:
     """The F_k of the module docstring."""
     f = exactly(F)
-    for sign in range(SHAKEN):
-        r = -r if sign % 2 else exactly(rng.choice([-1.0, 1.0], (3, 3)))
+    for _ in range(SHAKEN // 2):
+        r = _R * exactly(rng.choice([-1.0, 1.0], (3, 3)))
         if is_near_rest(F):
-            yield f + _R * r * max(map(abs, (f - exactly(np.eye(3))).ravel()))
+            r = r * max(map(abs, (f - exactly(np.eye(3))).ravel()))
         else:
-            yield f + _R * r * np.array([norm(f[:, j]) for j in range(3)], dtype=object)
+            r = r * np.array([norm(f[:, j]) for j in range(3)], dtype=object)
+        yield f + r
+        yield f - r
 
 
 def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]:
@@ -119,7 +127,7 @@ def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) ->
         size = abs(exact.energy) + mu * norm(H) + abs(lam * np.trace(H))
         size += abs(mpf(m.law.rest_stress)) * norm(H)
     bound = max(abs(p.energy - exact.energy) for p in near) + _R * size
-    return Compared("energy", abs(mpf(found) - exact.energy), bound)
+    return Compared("energy", abs(mpf(found) - exact.energy), bound, abs(exact.energy))
 
 
 def _array(what: str, found: Any, at: Point, exact: Any, change: Any, same: bool) -> Compared:
@@ -130,7 +138,7 @@ def _array(what: str, found: Any, at: Point, exact: Any, change: Any, same: bool
         return Compared(what, mpmath.inf if found.any() else mpf(0), mpf(0))
     if not same or exact is None or (norm(exact) > HUGE and not found.any()):
         return Compared(what, mpf(0), mpf(0))
-    return Compared(what, norm(exactly(found) - exact), change + _R * norm(exact))
+    return Compared(what, norm(exactly(found) - exact), change + _R * norm(exact), norm(exact))
 
 
 def _hessians(
@@ -147,10 +155,10 @@ def _hessians(
             yield _array(f"hessian {filter}, {solver}", found, exact, wanted, change, same)
             if not np.array_equal(found, found.T):
                 yield Compared(f"hessian {filter}, {solver}", mpmath.inf, mpf(0))
-            if known and same and wanted.any():
+            if wanted is not None and same and wanted.any():
                 size = float(norm(found)) or 1.0
                 lowest = np.linalg.eigvalsh(found / size)[0]
-                yield Compared(f"lowest {filter}, {solver}", mpf(max(0.0, -lowest)), _R)
+                yield Compared(f"lowest {filter}, {solver}", mpf(max(0.0, -lowest)), _R, mpf(1))
         values = np.sort(m.eigensystem(F, solver)[0])
         wanted = np.array(exact.eigenvalues, dtype=object) if known else None
         yield _array(f"eigenvalues, {solver}", values, exact, wanted, change, same)

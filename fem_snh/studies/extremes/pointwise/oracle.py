@@ -76,13 +76,13 @@ class Point:
         A, twist, flip = self.blocks
         if filter != "exact":
             A, twist, flip = filtered(A, filter), *(_each(x, filter) for x in (twist, flip))
-        O, M = self.frame, np.full((9, 9), mpf(0), dtype=object)
+        M = np.full((9, 9), mpf(0), dtype=object)
         M[np.ix_((0, 4, 8), (0, 4, 8))] = A
         for i, j, k in PAIRS:
             a, b = 3 * k + j, 3 * j + k
             M[a, a] = M[b, b] = (twist[i] + flip[i]) / 2
             M[a, b] = M[b, a] = (flip[i] - twist[i]) / 2
-        return O @ M @ O.T
+        return self.frame @ M @ self.frame.T
 
 
 def _each(values: Any, filter: str) -> list[Any]:
