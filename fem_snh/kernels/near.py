@@ -9,8 +9,8 @@ import sympy
 from fem_snh.kernels.derivatives import I_C, II_C, J
 from fem_snh.kernels.functions import Functions
 from fem_snh.kernels.printer import statements
-from fem_snh.kernels.rest import AboutRest, exactly
-from fem_snh.materials._functions import where
+from fem_snh.kernels.rest import AboutRest
+from fem_snh.materials._functions import fractions, where
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 
@@ -43,7 +43,7 @@ class NearRest:
         self._change = {m: sympy.Symbol(f"change_{m}", real=True) for m in rest}
         self._about = AboutRest({m: (sympy.Integer(v), self._change[m]) for m, v in rest.items()})
         psi = energy.psi_sigma if energy.needs_stretches else energy.psi
-        self._psi = None if psi is None else exactly(psi)
+        self._psi = None if psi is None else fractions(psi)
 
     def energy_function(self) -> str:
         """psi from ``change``."""

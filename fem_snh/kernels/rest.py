@@ -18,15 +18,10 @@ from functools import reduce
 import sympy
 from sympy.codegen.cfunctions import expm1, log1p
 
-from fem_snh.materials._functions import where
+from fem_snh.materials._functions import fractions, where
 
 Pair = tuple[sympy.Expr, sympy.Expr]
 _ZERO = sympy.Integer(0)
-
-
-def exactly(expression: sympy.Expr) -> sympy.Expr:
-    """The expression with its floats as the fractions that they are."""
-    return expression.xreplace({x: sympy.Rational(x) for x in expression.atoms(sympy.Float)})
 
 
 class AboutRest:
@@ -39,7 +34,7 @@ class AboutRest:
 
     def __call__(self, expression: sympy.Expr) -> Pair:
         """(f0, df) of the expression; f0 is simplified, so that what vanishes is 0."""
-        at_rest, change = self._pair(exactly(sympy.sympify(expression)))
+        at_rest, change = self._pair(fractions(sympy.sympify(expression)))
         return sympy.simplify(at_rest), change
 
     def _pair(self, f: sympy.Expr) -> Pair:

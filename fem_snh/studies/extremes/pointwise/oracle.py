@@ -18,6 +18,7 @@ import numpy as np
 import sympy
 from mpmath import mpf
 
+from fem_snh.materials._functions import fractions
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
@@ -41,7 +42,8 @@ def _calls(
     def call(expressions: Any) -> Callable[..., Any]:
         return sympy.lambdify((*SIGMA, *constants), expressions, "mpmath")
 
-    psi = sympy.Integer(0) if psi is None else psi
+    psi = sympy.Integer(0) if psi is None else fractions(psi)
+    slopes = [fractions(p) for p in slopes]
     second = [[sympy.diff(p, s) for s in SIGMA] for p in slopes]
     return (
         call([d.subs(INVARIANTS) for d in domain]),
@@ -55,7 +57,7 @@ class Point:
     """All there is to know of a material at one F; mpmath numbers, 9-vectors by columns of F.
 
     ``blocks`` are the Hessian's in the frame of the stretches: scaling (3x3), twist, flip. They and P are
-    None for energies of tr S where two signed stretches sum to zero: no polar rotation is the one.
+    None for energies of tr S where two signed stretches sum to zero: no polar rotation.
     """
 
     inside: bool
@@ -76,13 +78,17 @@ class Point:
         A, twist, flip = self.blocks
         if filter != "exact":
             A, twist, flip = filtered(A, filter), *(_each(x, filter) for x in (twist, flip))
-        M = np.full((9, 9), mpf(0), dtype=object)
-        M[np.ix_((0, 4, 8), (0, 4, 8))] = A
+        Q, on = self.frame, [0, 4, 8]
+        Y = np.empty((9, 9), dtype=object)  # Q times the blocks
+        Y[:, on] = Q[:, on] @ A
         for i, j, k in PAIRS:
             a, b = 3 * k + j, 3 * j + k
-            M[a, a] = M[b, b] = (twist[i] + flip[i]) / 2
-            M[a, b] = M[b, a] = (flip[i] - twist[i]) / 2
-        return self.frame @ M @ self.frame.T
+            same, other = (twist[i] + flip[i]) / 2, (flip[i] - twist[i]) / 2
+            Y[:, a], Y[:, b] = same * Q[:, a] + other * Q[:, b], other * Q[:, a] + same * Q[:, b]
+        H = np.empty((9, 9), dtype=object)
+        for i in range(9):
+            H[i, i:] = H[i:, i] = Q[i:] @ Y[i]
+        return H
 
 
 def _each(values: Any, filter: str) -> list[Any]:
