@@ -56,8 +56,8 @@ def _calls(
 class Point:
     """All there is to know of a material at one F; mpmath numbers, 9-vectors by columns of F.
 
-    ``blocks`` are the Hessian's in the frame of the stretches: scaling (3x3), twist, flip. They and P are
-    None for energies of tr S where two signed stretches sum to zero: no polar rotation.
+    ``blocks`` are the Hessian's in the frame of the stretches: scaling (3x3), twist, flip. They and
+    P are None for energies of tr S where two signed stretches sum to zero.
     """
 
     inside: bool
