@@ -20,8 +20,8 @@ do eigenvalues, by Weyl's theorem. The least eigenvalue of a filtered Hessian is
 
 Two kinds of F leave nothing to compare, only that every number is finite (an energy may be +inf),
 symmetric, semidefinite: those so close to the edge of the energy's domain that F and F_k are not on
-the same side, and those where the Hessian of F_k is half as far from that of F as zero is: energies of
-tr S have a pole where two signed stretches sum to zero, and their stress a jump.
+the same side, and those where the Hessian of F_k is half as far from that of F as zero is: energies
+of tr S have a pole where two signed stretches sum to zero, and their stress a jump.
 """
 
 from __future__ import annotations
