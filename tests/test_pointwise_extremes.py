@@ -270,7 +270,7 @@ def test_a_displacement_of_any_strain_keeps_its_residual(name, volume, strain):
 def test_a_sum_of_reciprocals_survives_one_long_stretch():
     """symmetric_arap by its invariants had sum 1/s_i = (I1^2 - I_C)/(2 J)."""
     m = law("symmetric_arap", 0.3)
-    for c in compare(m, np.diag([1e3, 1e-6, 1e-8]), np.random.default_rng(0)):
+    for c in compare(m, np.diag([1e9, 1e-4, 1e-4]), np.random.default_rng(0)):
         assert c.ratio <= 1, c
 
 
