@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.materials import names
 from fem_snh.studies.extremes.pointwise.bounds import compare
 from fem_snh.studies.extremes.pointwise.points import MODULI, QUICK, groups
 
@@ -52,3 +53,33 @@ def _of_group(m: Any, points: Any, seed: int) -> Iterator[Row]:
             "holds": worst.ratio <= 1,
             "F": " ".join(x.hex() for x in F.ravel()),
         }
+
+
+def summary(rows: Iterable[Row]) -> list[Row]:
+    """One row per quantity: its values, how many of them F decides, the worst ratio and where."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row["quantity"], []).append(row)
+    table = []
+    for quantity, of in found.items():
+        worst = max(of, key=lambda row: row["ratio"])
+        table.append(
+            {
+                "quantity": quantity,
+                "points": sum(row["points"] for row in of),
+                "decided": sum(row["digits"] for row in of),
+                "worst error / bound": round(worst["ratio"], 3),
+                "where": f"{worst['material']}, nu = {worst['nu']:g}, {worst['group']}",
+                "holds": all(row["holds"] for row in of),
+            }
+        )
+    return table
+
+
+def main(quick: bool = False) -> int:
+    """Print the summary over every material as a table; 0 if every bound holds."""
+    table = summary(row for name in names() for row in measure(name, quick))
+    print("| " + " | ".join(table[0]) + " |\n" + "|---" * len(table[0]) + "|")
+    for row in table:
+        print("| " + " | ".join(map(str, row.values())) + " |", flush=True)
+    return 0 if all(row["holds"] for row in table) else 1
