@@ -48,12 +48,14 @@ INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], int 
   *weight = absolute(det) * c->weights[q];
 }
 
-INLINE void deformation_point(const real *G, const real u[NODES][3], real *F) {
+/* H = grad u and F = I + H. The law gets both: F drops what of a small H is below its own rounding. */
+INLINE void deformation_point(const real *G, const real u[NODES][3], real *F, real *H) {
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i) {
-      real sum = splat(i == j);
+      real sum = splat(0);
       for (int a = 0; a < NODES; ++a) sum += u[a][i] * G[3 * a + j];
-      F[3 * j + i] = sum;
+      H[3 * j + i] = sum;
+      F[3 * j + i] = sum + (i == j);
     }
 }
 

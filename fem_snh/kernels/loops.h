@@ -21,10 +21,10 @@
     volume_begin(c, start, x, v, pressure, &volume);
 
 #define FOR_EACH_POINT                                         \
-  real G[3 * NODES], weight, F[9];                             \
+  real G[3 * NODES], weight, F[9], H[9];                           \
   for (int q = 0; q < POINTS; ++q) {                           \
     geometry_point(c, x, q, G, &weight);                       \
-    deformation_point(G, v, F);                                \
+    deformation_point(G, v, F, H);                             \
     const Law p = volume_law(c, &volume, q);
 
 /* The energy; +inf if it is infinite anywhere. */
@@ -33,7 +33,7 @@ double energy_cells(const Cells *c, const double *u, const double *pressure) {
   FOR_EACH_BATCH
     real sum = splat(0), psi;
     FOR_EACH_POINT
-      energy_point(p, F, &psi);
+      energy_point(p, F, H, &psi);
       sum += (psi + volume_density(p, &volume, F)) * weight;
     }
     for (int l = 0; l < lanes; ++l) total += sum[l];
@@ -49,7 +49,7 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
     for (int a = 0; a < NODES; ++a)
       for (int i = 0; i < 3; ++i) f[a][i] = splat(0);
     FOR_EACH_POINT
-      stress_point(p, F, P);
+      stress_point(p, F, H, P);
       for (int i = 0; i < 9; ++i) P[i] *= weight;
       for (int a = 0; a < NODES; ++a)
         for (int i = 0; i < 3; ++i) f[a][i] += P[i] * G[3 * a] + P[3 + i] * G[3 * a + 1] + P[6 + i] * G[3 * a + 2];
@@ -98,7 +98,7 @@ void fields_cells(const Cells *c, const double *u, const double *pressure, doubl
     real out[5] = {splat(0), splat(0), splat(INFINITY), splat(0), splat(INFINITY)};
     FOR_EACH_POINT
       real psi, e[9], Q[9], U[9], V[9], cofactor[9];
-      energy_point(p, F, &psi);
+      energy_point(p, F, H, &psi);
       eigenvalues_point(p, F, CUBIC, e, Q, U, V);
       const real J = volume_point(F, cofactor);
       out[0] += weight;

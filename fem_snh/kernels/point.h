@@ -4,6 +4,7 @@
  *   energy_invariants, stress_invariants ........ from F alone, if the energy needs no stretches
  *   energy_stretches, gradient_stretches ........ from the principal stretches
  *   hessian_stretches(p, s, A, twist, flip) ..... scaling block, twist and flip eigenvalues
+ *   energy_near_rest, and factors_near_rest (no stretches) or gradient_near_rest: see near.h
  * Outside the domain of psi, and where F is not finite, the energy is +inf and all else is 0; the same
  * goes for what overflows. Nothing is ever NaN. 9-vectors are vec(.) by columns (paper, eq. 17). */
 
@@ -13,27 +14,89 @@ INLINE real filtered(int filter, real e) {
   return filter == CLAMP ? largest(e, splat(0)) : filter == ABS ? absolute(e) : e;
 }
 
-INLINE void energy_point(Law p, const real *F, real *psi) {
+/* Whether F is so thin that det F from its cofactors may lose its digits, even its sign: products of
+ * |F|^3 that cancel. The product of the stretches does not. */
+INLINE mask thin(const real *F) {
+  real C[9];
+  cross(F + 3, F + 6, C);
+  const real J = dot(F, C), squares = dot(F, F) + dot(F + 3, F + 3) + dot(F + 6, F + 6);
+  const mask cancels = absolute(J) < 1e-3 * squares * lane_sqrt(squares);
+  return HAS_VOLUME ? cancels : (mask){0};
+}
+
+/* The energy at F = I + H. Near rest it is that of H, elsewhere that of F. */
+INLINE void energy_point(Law p, const real *F, const real *H, real *psi) {
+  const mask near = near_rest(H);
+  real close[1] = {splat(0)}, U[9], s[3], V[9], change[3];
+  if (any(near)) {
 #if NEEDS_STRETCHES
-  real U[9], V[9], s[3];
+    svd_near_rest(H, U, s, change, V);
+#else
+    invariants_change(H, change);
+#endif
+    energy_near_rest(p, change, close);
+    psi[0] = close[0];
+  }
+  if (!any(~near)) return;
+#if NEEDS_STRETCHES
   svd(F, U, s, V);
   energy_stretches(p, s, psi);
 #else
   energy_invariants(p, F, psi);
+  const mask flat = thin(F);
+  if (any(flat)) {
+    real value[1];
+    svd(F, U, s, V);
+    energy_stretches(p, s, value);
+    psi[0] = select(flat, value[0], psi[0]);
+  }
 #endif
+  psi[0] = select(near, close[0], psi[0]);
 }
 
-INLINE void stress_point(Law p, const real *F, real *P) {
+/* P = sum_i g_i u_i v_i^T */
+INLINE void compose(const real *g, const real *U, const real *V, real *P) {
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      P[3 * j + i] = g[0] * U[i] * V[j] + g[1] * U[3 + i] * V[3 + j] + g[2] * U[6 + i] * V[6 + j];
+}
+
+INLINE void stress_point(Law p, const real *F, const real *H, real *P) {
+  const mask near = near_rest(H);
+  real close[9], change[3];
+  for (int i = 0; i < 9; ++i) close[i] = splat(0);
+  if (any(near)) {
+#if NEEDS_STRETCHES
+    real U[9], V[9], s[3], g[3];
+    svd_near_rest(H, U, s, change, V);
+    gradient_near_rest(p, change, g);
+    compose(g, U, V, close);
+#else
+    real factor[4];
+    invariants_change(H, change);
+    factors_near_rest(p, change, factor);
+    stress_near_rest(H, factor[0], factor[1], factor[2], factor[3], close);
+#endif
+    for (int i = 0; i < 9; ++i) P[i] = close[i];
+  }
+  if (!any(~near)) return;
 #if NEEDS_STRETCHES
   real U[9], V[9], s[3], g[3];
   svd(F, U, s, V);
   gradient_stretches(p, s, g);
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i)
-      P[3 * j + i] = g[0] * U[i] * V[j] + g[1] * U[3 + i] * V[3 + j] + g[2] * U[6 + i] * V[6 + j];
+  compose(g, U, V, P);
 #else
   stress_invariants(p, F, P);
+  const mask flat = thin(F);
+  if (any(flat)) {
+    real U[9], V[9], s[3], g[3], value[9];
+    svd(F, U, s, V);
+    gradient_stretches(p, s, g);
+    compose(g, U, V, value);
+    for (int i = 0; i < 9; ++i) P[i] = select(flat, value[i], P[i]);
+  }
 #endif
+  for (int i = 0; i < 9; ++i) P[i] = select(near, close[i], P[i]);
 }
 
 /* The nine eigenvalues in the paper's order (scaling 0-2, twist 3-5, flip 6-8), the vectors Q of the

@@ -44,6 +44,11 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
         arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
         return f"lane_{expr.func.__name__}({', '.join(arguments)})"
 
+    def _print_power_slope(self, expr: sympy.Function) -> str:
+        x, exponent = expr.args
+        return f"lane_power_slope(splat(0) + {self._print(x)}, {float(exponent)!r})"
+
+    _print_log1p = _print_expm1 = _print_Function
     _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
 
     def _print_Rational(self, expr: sympy.Rational) -> str:

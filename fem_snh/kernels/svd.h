@@ -45,6 +45,17 @@ INLINE void normal_part(const real *u, const real *v, real *n) {
   for (int i = 0; i < 3; ++i) n[i] = v[i] - along * u[i];
 }
 
+/* s2, or 0 where it is rounding alone, and so its sign: below 2^-52 of every column's and row's size the
+ * F whose columns (or rows) are scaled to the same size is singular to working precision. */
+INLINE real without_noise(const real *F, real down, real s2) {
+  real least = splat(INFINITY);
+  for (int k = 0; k < 3; ++k) {
+    least = smallest(least, absolute(F[3 * k]) + absolute(F[3 * k + 1]) + absolute(F[3 * k + 2]));
+    least = smallest(least, absolute(F[k]) + absolute(F[3 + k]) + absolute(F[6 + k]));
+  }
+  return select(absolute(s2) <= 0x1p-52 * (least * down), splat(0), s2);
+}
+
 INLINE void svd(const real *F, real *U, real *s, real *V) {
   real G[9], size = splat(0), up, down;
   for (int i = 0; i < 9; ++i) size += absolute(F[i]);
@@ -87,5 +98,7 @@ INLINE void svd(const real *F, real *U, real *s, real *V) {
   cross(u0, u1, u2);
   s[0] = select(finite, longest * up, splat(NAN));
   s[1] = select(finite, dot(u1, G + 3) * up, splat(NAN));
-  s[2] = select(finite, dot(u2, G + 6) * up, splat(NAN));
+  real shortest = dot(u2, G + 6);
+  if (any(absolute(shortest) <= 1e-15 * longest)) shortest = without_noise(F, down, shortest);
+  s[2] = select(finite, shortest * up, splat(NAN));
 }

@@ -3,22 +3,24 @@
  * p d2v + U''/V dv dv^T with p = U'(J_e): the first two are those of p J at every point, which the
  * material's own carry, filtered; the last is of rank one, and positive where U is convex.
  *
- * The code generator provides volume_curve(law, J, {U, U', U''}). */
+ * The code generator provides volume_curve(law, J, J - 1, {U, U', U''}): near rest J - 1 says more. */
 
 typedef struct {
   real volume, U[3], pressure, dv[NODES][3]; /* dv: of the deformed volume, by the displacement */
 } Volume;
 
 INLINE void volume_begin(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, Volume *m) {
-  real G[3 * NODES], weight, F[9], cofactor[9], deformed = splat(0);
+  real G[3 * NODES], weight, F[9], H[9], cofactor[9], deformed = splat(0), change = splat(0);
   m->volume = splat(0);
   for (int q = 0; q < POINTS; ++q) {
     geometry_point(c, x, q, G, &weight);
-    deformation_point(G, v, F);
+    deformation_point(G, v, F, H);
     m->volume += weight;
-    deformed += weight * volume_point(F, cofactor);
+    const real J = volume_point(F, cofactor);
+    deformed += weight * J;
+    change += weight * select(near_rest(H), volume_change(H, cofactor), J - 1);
   }
-  volume_curve((Law){c->constants, splat(0)}, deformed / m->volume, m->U);
+  volume_curve((Law){c->constants, splat(0)}, deformed / m->volume, change / m->volume, m->U);
   m->pressure = m->U[1];
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i) m->dv[a][i] = splat(0);

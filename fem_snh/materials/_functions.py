@@ -62,3 +62,8 @@ def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
     """The expression with every `where` replaced by a symbol: what counts everywhere."""
     hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
     return expression.xreplace(hidden)
+
+
+def fractions(expression: sympy.Expr) -> sympy.Expr:
+    """The expression with its floats as the fractions that they are."""
+    return expression.xreplace({x: sympy.Rational(x) for x in expression.atoms(sympy.Float)})

@@ -1,0 +1,163 @@
+"""What the kernels may err by, and what they do err by, at one F.
+
+In double precision F itself is known to a rounding, so no algorithm can be asked for more than the
+exact answer of an F that is off by a few. That, and a few roundings of the answer's own size, is
+the bound; a few is ROUNDINGS, for every material, quantity, size and nu alike::
+
+    bound(Q) = max_k |Q(F_k) - Q(F)| + r size(Q),   r = ROUNDINGS 2^-52
+    size(energy) = the sum of the absolute values of its terms;
+                   near rest: |psi| + mu |F - I| + |lambda tr(F - I)|
+    size(stress) = |P|,  size(Hessian) = |d2psi/dF2|      (Frobenius norms)
+
+F_k: every column of F off by r times its length, in random directions and their opposites
+(one-sided Jacobi is stable by columns, so a short column keeps its digits beside a long one). Near
+rest, where no entry of F - I exceeds NEAR, it is F - I that is off by r times its largest entry: a
+rounding of F would be worth more than the strain.
+
+Clamped and absolute Hessians have the exact Hessian's bound: the projection to a convex cone, and
+the reflection about it, are nonexpansive in the Frobenius norm, so neither enlarges an error; nor
+do eigenvalues, by Weyl's theorem. The least eigenvalue of a filtered Hessian is at least -r |H|.
+
+Two kinds of F leave nothing to compare, only that every number is finite (an energy may be +inf),
+symmetric, semidefinite: those so close to the edge of the energy's domain that F and F_k are not on
+the same side, and those where the Hessian of F_k is half as far from that of F as zero is: energies
+of tr S have a pole where two signed stretches sum to zero, and their stress a jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import mpmath
+import numpy as np
+from mpmath import mpf
+
+from fem_snh.choices import EIGENSOLVERS
+from fem_snh.kernels.pointwise import Material
+from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly, norm
+
+ROUNDINGS = 100
+_R = ROUNDINGS * mpf(2) ** -52
+#: Entries of F - I up to which an F is near rest.
+NEAR = 0.1
+#: F_k per F.
+SHAKEN = 4
+#: Results beyond this may be taken for overflow: energy +inf, all else 0.
+HUGE = mpf(10) ** 300
+
+
+class Compared(NamedTuple):
+    """One quantity at one F: its error, its bound, and its own size."""
+
+    quantity: str
+    error: Any
+    bound: Any
+    size: Any = mpf(0)
+
+    @property
+    def ratio(self) -> float:
+        """The error over the bound."""
+        if self.error == 0:
+            return 0.0
+        return float(self.error / self.bound) if self.bound else float("inf")
+
+    @property
+    def has_digits(self) -> bool:
+        """Whether F, known to a few roundings, decides any digit of it."""
+        return bool(self.bound < self.size)
+
+
+def digits(F: Any) -> int:
+    """Decimal digits that leave fifty of every result at F."""
+    entries = np.abs(F[F != 0])
+    spread = np.log10(entries.max() / entries.min()) if entries.size else 0
+    return 60 + int(5 * min(spread, 24.0))
+
+
+def is_near_rest(F: Any) -> bool:
+    """Whether the strain, not F, is what is known to a rounding."""
+    return bool(np.abs(F - np.eye(3)).max() <= NEAR)
+
+
+def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:
+    """The F_k of the module docstring."""
+    f = exactly(F)
+    for _ in range(SHAKEN // 2):
+        r = _R * exactly(rng.choice([-1.0, 1.0], (3, 3)))
+        if is_near_rest(F):
+            r = r * max(map(abs, (f - exactly(np.eye(3))).ravel()))
+        else:
+            r = r * np.array([norm(f[:, j]) for j in range(3)], dtype=object)
+        yield f + r
+        yield f - r
+
+
+def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]:
+    """Every quantity of the material at F, a (3, 3) array of doubles."""
+    oracle = Oracle(m.law)
+    with mpmath.workdps(digits(F)):
+        exact = oracle(exactly(F))
+        near = [oracle(f) for f in shaken(F, rng)]
+        same = all(p.inside == exact.inside for p in near)
+        if m.law.has_energy:
+            yield _energy(m, F, exact, near, same)
+        true = exact.hessian() if exact.blocks is not None else None
+        change = _change([p.hessian() if p.blocks is not None else None for p in near], true)
+        decided = same and (not exact.inside or (true is not None and 2 * change < norm(true)))
+        bound = _change([p.P for p in near], exact.P)
+        yield _array("pk1", m.pk1(F), exact, exact.P, bound, decided)
+        yield _array("hessian exact", m.hessian(F), exact, true, change, decided)
+        yield from _filters(m, F, exact, change, decided)
+
+
+def _change(near: list[Any], exact: Any) -> Any:
+    """max_k |Q_k - Q|; inf where one is missing."""
+    if exact is None or any(q is None for q in near):
+        return mpmath.inf
+    return max(norm(np.asarray(q - exact)) for q in near)
+
+
+def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) -> Compared:
+    found = float(m.energy(F))
+    if np.isnan(found):
+        return Compared("energy", mpmath.inf, mpf(0))
+    if not exact.inside or not same:
+        wrong = same and found != np.inf
+        return Compared("energy", mpmath.inf if wrong else mpf(0), mpf(0))
+    if abs(exact.energy) > HUGE and not abs(found) < np.inf:
+        return Compared("energy", mpf(0), mpf(0))
+    size = exact.terms
+    if is_near_rest(F):
+        mu, lam = map(mpf, m.law.lame)
+        H = exactly(F - np.eye(3))  # exact: the entries are near 1
+        size = abs(exact.energy) + mu * norm(H) + abs(lam * np.trace(H))
+        size += abs(mpf(m.law.rest_stress)) * norm(H)
+    bound = max(abs(p.energy - exact.energy) for p in near) + _R * size
+    return Compared("energy", abs(mpf(found) - exact.energy), bound, abs(exact.energy))
+
+
+def _array(what: str, found: Any, at: Point, exact: Any, change: Any, decided: bool) -> Compared:
+    """Stress or Hessian: zero outside the domain, close to the exact one inside."""
+    if not np.isfinite(found).all():
+        return Compared(what, mpmath.inf, mpf(0))
+    if decided and not at.inside:
+        return Compared(what, mpmath.inf if found.any() else mpf(0), mpf(0))
+    if not decided or exact is None or (norm(exact) > HUGE and not found.any()):
+        return Compared(what, mpf(0), mpf(0))
+    return Compared(what, norm(exactly(found) - exact), change + _R * norm(exact), norm(exact))
+
+
+def _filters(m: Material, F: Any, at: Point, change: Any, decided: bool) -> Iterator[Compared]:
+    for solver in EIGENSOLVERS:
+        for filter in ("clamp", "abs"):
+            found, what = m.hessian(F, filter, solver), f"hessian {filter}, {solver}"
+            true = None if at.blocks is None else at.hessian(filter)
+            yield _array(what, found, at, true, change, decided)
+            if not np.array_equal(found, found.T):
+                yield Compared(what, mpmath.inf, mpf(0))
+            lowest = np.linalg.eigvalsh(found / (float(norm(found)) or 1.0))[0]
+            yield Compared(f"lowest {filter}, {solver}", mpf(max(0.0, -lowest)), _R, mpf(1))
+        values = np.sort(m.eigensystem(F, solver)[0])
+        true = None if at.blocks is None else np.array(at.eigenvalues, dtype=object)
+        yield _array(f"eigenvalues, {solver}", values, at, true, change, decided)

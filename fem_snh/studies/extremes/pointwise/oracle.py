@@ -1,0 +1,180 @@
+"""Energy, stress and Hessian of a material in as many digits as it takes, by mpmath.
+
+From the material's own expression, differentiated by sympy in the principal stretches, at the exact
+values of the doubles in F and in the constants. Nothing here is shared with the kernels but the
+expression. tests/test_pointwise_extremes.py checks it against a stress by hand, against mpmath's
+derivatives of the energy, and against a dense eigendecomposition of the 9x9 Hessian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy
+from mpmath import mpf
+
+from fem_snh.materials._functions import fractions
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import INVARIANTS, SIGMA
+
+#: (i, j, k): twist and flip i couple the stretches j and k (paper, eq. 46-48).
+PAIRS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+
+
+def _terms(f: sympy.Expr) -> sympy.Expr:
+    """The sum of the absolute values of what is added in f."""
+    if f.is_Add:
+        return sympy.Add(*map(_terms, f.args))
+    return sympy.Mul(*map(_terms, f.args)) if f.is_Mul else sympy.Abs(f)
+
+
+@lru_cache(maxsize=8)
+def _calls(
+    psi: sympy.Expr | None, slopes: Any, domain: Any, constants: Any
+) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    """(domain), (psi, the size of its terms) and (slopes, their derivatives), for mpmath."""
+
+    def call(expressions: Any) -> Callable[..., Any]:
+        return sympy.lambdify((*SIGMA, *constants), expressions, "mpmath")
+
+    psi = sympy.Integer(0) if psi is None else fractions(psi)
+    slopes = [fractions(p) for p in slopes]
+    second = [[sympy.diff(p, s) for s in SIGMA] for p in slopes]
+    return (
+        call([d.subs(INVARIANTS) for d in domain]),
+        call([psi, _terms(psi)]),
+        call([list(slopes), second]),
+    )
+
+
+@dataclass
+class Point:
+    """All there is to know of a material at one F; mpmath numbers, 9-vectors by columns of F.
+
+    ``blocks`` are the Hessian's in the frame of the stretches: scaling (3x3), twist, flip. They and
+    P are None for energies of tr S where two signed stretches sum to zero.
+    """
+
+    inside: bool
+    energy: Any = None  # +inf outside the domain; None without an energy
+    terms: Any = 0  # the sum of the absolute values of the energy's terms
+    P: Any = None
+    frame: Any = None
+    blocks: Any = None
+
+    @property
+    def eigenvalues(self) -> list[Any]:
+        """All nine, ascending."""
+        A, twist, flip = self.blocks
+        return sorted([*mpmath.eigsy(mpmath.matrix(A.tolist()), eigvals_only=True), *twist, *flip])
+
+    def hessian(self, filter: str = "exact") -> Any:
+        """d2psi/dF2 (9, 9) after the filter."""
+        A, twist, flip = self.blocks
+        if filter != "exact":
+            A, twist, flip = filtered(A, filter), *(_each(x, filter) for x in (twist, flip))
+        Q, on = self.frame, [0, 4, 8]
+        Y = np.empty((9, 9), dtype=object)  # Q times the blocks
+        Y[:, on] = Q[:, on] @ A
+        for i, j, k in PAIRS:
+            a, b = 3 * k + j, 3 * j + k
+            same, other = (twist[i] + flip[i]) / 2, (flip[i] - twist[i]) / 2
+            Y[:, a], Y[:, b] = same * Q[:, a] + other * Q[:, b], other * Q[:, a] + same * Q[:, b]
+        H = np.empty((9, 9), dtype=object)
+        for i in range(9):
+            H[i, i:] = H[i:, i] = Q[i:] @ Y[i]
+        return H
+
+
+def _each(values: Any, filter: str) -> list[Any]:
+    return [max(v, mpf(0)) if filter == "clamp" else abs(v) for v in values]
+
+
+def filtered(A: Any, filter: str) -> Any:
+    """A symmetric matrix with its eigenvalues clamped or made positive, by mpmath's eigsy."""
+    values, Q = mpmath.eigsy(mpmath.matrix(A.tolist()))
+    Q = np.array(Q.tolist(), dtype=object).reshape(A.shape)
+    return (Q * np.array(_each(values, filter), dtype=object)) @ Q.T
+
+
+def exactly(F: Any) -> Any:
+    """An array of doubles as mpmath numbers."""
+    return np.vectorize(mpf, otypes=[object])(np.asarray(F, dtype=object))
+
+
+def norm(A: Any) -> Any:
+    """The root of the sum of squares."""
+    return mpmath.sqrt(mpmath.fsum(x * x for x in np.ravel(A)))
+
+
+def _unit(v: Any) -> Any:
+    return v / norm(v)
+
+
+def rotation_variant_svd(F: Any) -> tuple[Any, Any, Any]:
+    """U, s, V of F (paper, eq. 2): rotations, s0 >= s1 >= |s2|."""
+    _, Q = mpmath.eigsy(mpmath.matrix((F.T @ F).tolist()))
+    V = np.array(Q.tolist(), dtype=object).reshape(3, 3)[:, ::-1]
+    V[:, 2] = np.cross(V[:, 0], V[:, 1])
+    G = F @ V
+    tiny = mpf(10) ** (-mpmath.mp.dps // 4)
+    s0, s1 = norm(G[:, 0]), norm(G[:, 1])
+    u0 = exactly([1, 0, 0]) if s0 == 0 else G[:, 0] / s0
+    if s1 <= tiny * s0:  # then any normal will do
+        axis = exactly(np.eye(3)[int(np.argmin([abs(float(x)) for x in u0]))])
+        u1, s1 = _unit(np.cross(u0, axis)), mpf(0)
+    else:
+        u1 = _unit(G[:, 1] - (G[:, 1] @ u0) * u0)
+    u2 = np.cross(u0, u1)
+    J = F[:, 0] @ np.cross(F[:, 1], F[:, 2])
+    return np.stack([u0, u1, u2], axis=1), [s0, s1, J / (s0 * s1) if s1 else mpf(0)], V
+
+
+class Oracle:
+    """A material's energy, in the working precision of mpmath."""
+
+    def __init__(self, law: Energy) -> None:
+        self.law = law
+        self._domain, self._psi, self._slopes = _calls(
+            law.psi_sigma, law.slopes, law.domain, law.constants
+        )
+
+    def __call__(self, F: Any) -> Point:
+        """The material at F (3, 3), of mpmath numbers."""
+        U, s, V = rotation_variant_svd(F)
+        constants = [mpf(v) for v in self.law.values]
+        if any(d <= 0 for d in self._domain(*s, *constants)):
+            return Point(False, energy=mpmath.inf if self.law.has_energy else None)
+        psi, terms = map(mpf, self._psi(*s, *constants))
+        p, pp = self._slopes(*s, *constants)
+        p = [mpf(x) for x in p]
+        blocks = self._blocks(s, p, exactly(pp))
+        point = Point(True, psi if self.law.has_energy else None, terms, blocks=blocks)
+        if blocks is not None:
+            point.P = (U * np.array(p, dtype=object)) @ V.T
+            pairs = [(a, b) for b in range(3) for a in range(3)]
+            point.frame = np.stack([np.kron(V[:, b], U[:, a]) for a, b in pairs], axis=1)
+        return point
+
+    @staticmethod
+    def _blocks(s: Any, p: Any, pp: Any) -> tuple[Any, list[Any], list[Any]] | None:
+        """Scaling, twist and flip; where two stretches are equal, the limits of the quotients."""
+        A = (pp + pp.T) / 2  # of a stress that is no gradient: the symmetric part
+        same = mpf(10) ** (-mpmath.mp.dps // 3)
+        twist, flip = [], []
+        for _, j, k in PAIRS:
+            mean, size = (A[j, j] + A[k, k]) / 2, abs(s[j]) + abs(s[k])
+            d, t = s[j] - s[k], s[j] + s[k]
+            flip.append((p[j] - p[k]) / d if abs(d) > same * size else mean - A[j, k])
+            if abs(t) > same * size:
+                twist.append((p[j] + p[k]) / t)
+            elif abs(p[j] + p[k]) <= same * (abs(p[j]) + abs(p[k])):
+                twist.append(mean + A[j, k])
+            else:
+                return None
+        return A, twist, flip

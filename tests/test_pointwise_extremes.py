@@ -1,0 +1,305 @@
+"""Materials and filters at the extremes, against as many digits as it takes."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from points import every_name, law, vec
+
+from fem_snh.kernels import build
+from fem_snh.kernels.cells import CellLoops, Tables, c_source
+from fem_snh.kernels.differences import Divided
+from fem_snh.kernels.law import law_for
+from fem_snh.kernels.pointwise import Material, material
+from fem_snh.kernels.rest import AboutRest
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import SIGMA
+from fem_snh.studies.extremes import pointwise
+from fem_snh.studies.extremes.pointwise.bounds import compare
+from fem_snh.studies.extremes.pointwise.oracle import Oracle, exactly, filtered, norm
+from fem_snh.studies.extremes.pointwise.points import MODULI, groups
+
+STIFF = 0.4999999
+
+
+def exact(m: Material, F: np.ndarray):
+    """The oracle's point at F, in 90 digits."""
+    return Oracle(m.law)(exactly(F))
+
+
+def mp(A) -> mpmath.matrix:
+    return mpmath.matrix(np.asarray(A, dtype=object).tolist())
+
+
+# --- the oracle ----------------------------------------------------------------------------------
+
+SAMPLE = [[1.3, 0.2, -0.4], [0.1, 0.8, 0.3], [0.25, -0.6, 1.1]]
+INVERTED = [[1.3, 0.2, -0.4], [0.1, -0.8, 0.3], [0.25, -0.6, 1.1]]
+BY_HAND = ["stable_neo_hookean", "neo_hookean"]
+
+
+@pytest.mark.parametrize("F", [SAMPLE, INVERTED])
+def test_oracle_against_stable_neo_hookean_by_hand(F):
+    """Energy, stress and Hessian of eq. 13 without a stretch: F, cof F and dcof F/dF."""
+    m = law("stable_neo_hookean", 0.45)
+    with mpmath.workdps(90):
+        f = exactly(F)
+        point = exact(m, f)
+        mu, lam = map(mpmath.mpf, m.law.values)
+        cof = np.stack([np.cross(f[:, (j + 1) % 3], f[:, (j + 2) % 3]) for j in range(3)], axis=1)
+        J = f[:, 0] @ cof[:, 0]
+        psi = mu / 2 * ((f * f).sum() - 3) - mu * (J - 1) + lam / 2 * (J - 1) ** 2
+        assert abs(point.energy - psi) < mpmath.mpf(10) ** -80
+        pressure = lam * (J - 1) - mu
+        assert norm(point.P - (mu * f + pressure * cof)) < mpmath.mpf(10) ** -80
+        H = mu * exactly(np.eye(9)) + lam * np.outer(cof.T.ravel(), cof.T.ravel())
+        cross = np.array(
+            [
+                [[float(sympy.LeviCivita(i, j, k)) for k in range(3)] for j in range(3)]
+                for i in range(3)
+            ]
+        )
+        for i, a, j, b in np.ndindex(3, 3, 3, 3):  # d2J / dF_ia dF_jb
+            total = sum(cross[i, j, k] * cross[a, b, c] * f[k, c] for k, c in np.ndindex(3, 3))
+            H[3 * a + i, 3 * b + j] += pressure * total
+        assert norm(point.hessian() - H) < mpmath.mpf(10) ** -80
+
+
+@every_name
+def test_oracle_against_mpmath_derivatives(name):
+    """P is the derivative of the energy, and the Hessian that of P, by differences in 90 digits."""
+    m = law(name, 0.3)
+    with mpmath.workdps(90):
+        f, h, A = (
+            exactly(SAMPLE),
+            mpmath.mpf(10) ** -20,
+            exactly(np.arange(9).reshape(3, 3) / 8 - 0.4),
+        )
+        up, down, point = exact(m, f + h * A), exact(m, f - h * A), exact(m, f)
+        tiny = mpmath.mpf(10) ** -35 * norm(point.hessian())
+        if m.law.has_energy:
+            assert abs((up.energy - down.energy) / (2 * h) - (point.P * A).sum()) < tiny
+        change = ((up.P - down.P) / (2 * h)).T.ravel()
+        assert norm(change - point.hessian() @ A.T.ravel()) < tiny
+
+
+@pytest.mark.parametrize("F", [SAMPLE, INVERTED, np.diag([1.0, 1.0, 0.2]), np.diag([3.0, 2, -1])])
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "fixed_corotational", "stvk"])
+def test_oracle_against_a_dense_eigendecomposition(name, F):
+    """Filters and eigenvalues by mpmath's eigsy of the 9x9 Hessian itself."""
+    m = law(name, 0.45)
+    with mpmath.workdps(90):
+        point = exact(m, np.array(F))
+        H = point.hessian()
+        tiny = mpmath.mpf(10) ** -70
+        assert norm(H - H.T) < tiny
+        for filter in ("clamp", "abs"):
+            assert norm(filtered(H, filter) - point.hessian(filter)) < tiny
+        values = mpmath.eigsy(mp(H), eigvals_only=True)
+        assert norm(np.array(list(values)) - np.array(point.eigenvalues)) < tiny
+
+
+def test_a_wrong_kernel_is_found():
+    """The bounds are no formality: a modulus off by 1e-12 breaks them."""
+    m = law("neo_hookean", 0.3)
+    wrong = Material(m.law)
+    wrong.constants = m.constants * (1 + 1e-12)
+    rng = np.random.default_rng(0)
+    found = {c.quantity: c.ratio for c in compare(wrong, np.array(SAMPLE), rng)}
+    right = {c.quantity: c.ratio for c in compare(m, np.array(SAMPLE), rng)}
+    assert max(right.values()) < 0.1
+    assert found["energy"] > 1 and found["pk1"] > 1 and found["hessian clamp, cubic"] > 1
+
+
+# --- every material ------------------------------------------------------------------------------
+
+
+@every_name
+def test_bounds_hold(name):
+    rows = pointwise.measure(name, quick=True)
+    broken = [(r["quantity"], r["group"], r["nu"], r["ratio"]) for r in rows if not r["holds"]]
+    assert not broken
+    decided = [r["digits"] for r in rows if r["group"] in ("regular", "near-equal 1e-08")]
+    assert all(decided) and len(decided) > 20  # the bounds leave something to compare
+
+
+@every_name
+def test_a_strain_of_1e_9_keeps_six_digits_of_stress(name):
+    """At every nu, also where F changes shape alone and lambda is five million mu."""
+    chosen = dict.fromkeys([0.3, STIFF])
+    for nu in chosen:
+        m = law(name, nu)
+        for seed in (0, 1, 2):  # symmetric, any, free of volume
+            (F,) = (g.F for g in groups(1, seed) if g.name == "strain 1e-09")
+            with mpmath.workdps(90):
+                P = exact(m, F[0]).P
+                assert norm(exactly(m.pk1(F[0])) - P) <= 1e-6 * norm(P)
+
+
+def test_every_combination_of_the_issue_is_there():
+    nus, moduli = zip(*MODULI, strict=True)
+    assert min(nus) == -0.9 and max(nus) == STIFF
+    assert min(moduli) == 1e-6 and max(moduli) == 1e12
+    names = {g.name for g in groups(1)}
+    assert {"negative 1", "negative 2", "negative 3", "zero 1", "zero 2", "zero 3"} <= names
+    wide = np.concatenate([g.F for k in range(20) for g in groups(1, k) if "1e-12..1e12" in g.name])
+    entries = abs(wide[wide != 0])
+    assert entries.max() > 1e11 and entries.min() < 1e-11
+
+
+# --- each mend ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["stable_neo_hookean", "neo_hookean_ciarlet", "corotational", "hencky"]
+)
+@pytest.mark.parametrize("strain", [1e-9, 1e-12, 1e-15])
+def test_near_rest_nothing_cancels(name, strain):
+    """Stress to nine digits, energy to its first-order terms, of any strain: lambda = 5e6 mu."""
+    m = law(name, STIFF)
+    A = np.array([[0.5, -0.25, 0.75], [0.125, 0.25, -0.5], [0.5, 1.0, -0.75]])  # tr A = 0
+    F = np.eye(3) + 2.0 ** round(np.log2(strain)) * A
+    with mpmath.workdps(90):
+        point = exact(m, F)
+        assert norm(exactly(m.pk1(F)) - point.P) <= 1e-9 * norm(point.P)
+        assert abs(m.energy(F) - point.energy) <= 1e-15 * m.law.E * strain
+
+
+def test_a_thin_element_keeps_its_volume():
+    """One long stretch, two short ones: the cofactors of F cancel, and the sign of J with them."""
+    m = law("neo_hookean", 0.3)
+    for seed in range(8):
+        (F,) = (g.F[0] for g in groups(1, 3 * seed) if g.name == "regular")
+        U, _, V = np.linalg.svd(F)
+        F = U @ np.diag([1e4, 1e-3, 1e-3]) @ V
+        F *= np.sign(np.linalg.det(U @ V))
+        for c in compare(m, F, np.random.default_rng(seed)):
+            assert c.ratio <= 1 and (c.has_digits or "lowest" in c.quantity), c
+
+
+@pytest.mark.parametrize("name", ["hencky", "ogden", "peng_landel", "seth_hill", "valanis_landel"])
+@pytest.mark.parametrize("apart", [1e-3, 1e-4, 2e-5, 1e-6, 1e-9])
+def test_near_equal_stretches_keep_their_digits(name, apart):
+    """Where the division loses digits and its limit has not begun: it was ten digits at 1e-5."""
+    m = law(name, 0.3)
+    F = np.diag([1.3 + apart, 1.3, 0.7])
+    with mpmath.workdps(90):
+        values = np.array([float(x) for x in exact(m, F).eigenvalues])
+    assert abs(np.sort(m.eigensystem(F)[0]) - values).max() <= 2e-14 * abs(values).max()
+
+
+def kinked(s0, s1, s2, mu, lam):
+    """Every rule of the calculus: a power, a root, log, exp, a quotient, a product of sums."""
+    x, y, z = s0, s1, s2
+    parts = [
+        s ** sympy.Rational(7, 3) + sympy.log(s + 2) * sympy.exp(s / 3) - 1 / s for s in (x, y, z)
+    ]
+    return (
+        mu * sum(parts)
+        + lam * sum(parts) ** 2
+        + lam * sympy.sqrt(x * y * z + 1)
+        - mu * (x * y * z) ** 3
+    )
+
+
+def test_divided_differences_are_exact():
+    """[f] (x - y) = f - f', and the limit where x = y, for an expression with every rule in it."""
+    x, y, z = SIGMA
+    f = sympy.diff(kinked(x, y, z, 2, 3), x)
+    functions = {
+        "log_slope": lambda t: mpmath.log1p(t) / t,
+        "exp_slope": lambda t: mpmath.expm1(t) / t,
+        "power_slope": lambda t, a: mpmath.expm1(a * mpmath.log1p(t)) / t,
+    }
+    divided = sympy.lambdify(SIGMA, Divided(x, y)(f), [functions, "mpmath"])
+    call = sympy.lambdify(SIGMA, f, "mpmath")
+    with mpmath.workdps(60):
+        for a, b in ((1.5, 0.5), (1.25, 1.25 - 2.0**-30), (0.75, 0.75 + 2.0**-50)):
+            a, b, c = map(mpmath.mpf, (a, b, 0.9))
+            expected = (call(a, b, c) - call(b, a, c)) / (a - b)
+            assert abs(divided(a, b, c) - expected) < mpmath.mpf(10) ** -40
+
+
+def test_changes_from_rest_are_exact():
+    """f0 + df = f for an expression with every rule in it, df without a constant."""
+    d = sympy.symbols("d0:3", real=True)
+    f = kinked(*SIGMA, 2, 3)
+    at_rest, change = AboutRest({s: (sympy.Integer(1), t) for s, t in zip(SIGMA, d, strict=True)})(
+        f
+    )
+    call, moved = sympy.lambdify(SIGMA, f, "mpmath"), sympy.lambdify(d, change, "mpmath")
+    with mpmath.workdps(60):
+        for h in ((0.1, -0.05, 0.08), (1e-9, 2e-9, -3e-9)):
+            h = list(map(mpmath.mpf, h))
+            expected = call(*(1 + x for x in h)) - mpmath.mpf(sympy.N(at_rest, 60))
+            assert abs(moved(*h) - expected) < mpmath.mpf(10) ** -50
+    assert moved(0, 0, 0) == 0
+
+
+@lru_cache
+def tetrahedron(name: str, volume: str, nu: float):
+    """The kernel loops on the reference tetrahedron with one point, and the material."""
+    m = material(name, E=1.0, nu=nu)
+    g = np.array([[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    nodes = np.arange(4, dtype=np.int32)[None]
+    corners = np.maximum(g, 0)
+    corners[0] = 0
+    t = Tables(nodes, nodes, corners, g[None], g[None], np.array([1 / 6]), volume)
+    chosen = law_for(m.law, volume)
+    return CellLoops(build.library(c_source(chosen, t)), chosen, t), m
+
+
+@pytest.mark.parametrize("volume", ["pointwise", "mean"])
+@pytest.mark.parametrize("name", BY_HAND)
+@pytest.mark.parametrize("strain", [1e-4, 1e-9, 1e-12, 1e-150])
+def test_a_displacement_of_any_strain_keeps_its_residual(name, volume, strain):
+    """grad u is not rounded to I + grad u on its way: no volume change, lambda = 5e6 mu."""
+    loops, m = tetrahedron(name, volume, STIFF)
+    H = strain * np.array([[0.5, -0.25, 0.75], [0.125, 0.25, -0.5], [0.5, 1.0, -0.75]])
+    r = np.zeros((4, 3))
+    loops.residual(np.concatenate([np.zeros((1, 3)), H.T]).ravel(), r.ravel())
+    with mpmath.workdps(400 if strain < 1e-100 else 90):
+        P = exact(m, exactly(np.eye(3)) + exactly(H)).P
+        assert norm(exactly(6 * r[1:].T) - P) <= 1e-9 * norm(P)
+
+
+def test_a_sum_of_reciprocals_survives_one_long_stretch():
+    """symmetric_arap by its invariants had sum 1/s_i = (I1^2 - I_C)/(2 J)."""
+    m = law("symmetric_arap", 0.3)
+    for c in compare(m, np.diag([1e9, 1e-4, 1e-4]), np.random.default_rng(0)):
+        assert c.ratio <= 1, c
+
+
+@pytest.mark.parametrize("name", ["stable_arruda_boyce", "stable_fung"])
+def test_rest_is_without_stress_to_the_last_digit(name):
+    shape = {
+        "stable_fung": {"gamma": 0.3, "mu_1": 0.7},
+        "stable_arruda_boyce": {"betas": (0.1, 0.3)},
+    }
+    m = law(name, 0.45, **shape[name])
+    assert not m.pk1(np.eye(3)).any()
+
+
+def by_stretches(s0, s1, s2, mu, lam):
+    """eq. 13 in the stretches: smooth, so twist has a limit where two stretches are opposite."""
+    J = s0 * s1 * s2
+    return mu / 2 * (s0**2 + s1**2 + s2**2 - 3) - mu * (J - 1) + lam / 2 * (J - 1) ** 2
+
+
+def test_opposite_stretches_have_a_limit_only_where_the_energy_does():
+    smooth = Material(Energy(by_stretches, E=1.7, nu=0.3, shape={}))
+    F = np.diag([2.0, 1.0, -1.0 + 1e-9])
+    assert vec(F) @ smooth.hessian(F) @ vec(F) == pytest.approx(
+        vec(F) @ law("stable_neo_hookean", 0.3, barrier=False).hessian(F) @ vec(F), rel=1e-14
+    )
+    H, K = (x.hessian(F) for x in (smooth, law("stable_neo_hookean", 0.3, barrier=False)))
+    assert abs(H - K).max() <= 1e-14 * abs(K).max()
+    pole = law("filtered_neo_hookean", 0.3)
+    F = np.diag([2.0, 1.0, -1.0 + 2.0**-20])
+    with mpmath.workdps(90):
+        H = exact(pole, F).hessian()
+        assert norm(exactly(pole.hessian(F)) - H) <= 1e-9 * norm(H)  # it had a finite limit
