@@ -114,7 +114,8 @@ def run(
         probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)
-        snes = solver.create(problem, scene.hessian)
+        hessian = scene.hessian or solver.usual(problem)
+        snes = solver.create(problem, hessian)
         stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes)
         jit = problem.seconds["jit"]
         seconds = {

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh import _dolfinx
+from fem_snh import _dolfinx, solver
 from fem_snh.errors import BadInput, on_root
 from fem_snh.files import put, remove
 from fem_snh.problem import Problem
@@ -47,7 +47,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         },
         "element": scene.element,
         "quadrature": problem.element.quadrature,
-        "hessian": scene.hessian,
+        "hessian": snes.getPythonContext().options["snes_hessian"],
         "eigensolver": problem.eigensolver,
         "terms": [term.name for term in problem.terms],
         "cells": problem.mesh.num_cells,
@@ -55,7 +55,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "ranks": problem.comm.size,
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
-        "linear_solver": f"{snes.getKSP().getType()}+{snes.getKSP().getPC().getType()}",
+        "linear_solver": solver.linear_solver(snes),
         "tolerance": snes.getPythonContext().options["snes_scaled_tol"] * problem.force_scale,
         "converged": False,
         "status": "running",

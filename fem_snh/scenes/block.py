@@ -22,7 +22,6 @@ def block(cells: int = 8, pressure: float = 3.0) -> Scene:
         mesh=Geometry(source="block", parameters={"side": 50, "height": 50}),
         cells=cells,
         element="Q2",
-        hessian="adaptive",
         steps=4,
         material=MaterialChoice(
             name="neo_hookean_ogden",

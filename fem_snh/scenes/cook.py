@@ -19,7 +19,6 @@ def cook(cells: int = 16, force: float = 100.0) -> Scene:
         mesh=Geometry(source="cook"),
         cells=cells,
         element="Q2",
-        hessian="adaptive",
         steps=4,
         material=MaterialChoice(name="neo_hookean_simo", E=240.565, nu=0.4999),
         hold=[Hold(group="left"), Hold(group="faces", components=("z",))],

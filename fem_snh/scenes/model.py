@@ -133,9 +133,10 @@ class Scene(Table):
     The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
-    for eigenfrequencies at the end. ``quadrature`` is a polynomial degree, None the element's own;
-    ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds
-    PETSc options without the leading dash, to go under the solver's prefix; a flag's value is None.
+    for eigenfrequencies at the end. ``hessian`` is None for what suits the problem; ``quadrature``
+    is a polynomial degree, None the element's own; ``eigensolver`` is of the Hessian's 3x3 scaling
+    block. ``petsc`` holds PETSc options without the leading dash, to go under the solver's prefix;
+    a flag's value is None.
     """
 
     name: Text
@@ -143,7 +144,7 @@ class Scene(Table):
     cells: Count | None = None
     element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))]
     quadrature: Count | None = None
-    hessian: str = "adaptive"
+    hessian: str | None = None
     eigensolver: str = EIGENSOLVERS[0]
     steps: Count = 1
     material: MaterialChoice
@@ -164,7 +165,9 @@ class Scene(Table):
 
     @field_validator("element", "hessian", "eigensolver", "predictor")
     @classmethod
-    def _known(cls, name: str, info: ValidationInfo) -> str:
+    def _known(cls, name: str | None, info: ValidationInfo) -> str | None:
+        if name is None:
+            return None
         known = {
             "element": ELEMENTS,
             "hessian": HESSIANS,

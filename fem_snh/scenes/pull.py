@@ -20,7 +20,6 @@ def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:
         mesh=Geometry(source="cube"),
         cells=cells,
         element="Q1",
-        hessian="adaptive",
         steps=10,
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
         hold=[Hold(group="left")],

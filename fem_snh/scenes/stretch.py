@@ -18,7 +18,6 @@ def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat
         mesh=Geometry(source="cylinder", parameters={"radius": 0.5, "length": aspect}),
         cells=cells,
         element="Q1",
-        hessian="adaptive",
         steps=12,
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
         hold=[Hold(group="left")],

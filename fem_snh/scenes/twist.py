@@ -17,7 +17,6 @@ def twist(cells: int = 15, angle: float = pi) -> Scene:
         mesh=Geometry(source="cube"),
         cells=cells,
         element="Q1",
-        hessian="adaptive",
         steps=2,
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
         hold=[Hold(group="bottom")],

@@ -24,23 +24,21 @@ from fem_snh.solver.predictor import Predictor
 
 __all__ = [
     "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures",
-    "out_of_memory", "own_errors", "reason", "smoothers", "why",
+    "linear_solver", "out_of_memory", "own_errors", "reason", "smoothers", "usual", "why",
 ]  # fmt: skip
 
 PREFIX = "snh_"
-#: Preconditioners with solvers of their own, that have options.
-_IN_PARTS = (PETSc.PC.Type.FIELDSPLIT, PETSc.PC.Type.BJACOBI)
 
 
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: `EisenstatCG`; of a saddle MINRES with a block fieldsplit; for ``trust`` Steihaug's
-    CG with incomplete Cholesky factors, blocks of each rank. With an option ``ksp_type`` or
-    ``pc_type`` all is PETSc's own, from CG with Jacobi on. Linear tolerance between 1e-3 and 0.1
-    (Eisenstat-Walker), 200 iterations. Where a step starts far away (the twist), so loose a solve
-    lets rounding, and so the number of ranks, decide the path: ``-snes_forcing_max 5e-3`` makes it
-    repeatable.
+    Defaults: `EisenstatCG`; of a saddle MINRES with a block fieldsplit; where ``trust`` calls its
+    region, options under ``trust_``, Steihaug's CG with incomplete Cholesky factors, blocks of each
+    rank. With an option ``ksp_type`` or ``pc_type`` all is PETSc's own, from CG with Jacobi on.
+    Linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a step starts
+    far away (the twist), so loose a solve lets rounding, and so the number of ranks, decide the
+    path: ``-snes_forcing_max 5e-3`` makes it repeatable.
 
     Raises BadInput for an option's bad value.
     """
@@ -65,24 +63,37 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     if problem.saddle:
         saddle.configure(ksp, problem.A, problem.saddle)
-    elif policy != "trust" and not (database.hasName("ksp_type") or database.hasName("pc_type")):
+    elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG())
         ksp.getPC().setType(PETSc.PC.Type.NONE)
     else:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-    ours = saddle.BLOCKS if problem.saddle else trust.SOLVER if policy == "trust" else {}
+    ours = saddle.BLOCKS if problem.saddle else trust.OPTIONS if policy == "trust" else {}
     try:
         with own_errors(), defaults(prefix, ours):
             snes.setFromOptions()
-            if ours and ksp.getPC().getType() in _IN_PARTS:
+            if problem.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the parts read their options, once
+            if policy == "trust":
+                context.within_region = trust.linear_solver(problem.A, prefix)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
-    if policy == "trust":
-        choose("linear solver within a trust region, ksp_type", ksp.getType(), trust.SOLVERS)
     return snes
+
+
+def linear_solver(snes: PETSc.SNES) -> str:
+    """Its linear solver and preconditioner, in two words of PETSc's."""
+    ksp = snes.getKSP()
+    ours = isinstance(ksp.getPythonContext(), EisenstatCG) if ksp.getType() == "python" else False
+    return "cg+ssor" if ours else f"{ksp.getType()}+{ksp.getPC().getType()}"
+
+
+def usual(problem: Any) -> str:
+    """The policy for the Hessian where nothing is said: ``trust`` where there is a least energy."""
+    least = problem.has_energy and not problem.saddle
+    return "trust" if least else "adaptive"
 
 
 def smoothers(E: float) -> dict[str, Any]:

@@ -20,9 +20,15 @@ class Corrections:
     a filtered Hessian, which are definite, it descends.
     """
 
-    def __init__(self, snes: PETSc.SNES, line: LineSearch, most: int, goal: float) -> None:
-        """``most`` corrections after a step; none below ``goal``, a residual's norm [N]."""
+    def __init__(
+        self, snes: PETSc.SNES, ksp: PETSc.KSP, line: LineSearch, most: int, goal: float
+    ) -> None:
+        """``most`` corrections after a step; none below ``goal``, a residual's norm [N].
+
+        ``ksp`` has the preconditioner.
+        """
         self.snes, self.line, self.most, self.goal = snes, line, most, goal
+        self._pc = ksp.getPC()
         self._x, self._f, self._d = (line.trial.duplicate() for _ in range(3))
 
     def improve(self, before: float, energy: float) -> tuple[float, int]:
@@ -55,12 +61,14 @@ class Corrections:
 
     def _memory(self) -> PETSc.Mat:
         """PETSc's limited-memory inverse Hessian, with nothing in it yet."""
-        x, pc = self._x, self.snes.getKSP().getPC()
+        x = self._x
         memory = PETSc.Mat().create(x.comm)
         memory.setSizes([x.getSizes()] * 2)
         memory.setType(PETSc.Mat.Type.LMVMBFGS)
         memory.setUp()
         handles = (ffi.cast("void *", v.handle) for v in (memory, x, x))
         call("MatLMVMAllocate", *handles)
-        call("MatLMVMSetJ0PC", ffi.cast("void *", memory.handle), ffi.cast("void *", pc.handle))
+        call(
+            "MatLMVMSetJ0PC", ffi.cast("void *", memory.handle), ffi.cast("void *", self._pc.handle)
+        )
         return memory

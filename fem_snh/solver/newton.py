@@ -87,6 +87,7 @@ class ProjectedNewton:
         self.options = dict(options.OPTIONS)
         self.history: list[Iteration] = []
         self.filter = "exact"
+        self.within_region: PETSc.KSP | None = None  # the linear solver of `TrustRegion`
         self.divergence_asked_for = False
 
     # --- what PETSc calls ------------------------------------------------------------------------
@@ -118,9 +119,9 @@ class ProjectedNewton:
         self._line = line = self._line_search(snes, x, f)
         self.history, self._indefinite = [], float("inf")
         most = int(float(self.options["snes_corrections"]))
-        corrections = Corrections(snes, line, most, self._goal)
-        policy = self.options["snes_hessian"]
-        trust = TrustRegion(self, snes, corrections) if policy == "trust" else None
+        region = self.within_region if self.options["snes_hessian"] == "trust" else None
+        corrections = Corrections(snes, region or snes.getKSP(), line, most, self._goal)
+        trust = TrustRegion(self, snes, region, corrections) if region else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
+from fem_snh.errors import choose
 from fem_snh.solver.corrections import Corrections
 from fem_snh.solver.saddle import preconditioner_of
 
@@ -28,8 +29,29 @@ _ATTEMPTS = 12
 
 #: Linear solvers that know a radius. (PETSc's gltr has one, too, and frees memory twice.)
 SOLVERS = ("stcg", "nash")
-#: PETSc options of the linear solver, unless others are given.
-SOLVER = {"ksp_type": "stcg", "pc_type": "bjacobi", "sub_pc_type": "icc", "snes_corrections": 20}
+#: PETSc options, unless others are given: quasi-Newton steps, and the region's linear solver.
+OPTIONS = {
+    "snes_corrections": 20,
+    "trust_ksp_type": "stcg",
+    "trust_pc_type": "bjacobi",
+    "trust_sub_pc_type": "icc",
+}
+
+
+def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
+    """The solver of the region's steps, from the options under ``prefix`` + trust_. Collective.
+
+    Raises BadInput for one that knows no radius.
+    """
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOptionsPrefix(f"{prefix}trust_")
+    ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
+    ksp.setOperators(A)
+    ksp.setFromOptions()
+    if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
+        ksp.getPC().setUp()  # the blocks read their options, once
+    choose("linear solver within a trust region, trust_ksp_type", ksp.getType(), SOLVERS)
+    return ksp
 
 
 class TrustRegion:
@@ -44,8 +66,10 @@ class TrustRegion:
     step gains less than a hundredth of what all have: at a state that is nearly unstable.
     """
 
-    def __init__(self, newton: ProjectedNewton, snes: PETSc.SNES, corrections: Corrections) -> None:
-        self.newton, self.snes, self.corrections = newton, snes, corrections
+    def __init__(
+        self, newton: ProjectedNewton, snes: PETSc.SNES, ksp: PETSc.KSP, corrections: Corrections
+    ) -> None:
+        self.newton, self.snes, self.ksp, self.corrections = newton, snes, ksp, corrections
         self.line = line = corrections.line
         self.radius: float | None = None
         self.called, self._start = False, float("nan")
@@ -72,7 +96,7 @@ class TrustRegion:
         State and residual are then in the line search's vectors.
         """
         A, P = self.snes.getJacobian()[:2]
-        ksp, newton = self.snes.getKSP(), self.newton
+        ksp, newton = self.ksp, self.newton
         newton.fill(self.snes, x, A, P, "clamp")
         now.filtered_points = newton.filtered_points
         now.filter = "exact" if now.filtered_points else "none needed"
@@ -116,7 +140,7 @@ class TrustRegion:
 
     def _solve(self, f: PETSc.Vec, d: PETSc.Vec, now: Iteration) -> tuple[float, int]:
         """Put the step within the radius into ``d``; its norm and why the solver ended."""
-        ksp, norm = self.snes.getKSP(), ffi.new("double *")
+        ksp, norm = self.ksp, ffi.new("double *")
         handle = ffi.cast("void *", ksp.handle)
         call("KSPCGSetRadius", handle, self.radius or 0.0)  # 0: none
         d.set(0.0)
