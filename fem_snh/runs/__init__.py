@@ -22,6 +22,7 @@ from fem_snh.runs.interrupts import Interrupts
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.stepping import Stepper
+from fem_snh.start import begin
 
 __all__ = ["Result", "run"]
 
@@ -94,6 +95,8 @@ def run(
         setting_up = perf_counter()
         conditions = scene.hold, scene.move, scene.traction, scene.reactions
         problem = Problem(domain, element, law, *conditions, eigensolver=scene.eigensolver)
+        if scene.start:
+            begin(problem, scene.start)
         probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)

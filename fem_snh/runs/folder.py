@@ -25,7 +25,7 @@ from fem_snh.scenes import Scene
 
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "residual", "energy",
-    "volume_ratio", "min_J", "seconds",
+    "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 MODE_COLUMNS = ("mode", "frequency", "residual")
 

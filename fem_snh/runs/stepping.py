@@ -34,12 +34,14 @@ class Stepper:
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.predictor = solver.Predictor(problem, snes, predictor)
+        #: Half a load is the same problem again where nothing is loaded.
+        self.parts = 2**_HALVINGS if problem.loaded else 1
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        load, shortest = 0.0, 2.0**-_HALVINGS / self.steps
+        load, shortest = 0.0, 1 / (self.parts * self.steps)
         for k in range(1, self.steps + 1):
             target = k / self.steps
             size = target - load
@@ -59,20 +61,20 @@ class Stepper:
     def failure(self) -> str:
         """Why it ended before load 1."""
         return (
-            f"stopped at load {self.problem.load:.6g}: a step of 1/{2**_HALVINGS} of the nominal "
+            f"stopped at load {self.problem.load:.6g}: a step of 1/{self.parts} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
         problem, start, working = self.problem, perf_counter(), process_time()
-        kept = problem.x.copy()
+        kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
         with solver.own_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = self.snes.getPythonContext().history
-        residual = self.snes.getFunctionNorm()
+        residual, nonfinite = self.snes.getFunctionNorm(), problem.nonfinite - nonfinite
         if converged:
             self.predictor.accept()
         else:
@@ -89,6 +91,7 @@ class Stepper:
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),
+            "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
         if converged and (reactions := problem.reactions(problem.x)):
