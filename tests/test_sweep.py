@@ -17,7 +17,8 @@ import pytest
 from fem_snh import scenes
 from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
-from fem_snh.studies.campaign import Campaign, Limits, Point, arguments
+from fem_snh.studies.campaign import Campaign, Limits
+from fem_snh.studies.points import ScenePoint, arguments
 from fem_snh.studies.processes import Child, _session, environment, program
 from fem_snh.studies.sweep import combinations, sweep
 from fem_snh.studies.table import ASKED, FOUND, Table
@@ -181,13 +182,13 @@ def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
         report=said.append,
     )  # fmt: skip
     points = {
-        "a": Point(TINY, scene),
-        "b": Point(TINY, scene, after="a"),
-        "c": Point(TINY, scene, after="b"),
-        "d": Point(TINY, scene, timeout=60.0),
-        "e": Point(TINY, scene, timeout=60.0, after="d", growth=1e6),
+        "a": ScenePoint("twist", TINY, scene),
+        "b": ScenePoint("twist", TINY, scene, after="a"),
+        "c": ScenePoint("twist", TINY, scene, after="b"),
+        "d": ScenePoint("twist", TINY, scene, timeout=60.0),
+        "e": ScenePoint("twist", TINY, scene, timeout=60.0, after="d", growth=1e6),
     }
-    campaign.run("twist", points)
+    campaign.run(points)
     status = {row["point"]: row["status"] for row in campaign.table.rows()}
     assert status.pop("a") == "given up after 0.05 s"
     assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"

@@ -9,7 +9,12 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 from fem_snh.scenes.model import Geometry, Hold, MaterialChoice, Scene, Start
 
 #: What stays of each direction.
-STRETCHES = {"plane": (1, 1, 0), "line": (1, 0, 0), "point": (0, 0, 0), "inverted": (-1, -1, -1)}
+STRETCHES: dict[str, tuple[float, float, float]] = {
+    "plane": (1, 1, 0),
+    "line": (1, 0, 0),
+    "point": (0, 0, 0),
+    "inverted": (-1, -1, -1),
+}
 
 
 def crush(
@@ -30,8 +35,7 @@ def crush(
         noise: by how much every node is moved from there at random [length].
         seed: of the random numbers.
     """
-    stretches = STRETCHES[to]
-    matrix = [[float(s) * (i == j) for j in range(3)] for i, s in enumerate(stretches)]
+    x, y, z = STRETCHES[to]
     return Scene(
         name="crush",
         mesh=Geometry(source="cube"),
@@ -44,7 +48,9 @@ def crush(
             Hold(group="corner_100", components=("y", "z")),
             Hold(group="corner_010", components=("z",)),
         ],
-        start=Start(map=matrix, through=(0, 0, 0), noise=noise, seed=seed),
+        start=Start(
+            map=((x, 0, 0), (0, y, 0), (0, 0, z)), through=(0, 0, 0), noise=noise, seed=seed
+        ),
         predictor="none",
         petsc={"snes_scaled_tol": 1e-9},
         load_name="release",

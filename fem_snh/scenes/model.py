@@ -25,6 +25,11 @@ Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Finite, Expect("a finite number")]
 Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
 Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
+Matrix = Annotated[
+    tuple[Vector, Vector, Vector],
+    Expect("a matrix of finite numbers, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"),
+]
+Volume = Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")]
 GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
     Expect("the name or number of a physical group"),
@@ -129,13 +134,9 @@ class Start(Table):
     z. ``seed`` chooses the random numbers.
     """
 
-    map: Annotated[
-        tuple[Vector, Vector, Vector], Expect("a matrix of finite numbers, [[.., .., ..], ..]")
-    ] | None = None
+    map: Matrix | None = None
     through: Vector | None = None
-    scatter: (
-        Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")] | None
-    ) = None
+    scatter: Volume | None = None
     noise: Annotated[Finite, Field(ge=0), Expect("a number >= 0 (a length)")] = 0.0
     seed: Annotated[int, Field(strict=True, ge=0), Expect("a whole number, 0 or more")] = 0
 
@@ -162,9 +163,9 @@ class Scene(Table):
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
     for eigenfrequencies at the end. ``start`` is where the first step begins: there is nothing to
-    predict it from, so it needs ``predictor`` none. ``quadrature`` is a polynomial degree, None the element's own;
-    ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds
-    PETSc options without the leading dash, to go under the solver's prefix; a flag's value is None.
+    predict it from, so it needs ``predictor`` none. ``quadrature`` is a polynomial degree, None the
+    element's own; ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc
+    options without the leading dash, to go under the solver's prefix; a flag's value is None.
     """
 
     name: Text
