@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from fem_snh import solver
 from fem_snh.probes import Probes
 from fem_snh.problem import Problem
+from fem_snh.runs.softening import Softening
 
 #: A step is halved at most this many times.
 _HALVINGS = 6
@@ -31,8 +32,10 @@ class Stepper:
         steps: int,
         predictor: str,
         probes: Probes | None = None,
+        softening: Softening | None = None,
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
+        self.softening = softening
         self.predictor = solver.Predictor(problem, snes, predictor)
         #: Half a load is the same problem again where nothing is loaded.
         self.parts = 2**_HALVINGS if problem.loaded else 1
@@ -70,6 +73,7 @@ class Stepper:
         problem, start, working = self.problem, perf_counter(), process_time()
         kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
+        soft = self.softening.approach(problem) if self.softening else (0, 0)
         with solver.own_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
@@ -85,9 +89,9 @@ class Stepper:
             "converged": converged,
             "reason": solver.reason(self.snes),
             # the tangent predictor is a linear solve with a Hessian of its own
-            "newton": len(history) + (predicted > 0),
+            "newton": soft[0] + len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
-            "linear": predicted + sum(i.linear for i in history),
+            "linear": predicted + soft[1] + sum(i.linear for i in history),
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),

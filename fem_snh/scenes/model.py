@@ -41,6 +41,12 @@ Components = Annotated[
 Scalar = Annotated[bool, Field(strict=True)] | Annotated[int, Field(strict=True)] | Finite | str
 
 
+Softer = Annotated[
+    list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
+    Expect("a list of Poisson's ratios in (-1, 0.5)"),
+]
+
+
 class Geometry(Table):
     """A built-in geometry: a gmsh source under meshes/ and its parameters besides ``cells``."""
 
@@ -163,8 +169,9 @@ class Scene(Table):
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
     for eigenfrequencies at the end. ``start`` is where the first step begins: there is nothing to
-    predict it from, so it needs ``predictor`` none. ``quadrature`` is a polynomial degree, None the
-    element's own; ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc
+    predict it from, so it needs ``predictor`` none. ``soften`` are Poisson's ratios with which each
+    step is solved before it is with the material's own. ``quadrature`` is a polynomial degree, None
+    the element's own; ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc
     options without the leading dash, to go under the solver's prefix; a flag's value is None.
     """
 
@@ -181,6 +188,7 @@ class Scene(Table):
     move: list[Move] = []
     traction: list[Traction] = []
     start: Start | None = None
+    soften: Softer = []
     reactions: Annotated[
         list[GroupKey], Expect("a list of names or numbers of physical groups")
     ] = []

@@ -1,0 +1,19 @@
+"""What the material and the solver survive: cases that must hold, one process each.
+
+    >>> from fem_snh.studies.extremes.study import extremes
+    >>> table = extremes("out/extremes", quick=True, jobs=2)
+
+A family of cases is a module (`FAMILIES`) with
+
+    title    a few words
+    about    what is asked, and what theory says, in Markdown
+    cases(quick, seeds) -> list of `fem_snh.studies.extremes.cases.Case`
+    tables(rows) -> Markdown of what came out
+    pictures(out) -> pictures to draw, `fem_snh.studies.extremes.figures.Picture`
+
+A case runs alone with ``fem-snh run``, or, where it is no run of a scene, with
+``python -m fem_snh.studies.extremes FAMILY CASE FOLDER``.
+"""
+
+#: In the order of the page.
+FAMILIES = ("pointwise", "scramble", "crush", "loads", "faults")
