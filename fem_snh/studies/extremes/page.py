@@ -30,13 +30,26 @@ def write(table: pd.DataFrame, out: Path) -> Path:
     return path
 
 
+def demands(table: pd.DataFrame) -> dict[str, str]:
+    """What is asked of several cases together, in words: why it does not hold, or ""."""
+    found: dict[str, str] = {}
+    for family, rows in table.groupby("family", sort=False):
+        found |= getattr(_module(str(family)), "demands", lambda rows: {})(rows)
+    return found
+
+
 def _head(table: pd.DataFrame) -> str:
     must = table[table["must"]]
     held = int(must["holds"].sum())
-    return (
-        "# Extremes\n\n"
-        f"{held} of the {len(must)} cases that must hold do; {len(table) - len(must)} more are "
-        "there to be compared. Written by `fem-snh extremes`; extremes.csv has a row for each."
+    lines = [f"- {asked}: {why or 'holds'}" for asked, why in demands(table).items()]
+    return "\n".join(
+        [
+            "# Extremes",
+            "",
+            f"{held} of the {len(must)} cases that must hold do; {len(table) - len(must)} more are",
+            "there to be compared. Written by `fem-snh extremes`; extremes.csv has a row for each.",
+            *(["", *lines] if lines else []),
+        ]
     )
 
 

@@ -8,6 +8,7 @@ it goes on where it was ended, also with more families or seeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,27 @@ from fem_snh.studies.extremes.cases import COLUMNS, Case
 OWN = ("pointwise", "faults")
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of the cases asked for.
+
+    Attributes:
+        table: a row for each.
+        demands: what is asked of several together, in words: why it does not hold, or "".
+    """
+
+    table: pd.DataFrame
+    demands: dict[str, str]
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """What must hold and does not, with the reason."""
+        bad = self.table[self.table["must"] & ~self.table["holds"]]
+        return dict(zip(bad["point"], bad["why"], strict=True)) | {
+            asked: why for asked, why in self.demands.items() if why
+        }
+
+
 def there() -> list[str]:
     """The families that this version has."""
     return [family for family in FAMILIES if family not in OWN or measured.there(family)]
@@ -36,8 +58,8 @@ def extremes(
     seeds: int = 100,
     report: Callable[[str], None] = print,
     **limits: Any,
-) -> pd.DataFrame:
-    """Run the cases that are not there yet; the table of all that are asked for.
+) -> Outcome:
+    """Run the cases that are not there yet; what came out of all that are asked for.
 
     Args:
         out: the folder; a study that was begun there goes on.
@@ -69,7 +91,8 @@ def extremes(
     table = pd.read_csv(campaign.table.path)
     campaign.draw()
     report(f"page: {page.write(table, Path(out))}")
-    return table[table["point"].isin(list(cases))]
+    asked = table[table["point"].isin(list(cases))]
+    return Outcome(asked, page.demands(asked))
 
 
 def _cases(family: str, quick: bool, seeds: int) -> list[Case]:
