@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +61,15 @@ def run_of(
     """A case that is a run of a scene, with values as `fem_snh.scenes.load` takes them."""
     family = name.partition("-")[0]
     columns = {"family": family, "asked": asked, "must": must, "seed": values.get("seed")}
-    point = ScenePoint(scene, values, scenes.load(scene, **values), columns=columns)
+    loaded = _loaded(scene, json.dumps({k: v for k, v in values.items() if k != "seed"}))
+    point = ScenePoint(scene, values, loaded, columns=columns)
     return Case(name, asked, point, check, must)
+
+
+@cache
+def _loaded(scene: str, values: str) -> scenes.Scene:
+    """A scene as its row needs it: no column depends on the seed, and loading takes its time."""
+    return scenes.load(scene, **json.loads(values))
 
 
 def converged(record: Record, row: Row) -> str:
