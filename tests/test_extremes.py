@@ -51,6 +51,11 @@ def modes(frequency: float) -> dict[str, Any]:
         (crush._rest, RECORD, HOME | {"energy": 1e-3}, "ends elsewhere"),
         (crush._rest, RECORD, HOME | {"min_J": -1.0}, "ends elsewhere"),
         (crush._rest, modes(-0.1), HOME, "ends elsewhere"),
+        (crush._leaves, RECORD, HOME | {"energy": 0.1, "volume_ratio": 0.98}, ""),
+        (crush._leaves, RECORD, POINT, "volume 0, lowest frequency 0.04"),
+        (crush._rest_or_point, RECORD, HOME, ""),
+        (crush._rest_or_point, modes(-1e-8), POINT, ""),
+        (crush._rest_or_point, RECORD, POINT, "ends elsewhere"),
         (crush._minimum_point, RECORD, POINT, ""),
         (crush._minimum_point, RECORD, POINT | {"energy": 8.0}, "its energy is 8"),
         (crush._minimum_point, modes(0.0), POINT, "it is no minimum"),
@@ -101,7 +106,7 @@ def test_the_issues_cases_are_there() -> None:
     assert sum("-10-" in case.name for case in must) == 2 * 5 * 100
     assert sum("-15-" in case.name for case in must) == 2 * 5 * 10
     made = {case.name for case in loads.cases(False, 1) if case.must}
-    assert len(made) == 7 * 3 + 1 and "loads-twist-pi-nu0.3-Q1-trust" in made
+    assert len(made) == 7 * 3 + 2 and "loads-twist-pi-nu0.3-Q1-10-trust" in made
 
 
 # --- cases of their own --------------------------------------------------------------------------

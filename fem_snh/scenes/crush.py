@@ -52,6 +52,6 @@ def crush(
             map=((x, 0, 0), (0, y, 0), (0, 0, z)), through=(0, 0, 0), noise=noise, seed=seed
         ),
         predictor="none",
-        petsc={"snes_scaled_tol": 1e-9},
+        petsc={"snes_scaled_tol": 1e-9, "snes_max_it": 1000},
         load_name="release",
     )

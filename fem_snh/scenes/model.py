@@ -25,10 +25,7 @@ Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Finite, Expect("a finite number")]
 Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
 Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
-Matrix = Annotated[
-    tuple[Vector, Vector, Vector],
-    Expect("a matrix of finite numbers, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"),
-]
+Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
 Volume = Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")]
 GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
@@ -237,10 +234,8 @@ class Scene(Table):
                 f"{self.mesh.name}"
             )
         if self.start is not None and self.predictor != "none":
-            raise BadInput(
-                f"predictor = '{self.predictor}': a run that begins at a 'start' has none: "
-                "expected predictor = 'none'"
-            )
+            begins = "a run that begins at a 'start' has none: expected predictor = 'none'"
+            raise BadInput(f"predictor = '{self.predictor}': {begins}")
         taken = [(str(h.group), set(h.components), "held") for h in self.hold]
         for move in self.move:
             for group, components, how in taken:
