@@ -8,9 +8,6 @@ of the same material with a smaller Poisson's ratio, and go on from there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
-
-from petsc4py import PETSc
 
 from fem_snh import solver
 from fem_snh.problem import Problem
@@ -29,24 +26,20 @@ class Softening:
             self._stages.append((soft, solver.create(soft, hessian)))
         self.jit = sum(soft.seconds["jit"] for soft, _ in self._stages)
 
-    def approach(self, problem: Problem) -> tuple[int, int]:
-        """Move ``problem.x`` to the last one's equilibrium: Newton and linear iterations.
+    def approach(self, problem: Problem) -> list[solver.Iteration]:
+        """Move ``problem.x`` to the last one's equilibrium; the Newton iterations of them all.
 
         One that does not converge is left where it is: it is a guess, and the step goes on from it.
         """
-        newton = linear = 0
+        history: list[solver.Iteration] = []
         for soft, snes in self._stages:
             soft.set_load(problem.load)
             problem.x.copy(soft.x)
-            assembling = soft.seconds["assemble"]
+            assembling, nonfinite = soft.seconds["assemble"], soft.nonfinite
             with solver.own_errors():
                 snes.solve(None, soft.x)
             soft.x.copy(problem.x)
-            problem.x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-            history: list[Any] = snes.getPythonContext().history
-            newton += len(history)
-            linear += sum(iteration.linear for iteration in history)
+            history += snes.getPythonContext().history
             problem.seconds["assemble"] += soft.seconds["assemble"] - assembling
-            problem.nonfinite += soft.nonfinite
-            soft.nonfinite = 0
-        return newton, linear
+            problem.nonfinite += soft.nonfinite - nonfinite
+        return history

@@ -73,11 +73,11 @@ class Stepper:
         problem, start, working = self.problem, perf_counter(), process_time()
         kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
-        soft = self.softening.approach(problem) if self.softening else (0, 0)
+        history = self.softening.approach(problem) if self.softening else []
         with solver.own_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
-        history = self.snes.getPythonContext().history
+        history = [*history, *self.snes.getPythonContext().history]
         residual, nonfinite = self.snes.getFunctionNorm(), problem.nonfinite - nonfinite
         if converged:
             self.predictor.accept()
@@ -89,9 +89,9 @@ class Stepper:
             "converged": converged,
             "reason": solver.reason(self.snes),
             # the tangent predictor is a linear solve with a Hessian of its own
-            "newton": soft[0] + len(history) + (predicted > 0),
+            "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
-            "linear": predicted + soft[1] + sum(i.linear for i in history),
+            "linear": predicted + sum(i.linear for i in history),
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),

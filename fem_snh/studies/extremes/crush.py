@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, run_of
-from fem_snh.studies.extremes.figures import Picture, counts, side_by_side
+from fem_snh.studies.extremes.figures import Picture, bodies, counts
 from fem_snh.studies.pages import markdown
 
 title = "Crush and release"
@@ -37,9 +37,9 @@ P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4):
   body must be back at rest.
 - *Inverted*, F = -I: P = -2 (mu + lam) I (of eq. 13) pushes it through. Seen as diag(1, 1, -1)
   turned by half, it is nearest to three poses: at rest but turned by half about an axis, which
-  these supports allow. Parts of the body may choose different ones, and without the barrier that may be a
-  minimum. So what must hold at nu = 0.49 is asked of runs that begin with nu = 0.3 (`soften`): they
-  end with no energy and J = 1 everywhere. The plain ones are there to be compared.
+  these supports allow. Parts of the body may choose different ones, and without the barrier that
+  may be a minimum. So what must hold at nu = 0.49 is asked of runs that begin with nu = 0.3
+  (`soften`): they end with no energy and J = 1 everywhere. The plain ones are there to be compared.
 
 What `converged` means: the residual is small. The lowest eigenfrequency tells a minimum from
 another stationary state; the check asks for it."""
@@ -179,10 +179,11 @@ def tables(rows: pd.DataFrame) -> str:
 
 
 def pictures(out: Path) -> list[Picture]:
-    """Where the four begin, and where they end."""
-    states = ("plane", "line", "inverted")
-    names = [f"crush-Q1-adaptive-{to}-disturbed-nu0.3" for to in states]
-    return [
-        side_by_side(out, "crush_before.png", names, states, 0.0, "Where they begin."),
-        side_by_side(out, "crush_after.png", names, states, 1.0, "Where they end."),
+    """Where they begin, and where they end."""
+    panels = [
+        (f"crush-Q1-adaptive-{to}-disturbed-nu0.3", load, f"{to}{after}")
+        for load, after in ((0.0, ""), (1.0, ", released"))
+        for to in ("plane", "line", "inverted")
     ]
+    caption = "Pressed flat, to a line, turned inside out; below: let go."
+    return [bodies(out, "crush.png", panels, caption)]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from fem_snh import render
 from fem_snh.errors import BadInput
 
 
@@ -28,14 +29,20 @@ class Picture:
         return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
 
 
-def side_by_side(
-    out: Path, file: str, cases: Sequence[str], labels: Sequence[str], load: float, caption: str
-) -> Picture:
-    """The bodies of several cases at one load."""
-    from fem_snh.render.compare import main
+def bodies(out: Path, file: str, panels: Sequence[tuple[str, float, str]], caption: str) -> Picture:
+    """The bodies of cases, coloured by J: a panel for each (case, load, label)."""
 
-    folders = [out / case for case in cases]
-    return Picture(file, caption, lambda: main(folders, out / file, load, labels))
+    def draw() -> Path:
+        shown = []
+        for case, load, label in panels:
+            stored = render.stored_loads(out / case / "fields.pvd")
+            (at,) = render.choose_loads(sorted(stored), [load])
+            shown.append(render.Panel([str(piece) for piece in stored[at]], label))
+        record = render.read_record(out / panels[0][0])
+        render.draw_elsewhere(render.Job("J", render.title(record), shown, str(out / file)))
+        return out / file
+
+    return Picture(file, caption, draw)
 
 
 class _Counts:

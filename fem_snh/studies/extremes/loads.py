@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, run_of
-from fem_snh.studies.extremes.figures import Picture, side_by_side
+from fem_snh.studies.extremes.figures import Picture, bodies
 from fem_snh.studies.pages import markdown
 
 title = "Big loads in one step"
@@ -130,15 +130,17 @@ def _number(value: float, format: str) -> str:
 def pictures(out: Path) -> list[Picture]:
     """Stretched, pressed, twisted; all at nu = 0.49."""
 
-    def names(loads: list[str]) -> list[str]:
-        return [f"loads-{load}-nu0.49-Q1-{CELLS}-adaptive" for load in loads]
+    def panels(**labels: str) -> list[tuple[str, float, str]]:
+        return [
+            (f"loads-{name.replace('_', '-')}-nu0.49-Q1-{CELLS}-adaptive", 1.0, label)
+            for name, label in labels.items()
+        ]
 
-    pulled, turned = ["stretch-3.4", "stretch-10"], ["twist-half-pi", "twist-pi", "twist-4pi-in-8"]
-    caption = "Each in one step, nu = 0.49."
+    pulled = panels(**{"stretch-3.4": "to 3.4", "stretch-10": "to 10"})
+    pressed = panels(**{"compress-0.05": "to 5 %"})
+    turned = panels(twist_half_pi="π/2", twist_pi="π", twist_4pi_in_8="4π in eight steps")
     return [
-        side_by_side(out, "stretched.png", names(pulled), ["3.4", "10"], 1.0, caption),
-        side_by_side(out, "compressed.png", names(["compress-0.05"]), ["5 %"], 1.0, caption),
-        side_by_side(
-            out, "twisted.png", names(turned), ["π/2", "π", "4π in eight"], 1.0, "nu = 0.49."
-        ),
+        bodies(out, "stretched.png", pulled, "Stretched in one step, nu = 0.49."),
+        bodies(out, "compressed.png", pressed, "Pressed together in one step, nu = 0.49."),
+        bodies(out, "twisted.png", turned, "Twisted, nu = 0.49."),
     ]

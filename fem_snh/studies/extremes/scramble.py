@@ -8,7 +8,7 @@ import pandas as pd
 
 from fem_snh.choices import HESSIANS
 from fem_snh.studies.extremes.cases import Case, at_rest, run_of
-from fem_snh.studies.extremes.figures import Picture, counts
+from fem_snh.studies.extremes.figures import Picture, bodies, counts
 from fem_snh.studies.pages import markdown
 
 title = "Scramble"
@@ -99,16 +99,7 @@ def tables(rows: pd.DataFrame) -> str:
 
 def pictures(out: Path) -> list[Picture]:
     """The first cube at nu = 0.49, before and after."""
-    from fem_snh.render import main
-
-    folders = sorted(out.glob("scramble-Q1-*-nu0.49*-0"))
-    if not folders:
-        return []
+    found = sorted(out.glob("scramble-Q1-*-nu0.49*-0"))
+    panels = [(found[0].name, 0.0, "scrambled"), (found[0].name, 1.0, "let go")] if found else []
     caption = "Scrambled, and let go: the paper's Figure 3."
-    return [
-        Picture(
-            "scramble.png",
-            caption,
-            lambda: main(folders[0], out / "scramble.png", [0.0, 1.0]),
-        )
-    ]
+    return [bodies(out, "scramble.png", panels, caption)] if panels else []
