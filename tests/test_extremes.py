@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from fem_snh.studies.extremes import __main__ as alone
 from fem_snh.studies.extremes import cases, crush, loads, measured, scramble
 from fem_snh.studies.extremes.cases import COLUMNS, OwnPoint, all_hold, at_rest, converged
 from fem_snh.studies.extremes.study import Outcome, extremes, there
-from fem_snh.studies.processes import environment, program
 
 # --- verdicts ------------------------------------------------------------------------------------
 
@@ -192,14 +190,14 @@ def test_what_does_not_hold_is_exit_code_1(
         ("--seeds many", "seeds = many"),
         ("--jobs 0", "jobs = 0"),
         ("--timeout soon", "timeout = soon"),
-        ("--quik", "unknown option --quik (did you mean --quick?)"),
+        ("--quik", "unknown option --quik (did you mean '--quick'?)"),
         ("here", "unexpected 'here'"),
     ],
 )
-def test_mistakes(words: str, told: str, tmp_path: Path) -> None:
-    given = ["extremes", "--out", str(tmp_path / "new"), *words.split()]
-    ran = subprocess.run(
-        [*program(1), *given], env=environment(), capture_output=True, text=True, timeout=60
-    )
-    assert ran.returncode == 2 and told in ran.stderr and ran.stderr.count("\n") == 1
+def test_mistakes(
+    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["extremes", "--out", str(tmp_path / "new"), *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert told in said and said.count("\n") == 1
     assert not (tmp_path / "new").exists()

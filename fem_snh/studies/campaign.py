@@ -71,8 +71,9 @@ class Point(ABC):
     growth: float = 1.0
     columns: Mapping[str, Any] = field(default_factory=dict)
 
-    #: The module that is started, and the file that it leaves.
+    #: The module that is started, whether on several ranks, and the file that it leaves.
     module: ClassVar[str] = "fem_snh"
+    parallel: ClassVar[bool] = True
     record: ClassVar[str] = "run.json"
 
     @abstractmethod
@@ -174,8 +175,11 @@ class Campaign:
         folder = self.out / name
         shutil.rmtree(folder, ignore_errors=True)  # left by a point that was cut off
         folder.mkdir(parents=True)
-        command = [*program(self.limits.ranks, point.module), *point.words(folder)]
+        command = [*program(self._ranks(point), point.module), *point.words(folder)]
         return Child(command, folder / "log.txt", self._timeout(point), self.limits.memory)
+
+    def _ranks(self, point: Point) -> int:
+        return self.limits.ranks if point.parallel else 1
 
     def _timeout(self, point: Point) -> float | None:
         return point.timeout if point.timeout is not None else self.limits.timeout
@@ -192,7 +196,7 @@ class Campaign:
         return ""
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
-        row = {"point": name, "ranks": self.limits.ranks, **point.asked()}
+        row = {"point": name, "ranks": self._ranks(point), **point.asked()}
         return row | dict(point.columns)
 
     def _result(self, name: str, point: Point, child: Child, more: More | None) -> dict[str, Any]:

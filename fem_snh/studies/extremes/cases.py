@@ -108,6 +108,7 @@ class OwnPoint(Point):
     quick: bool
 
     module = "fem_snh.studies.extremes"
+    parallel = False
     record = "record.json"
 
     def words(self, folder: Path) -> list[str]:

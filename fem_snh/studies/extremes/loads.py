@@ -130,15 +130,15 @@ def _number(value: float, format: str) -> str:
 def pictures(out: Path) -> list[Picture]:
     """Stretched, pressed, twisted; all at nu = 0.49."""
 
-    def panels(**labels: str) -> list[tuple[str, float, str]]:
+    def panels(labels: dict[str, str]) -> list[tuple[str, float, str]]:
         return [
-            (f"loads-{name.replace('_', '-')}-nu0.49-Q1-{CELLS}-adaptive", 1.0, label)
+            (f"loads-{name}-nu0.49-Q1-{CELLS}-adaptive", 1.0, label)
             for name, label in labels.items()
         ]
 
-    pulled = panels(**{"stretch-3.4": "to 3.4", "stretch-10": "to 10"})
-    pressed = panels(**{"compress-0.05": "to 5 %"})
-    turned = panels(twist_half_pi="π/2", twist_pi="π", twist_4pi_in_8="4π in eight steps")
+    pulled = panels({"stretch-3.4": "to 3.4", "stretch-10": "to 10"})
+    pressed = panels({"compress-0.05": "to 5 %"})
+    turned = panels({"twist-half-pi": "π/2", "twist-pi": "π", "twist-4pi-in-8": "4π in eight"})
     return [
         bodies(out, "stretched.png", pulled, "Stretched in one step, nu = 0.49."),
         bodies(out, "compressed.png", pressed, "Pressed together in one step, nu = 0.49."),
