@@ -43,9 +43,10 @@ def begin(problem: Problem, start: Any) -> None:
 
 def _box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the greatest coordinates on all ranks."""
-    low = comm.allreduce(X.min(axis=0, initial=np.inf), op=MPI.MIN)
-    high = comm.allreduce(X.max(axis=0, initial=-np.inf), op=MPI.MAX)
-    return np.asarray(low), np.asarray(high)
+    low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
 
 
 def _random(comm: MPI.Comm, X: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
