@@ -161,7 +161,7 @@ def test_a_study_goes_on_where_it_was(done: tuple[Path, Outcome]) -> None:
     again = extremes(out, only=["loads"], quick=True, report=said.append)
     pd.testing.assert_frame_equal(again.table, outcome.table)
     assert said[0] == "6 of 6 points are there already"
-    with pytest.raises(BadInput, match=r"holds a extremes with other quick.*--overwrite"):
+    with pytest.raises(BadInput, match=r"holds extremes.csv of other quick.*--overwrite"):
         extremes(out, only=["loads"])
 
 

@@ -105,7 +105,7 @@ def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:
 
 
 def test_another_sweep_needs_another_folder(done: tuple[Path, pd.DataFrame]) -> None:
-    with pytest.raises(BadInput, match=r"holds a sweep with other axes.*--overwrite"):
+    with pytest.raises(BadInput, match=r"holds sweep.csv of other axes.*--overwrite"):
         sweep("twist", done[0], TINY)
 
 

@@ -234,7 +234,7 @@ def _prepare(out: Path, name: str, definition: Mapping[str, Any], overwrite: boo
     if earlier is not None and earlier != definition and not overwrite:
         other = [key for key in definition if earlier.get(key) != definition[key]]
         raise BadInput(
-            f"{out} holds a {name} with other {', '.join(other)}: "
+            f"{out} holds {name}.csv of other {', '.join(other)}: "
             "take another folder, or --overwrite it"
         )
     if overwrite and earlier is not None:
