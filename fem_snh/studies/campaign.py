@@ -200,7 +200,7 @@ class Campaign:
         return row | dict(point.columns)
 
     def _result(self, name: str, point: Point, child: Child, more: More | None) -> dict[str, Any]:
-        record = read_record(self.out / name / point.record)
+        record = read_record(self.out / name, point.record)
         row = self._row(name, point)
         row |= point.found(record, self.out / name / "log.txt", child.poll() or 0)
         row["seconds"] = row["seconds"] or child.seconds

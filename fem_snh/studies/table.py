@@ -63,10 +63,10 @@ def write_whole(path: Path, content: str) -> None:
     os.replace(beside, path)
 
 
-def read_record(path: Path) -> dict[str, Any]:
-    """The record that a point left; empty if it did not come so far."""
+def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
+    """The record that a point left in its folder; empty if it did not come so far."""
     try:
-        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return record
