@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
+from math import isfinite
 from time import perf_counter
 from typing import Any, TypeVar
 
@@ -67,6 +68,7 @@ class Problem:
     saddle : None, or what a solver has to know of a Taylor-Hood element's pressure.
     terms : the energy terms the scene needs, and no others.
     length : V^(1/3) [m], V the reference volume.
+    nonfinite : how many of the energies evaluated so far were infinite or NaN.
     seconds : spent in compilation ("jit") and in evaluations ("assemble").
     force_scale : E V^(2/3) [N]: the residual's norm is measured against it.
 
@@ -95,6 +97,7 @@ class Problem:
         self._unknowns = unknowns.create(mesh, element)
         self.V, self.u, self.x = self._unknowns.V, self._unknowns.u, self._unknowns.x
         self.load = 0.0
+        self.nonfinite = 0
         self.saddle: Saddle | None = None
         if isinstance(self._unknowns, DisplacementPressure):
             scale = material.law.E / self.length
@@ -167,6 +170,11 @@ class Problem:
             vector.normalize()
         return PETSc.NullSpace().create(vectors=basis, comm=self.comm)
 
+    @property
+    def loaded(self) -> bool:
+        """Whether anything depends on the load."""
+        return bool(self._moved or self._traction)
+
     def set_load(self, load: float) -> None:
         """Set the load, 0 to 1; boundary values and tractions follow."""
         self.load = load
@@ -194,7 +202,9 @@ class Problem:
         if not self.has_energy:
             raise BadInput(f"material '{self.material.law.name}' has no energy, only a stress")
         u = self._unknowns.displacement(x)
-        return sum(term.energy(u) for term in self.terms)
+        energy = sum(term.energy(u) for term in self.terms)
+        self.nonfinite += not isfinite(energy)
+        return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """r = dE/du [N]; zero where the displacement is prescribed."""
@@ -234,12 +244,18 @@ class Problem:
         return self.elastic.fields(self._unknowns.displacement(x))
 
     def measures(self, x: PETSc.Vec) -> dict[str, float]:
-        """Deformed over undeformed volume, and the smallest J at any quadrature point."""
+        """Of the whole body: deformed over undeformed volume, smallest J, largest displacement.
+
+        J [1] at any quadrature point, the displacement [m] at any node.
+        """
         fields = self.fields(x)
+        u = x.array_r[: 3 * self._unknowns.owned].reshape(-1, 3)
+        most = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
         sums = np.array([fields["deformed_volume"].sum(), fields["volume"].sum()])
         deformed, volume = self.comm.allreduce(sums)
         least = float(fields["min_J"].min(initial=np.inf))
         return {
             "volume_ratio": float(deformed / volume),
             "min_J": float(self.comm.allreduce(least, op=MPI.MIN)),
+            "max_u": float(self.comm.allreduce(most, op=MPI.MAX)),
         }

@@ -32,3 +32,12 @@ Physical Surface("top") = {box[0]};
 Physical Surface("front") = {box[2]};
 Physical Surface("back") = {box[4]};
 Physical Point("corners") = {PointsOf{ Volume{box[1]}; }};
+// Each corner by its coordinates, too.
+For i In {0:1}
+  For j In {0:1}
+    For k In {0:1}
+      Physical Point(Sprintf("corner_%g%g%g", i, j, k)) =
+        Point In BoundingBox {i - 0.1, j - 0.1, k - 0.1, i + 0.1, j + 0.1, k + 0.1};
+    EndFor
+  EndFor
+EndFor

@@ -24,10 +24,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("terms", "unknowns"),
     ("saddle",),
     ("problem",),
-    ("solver", "probes"),
+    ("solver", "probes", "start"),
     ("modes",),
     ("runs",),
-    ("plots", "render", "doctor", "studies"),
+    ("plots", "render", "doctor"),
+    ("studies",),
     ("reports",),
     ("cli",),
     ("__main__",),
@@ -52,6 +53,7 @@ ONLY = {
     "doctor": {"errors"},
     "modes": {"errors", "_dolfinx", "terms", "problem"},
     "probes": {"errors", "_dolfinx"},
+    "start": {"_dolfinx", "problem"},
     # Given a problem, the solver needs no more of one than its methods.
     "solver": {"errors", "choices", "_petsc", "kernels"},
 }

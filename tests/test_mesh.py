@@ -53,11 +53,14 @@ def test_cube_is_the_unit_cube_with_its_six_faces(comm, cell):
     assert volume(m) == pytest.approx(1, abs=1e-12)
     assert {g.name: (g.dim, g.count) for g in m.groups} == {
         "corners": (0, 8),
+        **dict.fromkeys((f"corner_{i:03b}" for i in range(8)), (0, 1)),
         "body": (3, per_cube * n**3),
         **dict.fromkeys(
             ["left", "right", "bottom", "top", "front", "back"], (2, per_square * n**2)
         ),
     }
+    for corner in ("000", "100", "010", "011"):
+        assert held_points(m, f"corner_{corner}", 2).tolist() == [[float(c) for c in corner]]
     faces = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1)}
     for name, (axis, value) in {**faces, "bottom": (2, 0), "top": (2, 1)}.items():
         assert area(m, name) == pytest.approx(1, abs=1e-12)

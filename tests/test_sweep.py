@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ import pytest
 from fem_snh import scenes
 from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
-from fem_snh.studies.campaign import Campaign, Limits, Point, arguments
+from fem_snh.studies.campaign import Campaign, Limits, Point
+from fem_snh.studies.points import ScenePoint, arguments
 from fem_snh.studies.processes import Child, _session, environment, program
 from fem_snh.studies.sweep import combinations, sweep
 from fem_snh.studies.table import ASKED, FOUND, Table
@@ -103,7 +105,7 @@ def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:
 
 
 def test_another_sweep_needs_another_folder(done: tuple[Path, pd.DataFrame]) -> None:
-    with pytest.raises(BadInput, match=r"holds a sweep with other axes.*--overwrite"):
+    with pytest.raises(BadInput, match=r"holds sweep.csv of other axes.*--overwrite"):
         sweep("twist", done[0], TINY)
 
 
@@ -181,18 +183,44 @@ def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
         report=said.append,
     )  # fmt: skip
     points = {
-        "a": Point(TINY, scene),
-        "b": Point(TINY, scene, after="a"),
-        "c": Point(TINY, scene, after="b"),
-        "d": Point(TINY, scene, timeout=60.0),
-        "e": Point(TINY, scene, timeout=60.0, after="d", growth=1e6),
+        "a": ScenePoint("twist", TINY, scene),
+        "b": ScenePoint("twist", TINY, scene, after="a"),
+        "c": ScenePoint("twist", TINY, scene, after="b"),
+        "d": ScenePoint("twist", TINY, scene, timeout=60.0),
+        "e": ScenePoint("twist", TINY, scene, timeout=60.0, after="d", growth=1e6),
     }
-    campaign.run("twist", points)
+    campaign.run(points)
     status = {row["point"]: row["status"] for row in campaign.table.rows()}
     assert status.pop("a") == "given up after 0.05 s"
     assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
     assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
     assert len(said) == 5 and not (tmp_path / "b").exists()
+
+
+class Echo(Point):
+    """A point that is no run of a scene: a module of Python's own, and what it says."""
+
+    module = "calendar"
+    parallel = False
+
+    def words(self, folder: Path) -> list[str]:
+        return ["2018"]
+
+    def asked(self) -> Mapping[str, Any]:
+        return {"scene": "none"}
+
+    def found(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
+        said = log.read_text().split()
+        return {"converged": code == 0 and not record, "status": said[0], "seconds": None}
+
+
+def test_a_point_may_be_any_command(tmp_path: Path) -> None:
+    columns = ["point", "ranks", "scene", "converged", "status", "seconds", "extra"]
+    campaign = Campaign(tmp_path, "study", {}, columns, Limits(ranks=2), report=lambda line: None)
+    campaign.run({"a": Echo()}, lambda record, row: {"extra": row["status"] + "!"})
+    (row,) = campaign.table.rows()
+    assert float(row.pop("seconds")) > 0
+    assert list(row.values()) == ["a", "1", "none", "True", "2018", "2018!"]
 
 
 def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:

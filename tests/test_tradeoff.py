@@ -386,7 +386,7 @@ def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]
     again = study(own, said, elements=["Q1", "Q2Q1"])
     assert said[0] == "6 of 6 points are there already"
     pd.testing.assert_frame_equal(again, table)
-    with pytest.raises(BadInput, match="holds a tradeoff with other values"):
+    with pytest.raises(BadInput, match=r"holds tradeoff\.csv of other values"):
         study(own, said, overrides={"E": 2.0})
 
     with (own / "out" / "advice.csv").open() as file:

@@ -22,6 +22,7 @@ COMMANDS = {
     "run": ("run", "solve a scene, or a scene file of your own"),
     "sweep": ("sweep", "solve a scene for every combination of comma lists of values"),
     "tradeoff": ("tradeoff", "measure what accuracy costs on a scene, and get advice"),
+    "extremes": ("extremes", "run what must not break: scrambled, crushed, overloaded bodies"),
     "materials": ("materials", "list the materials, describe one, or measure what they are like"),
     "plot": ("tools", "curves from run folders or a study's table"),
     "render": ("tools", "a picture of the deformed body of a run folder"),

@@ -29,9 +29,12 @@ def parser(command: str, description: str) -> Parser:
     return made
 
 
-def add_limits(parser: Parser, timeout: float | None = None, memory: float | None = None) -> None:
+def add_limits(
+    parser: Parser, timeout: float | None = None, memory: float | None = None, jobs: int = 1
+) -> None:
     """Add how many points run at a time and what each may take, with the limits' defaults."""
-    parser.add_argument("--jobs", metavar="J", default=1, type=value, help="points at a time")
+    usual = f"points at a time; default: {jobs}"
+    parser.add_argument("--jobs", metavar="J", default=jobs, type=value, help=usual)
     parser.add_argument(
         "--ranks", metavar="R", default=1, type=value, help="MPI ranks of each point"
     )

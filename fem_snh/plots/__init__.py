@@ -12,6 +12,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from fem_snh.errors import BadInput
+from fem_snh.plots.newton import newton_figure
 from fem_snh.plots.runs import run_figure
 from fem_snh.plots.sweeps import read_sweep, read_table, sweep_figure
 from fem_snh.plots.tradeoff import tradeoff_figure
@@ -27,7 +28,9 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
     """
     paths = [Path(p) for p in paths]
     if not paths:
-        raise BadInput("nothing to plot: give folders of runs, or one sweep.csv or tradeoff.csv")
+        raise BadInput(
+            "nothing to plot: give folders of runs, or one sweep.csv, tradeoff.csv or extremes.csv"
+        )
     tables = [_table_in(p) for p in paths]
     if any(t.suffix == ".csv" for t in tables):
         if len(tables) > 1:
@@ -42,7 +45,7 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
 
 def _table_in(path: Path) -> Path:
     """The table of a study's folder; any other path as it is."""
-    for name in ("sweep.csv", "tradeoff.csv"):
+    for name in ("sweep.csv", "tradeoff.csv", "extremes.csv"):
         if (path / name).is_file():
             return path / name
     return path
@@ -50,6 +53,8 @@ def _table_in(path: Path) -> Path:
 
 def _table_figure(path: Path) -> Figure:
     table = read_table(path)
+    if "holds" in table:
+        return newton_figure(table, path)
     if "error_displacement" in table:
         return tradeoff_figure(table, path)
     return sweep_figure(read_sweep(path))

@@ -16,7 +16,7 @@ from fem_snh import elements, modes, scenes, solver
 from fem_snh import mesh as meshes
 from fem_snh._petsc import defaults, option_used
 from fem_snh.errors import BadInput
-from fem_snh.kernels.pointwise import material
+from fem_snh.kernels.pointwise import Material, material
 from fem_snh.probes import Probes
 from fem_snh.problem import Problem
 from fem_snh.runs.checkpoint import Checkpoint, Writer
@@ -24,7 +24,9 @@ from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
+from fem_snh.runs.softening import Softening
 from fem_snh.runs.stepping import Stepper
+from fem_snh.start import begin
 
 __all__ = ["Result", "run"]
 
@@ -105,19 +107,29 @@ def run(
     with solver.failures(), petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
         element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
-        law = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters)
+
+        def law(nu: float) -> Material:
+            return material(chosen.name, chosen.E, nu, **chosen.parameters)
+
         meshing, working = perf_counter(), process_time()
         domain = make_mesh(comm, scene, element)
         setting_up = perf_counter()
         conditions = scene.hold, scene.move, scene.traction, scene.reactions
-        problem = Problem(domain, element, law, *conditions, eigensolver=scene.eigensolver)
+
+        def made(nu: float) -> Problem:
+            return Problem(domain, element, law(nu), *conditions, eigensolver=scene.eigensolver)
+
+        problem = made(chosen.nu)
+        if scene.start:
+            begin(problem, scene.start)
         probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)
         hessian = scene.hessian or solver.usual(problem)
         snes = solver.create(problem, hessian)
-        stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes)
-        jit = problem.seconds["jit"]
+        softening = Softening(scene.soften, made, hessian) if scene.soften else None
+        stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, softening)
+        jit = problem.seconds["jit"] + (softening.jit if softening else 0.0)
         seconds = {
             "jit": jit,
             "mesh": setting_up - meshing,

@@ -24,7 +24,7 @@ from fem_snh.scenes import Scene
 
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "corrections", "residual",
-    "energy", "volume_ratio", "min_J", "seconds",
+    "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 CHECKPOINT = "checkpoint.npz"
 MODE_COLUMNS = ("mode", "frequency", "residual")

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from fem_snh import solver
 from fem_snh.probes import Probes
 from fem_snh.problem import Problem
+from fem_snh.runs.softening import Softening
 
 #: A step is halved at most this many times.
 _HALVINGS = 6
@@ -35,16 +36,20 @@ class Stepper:
         steps: int,
         predictor: str,
         probes: Probes | None = None,
+        softening: Softening | None = None,
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
+        self.softening = softening
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.size: float | None = None
+        #: Half a load is the same problem again where nothing is loaded.
+        self.parts = 2**_HALVINGS if problem.loaded else 1
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        problem, shortest = self.problem, 2.0**-_HALVINGS / self.steps
+        problem, shortest = self.problem, 1 / (self.parts * self.steps)
         for target in (k / self.steps for k in range(1, self.steps + 1)):
             while problem.load < target:
                 load = problem.load
@@ -67,7 +72,7 @@ class Stepper:
         if self._hopeless:
             return f"{where}: {self._last['reason']}"
         return (
-            f"{where}: a step of 1/{2**_HALVINGS} of the nominal "
+            f"{where}: a step of 1/{self.parts} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
 
@@ -79,13 +84,15 @@ class Stepper:
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
         problem, start, working = self.problem, perf_counter(), process_time()
-        kept = problem.x.copy()
+        kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
+        history = self.softening.approach(problem) if self.softening else []
         with solver.own_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
-        history = self.snes.getPythonContext().history
+        history = [*history, *self.snes.getPythonContext().history]
         residual, why = self.snes.getFunctionNorm(), solver.why(self.snes)
+        nonfinite = problem.nonfinite - nonfinite
         if converged:
             self.predictor.accept()
         else:
@@ -103,6 +110,7 @@ class Stepper:
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),
+            "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
         if converged and (reactions := problem.reactions(problem.x)):

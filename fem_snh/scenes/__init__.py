@@ -33,12 +33,13 @@ from fem_snh.scenes.model import (
     Probe,
     Rotate,
     Scene,
+    Start,
     Traction,
 )
 
 __all__ = [
     "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
-    "Traction", "describe", "load", "names", "own_parameters",
+    "Start", "Traction", "describe", "load", "names", "own_parameters",
 ]  # fmt: skip
 
 _NOT_SCENES = {"model"}

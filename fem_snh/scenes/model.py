@@ -25,6 +25,8 @@ Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Finite, Expect("a finite number")]
 Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
 Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
+Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
+Volume = Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")]
 GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
     Expect("the name or number of a physical group"),
@@ -34,6 +36,12 @@ Components = Annotated[
     tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
 ]
 Scalar = Annotated[bool, Field(strict=True)] | Annotated[int, Field(strict=True)] | Finite | str
+
+
+Softer = Annotated[
+    list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
+    Expect("a list of Poisson's ratios in (-1, 0.5)"),
+]
 
 
 class Geometry(Table):
@@ -120,6 +128,30 @@ class Modes(Table):
     density: Annotated[Finite, Field(gt=0), Expect("a number > 0 (mass density)")] = 1000.0
 
 
+class Start(Table):
+    """Where a run begins that does not begin at rest: prescribed nodes are where they must be.
+
+    Either ``map``, a matrix: x = map (X - through) + through, ``through`` being the middle of the
+    body's bounding box if not given; or ``scatter``: every node anywhere in the bounding box
+    blown up to this many times its volume. Then ``noise``: moved by up to this [length] in x, y and
+    z. ``seed`` chooses the random numbers.
+    """
+
+    map: Matrix | None = None
+    through: Vector | None = None
+    scatter: Volume | None = None
+    noise: Annotated[Finite, Field(ge=0), Expect("a number >= 0 (a length)")] = 0.0
+    seed: Annotated[int, Field(strict=True, ge=0), Expect("a whole number, 0 or more")] = 0
+
+    @model_validator(mode="after")
+    def _one(self) -> Start:
+        if self.map is not None and self.scatter is not None:
+            raise BadInput("'map' and 'scatter' are two ways to begin: give one of them")
+        if self.through is not None and self.map is None:
+            raise BadInput("'through' is a fixed point of a 'map', and there is none")
+        return self
+
+
 Mesh = Annotated[
     Annotated[Geometry, Tag("built-in")]
     | Annotated[Path, Expect("a gmsh file or a built-in geometry"), Tag("file")],
@@ -133,10 +165,12 @@ class Scene(Table):
     The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
-    for eigenfrequencies at the end. ``hessian`` is None for what suits the problem; ``quadrature``
-    is a polynomial degree, None the element's own; ``eigensolver`` is of the Hessian's 3x3 scaling
-    block. ``petsc`` holds PETSc options without the leading dash, to go under the solver's prefix;
-    a flag's value is None.
+    for eigenfrequencies at the end. ``hessian`` is None for what suits the problem. ``start`` is
+    where the first step begins: there is nothing to predict it from, so it needs ``predictor``
+    none. ``soften`` are Poisson's ratios with which each step is solved before it is with the
+    material's own. ``quadrature`` is a polynomial degree, None the element's own; ``eigensolver``
+    is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc options without the leading dash,
+    to go under the solver's prefix; a flag's value is None.
     """
 
     name: Text
@@ -151,6 +185,8 @@ class Scene(Table):
     hold: list[Hold] = []
     move: list[Move] = []
     traction: list[Traction] = []
+    start: Start | None = None
+    soften: Softer = []
     reactions: Annotated[
         list[GroupKey], Expect("a list of names or numbers of physical groups")
     ] = []
@@ -200,6 +236,9 @@ class Scene(Table):
                 f"cells = {self.cells}: only a built-in geometry has it; the cells come from "
                 f"{self.mesh.name}"
             )
+        if self.start is not None and self.predictor != "none":
+            begins = "a run that begins at a 'start' has none: expected predictor = 'none'"
+            raise BadInput(f"predictor = '{self.predictor}': {begins}")
         taken = [(str(h.group), set(h.components), "held") for h in self.hold]
         for move in self.move:
             for group, components, how in taken:

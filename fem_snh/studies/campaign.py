@@ -1,30 +1,28 @@
-"""The points of a study: each a run in processes of its own, each a row the moment it ends.
+"""The points of a study: each a command in processes of its own, each a row the moment it ends.
 
-A `Campaign` owns a folder: NAME.json (what was asked), NAME.csv (the rows) and a run folder with
-its log for each point. What is in the table is not run again: a campaign that was ended, however,
-goes on where it was.
+A `Campaign` owns a folder: NAME.json (what was asked), NAME.csv (the rows) and a folder for each
+point with its log and the record that it leaves. What is in the table is not run again: a campaign
+that was ended, however, goes on where it was. What a point runs it says itself: see `Point`.
 """
 
 from __future__ import annotations
 
-import hashlib
-import itertools
 import json
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.table import ASKED, Table, found, read_record, write_whole
+from fem_snh.studies.table import Table, read_record, write_whole
 
-#: What a study adds to the row of a point: from its run.json, and the row so far.
+#: What a study adds to the row of a point: from its record, and the row so far.
 More = Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]]
 
 
@@ -56,13 +54,11 @@ class Limits:
                 raise BadInput(f"{key} = {most}: expected {unit}, a number > 0")
 
 
-@dataclass(frozen=True)
-class Point:
-    """One run: the scene, and with which values it was loaded.
+@dataclass(frozen=True, kw_only=True)
+class Point(ABC):
+    """One command, and what its row makes of the record that it leaves in its folder.
 
     Attributes:
-        values: as `fem_snh.scenes.load` takes them.
-        scene: what it made of them.
         timeout: of this point, if not the campaign's.
         after: the name of a point that must have ended before: the same on a coarser mesh.
         growth: by how much more than ``after`` it takes, at the least. If that is more than the
@@ -70,12 +66,30 @@ class Point:
         columns: what its row holds besides, whatever becomes of it.
     """
 
-    values: Mapping[str, Any]
-    scene: scenes.Scene
     timeout: float | None = None
     after: str | None = None
     growth: float = 1.0
     columns: Mapping[str, Any] = field(default_factory=dict)
+
+    #: The module that is started, whether on several ranks, and the file that it leaves.
+    module: ClassVar[str] = "fem_snh"
+    parallel: ClassVar[bool] = True
+    record: ClassVar[str] = "run.json"
+
+    @abstractmethod
+    def words(self, folder: Path) -> list[str]:
+        """The module's arguments, for a point that may write into ``folder``."""
+
+    @abstractmethod
+    def asked(self) -> Mapping[str, Any]:
+        """What its row holds of what was asked."""
+
+    @abstractmethod
+    def found(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
+        """What its row holds of what came out: ``converged``, ``status``, ``seconds``...
+
+        From its record (empty if there is none), its log and its exit code.
+        """
 
 
 class Campaign:
@@ -92,22 +106,23 @@ class Campaign:
         columns: Sequence[str],
         limits: Limits,
         *,
-        petsc: Mapping[str, Any] | None = None,
+        good: str = "converged",
         retry: bool = False,
         overwrite: bool = False,
         report: Callable[[str], None] = print,
     ) -> None:
-        """``definition``: what rows in one table share; ``petsc``: options for every point."""
+        """``definition``: what rows in one table share; ``good``: the column of what need not be
+        run again by ``retry``.
+        """
         self.out, self.name, self.limits, self.report = out, name, limits, report
-        self._start = program(limits.ranks)
-        self._petsc = dict(petsc or {})
-        definition = {**definition, "ranks": limits.ranks, "petsc": self._petsc}
+        program(limits.ranks)  # before anything runs: is there an mpirun?
+        definition = {**definition, "ranks": limits.ranks}
         _prepare(out, name, definition, overwrite)
         self.table = Table(out / f"{name}.csv", columns)
         if retry:
-            self.table.drop(r["point"] for r in self.table.rows() if r["converged"] != "True")
+            self.table.drop(r["point"] for r in self.table.rows() if r[good] != "True")
 
-    def run(self, scene: str | Path, points: Mapping[str, Point], more: More | None = None) -> None:
+    def run(self, points: Mapping[str, Point], more: More | None = None) -> None:
         """Run the points that are not in the table; one that fails is a row with its reason."""
         rows = {row["point"]: row for row in self.table.rows()}
         waiting = [name for name in points if name not in rows]
@@ -128,7 +143,7 @@ class Campaign:
                                 ended += 1
                                 rows[name] = self._ended(name, row, ended, len(points))
                             else:
-                                running[name] = self._begin(scene, name, point)
+                                running[name] = self._begin(name, point)
                         for name in [name for name in running if running[name].poll() is not None]:
                             row = self._result(name, points[name], running.pop(name), more)
                             ended += 1
@@ -156,12 +171,15 @@ class Campaign:
         ready = [name for name in waiting if points[name].after not in not_yet]
         return ready[: self.limits.jobs - len(running)]
 
-    def _begin(self, scene: str | Path, name: str, point: Point) -> Child:
+    def _begin(self, name: str, point: Point) -> Child:
         folder = self.out / name
         shutil.rmtree(folder, ignore_errors=True)  # left by a point that was cut off
         folder.mkdir(parents=True)
-        command = [*self._start, *arguments(scene, folder, point.values, self._petsc)]
+        command = [*program(self._ranks(point), point.module), *point.words(folder)]
         return Child(command, folder / "log.txt", self._timeout(point), self.limits.memory)
+
+    def _ranks(self, point: Point) -> int:
+        return self.limits.ranks if point.parallel else 1
 
     def _timeout(self, point: Point) -> float | None:
         return point.timeout if point.timeout is not None else self.limits.timeout
@@ -178,13 +196,13 @@ class Campaign:
         return ""
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
-        row = {"point": name, "ranks": self.limits.ranks, **point.values, **asked(point.scene)}
+        row = {"point": name, "ranks": self._ranks(point), **point.asked()}
         return row | dict(point.columns)
 
     def _result(self, name: str, point: Point, child: Child, more: More | None) -> dict[str, Any]:
-        record = read_record(self.out / name)
+        record = read_record(self.out / name, point.record)
         row = self._row(name, point)
-        row |= found(record, self.out / name / "log.txt", child.poll() or 0)
+        row |= point.found(record, self.out / name / "log.txt", child.poll() or 0)
         row["seconds"] = row["seconds"] or child.seconds
         if child.given_up:
             row |= {"converged": False, "status": child.given_up}
@@ -205,40 +223,6 @@ def _after(coarser: Mapping[str, Any]) -> str:
     return f"{coarser['cells']} cells were {status}"
 
 
-def arguments(
-    scene: str | Path, folder: Path, values: Mapping[str, Any], petsc: Mapping[str, Any]
-) -> list[str]:
-    """The words after ``fem-snh`` for one point."""
-    words = ["run", str(scene), "--out", str(folder), "--quiet"]
-    words += [f"--set={key}={json.dumps(v)}" for key, v in values.items()]
-    options = [[f"-{k}"] if v is None else [f"-{k}", text(v)] for k, v in petsc.items()]
-    return [*words, "--", *itertools.chain(*options)]
-
-
-def text(value: Any) -> str:
-    """A value as one writes it on the command line."""
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def asked(scene: scenes.Scene) -> dict[str, Any]:
-    """What a scene says, as the columns ASKED."""
-    values = {key: getattr(scene, key) for key in ASKED if key not in ("scene", "E", "nu")}
-    material = scene.material
-    return values | {
-        "scene": scene.name, "material": material.name, "E": material.E, "nu": material.nu
-    }  # fmt: skip
-
-
-def digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
-    """What the files of a scene hold: with other contents, it is another study."""
-    paths = {Path(scene), *(s.mesh for s in loaded if isinstance(s.mesh, Path))}
-    return {str(p): _digest(p) for p in sorted(paths) if p.suffix}
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-
-
 def _prepare(out: Path, name: str, definition: Mapping[str, Any], overwrite: bool) -> None:
     """Make ``out`` ready for this study, or for going on with it. BadInput if it holds another."""
     record = out / f"{name}.json"
@@ -250,7 +234,7 @@ def _prepare(out: Path, name: str, definition: Mapping[str, Any], overwrite: boo
     if earlier is not None and earlier != definition and not overwrite:
         other = [key for key in definition if earlier.get(key) != definition[key]]
         raise BadInput(
-            f"{out} holds a {name} with other {', '.join(other)}: "
+            f"{out} holds {name}.csv of other {', '.join(other)}: "
             "take another folder, or --overwrite it"
         )
     if overwrite and earlier is not None:

@@ -45,9 +45,9 @@ def _is_rank() -> bool:
     return any(key in os.environ for key in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"))
 
 
-def program(ranks: int) -> list[str]:
-    """The words that start ``fem-snh`` on this many ranks. BadInput without mpirun."""
-    python = [sys.executable, "-m", "fem_snh"]
+def program(ranks: int, module: str = "fem_snh") -> list[str]:
+    """The words that start a module on this many ranks. BadInput without mpirun."""
+    python = [sys.executable, "-m", module]
     if ranks == 1:
         return python
     mpirun = shutil.which("mpirun")

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
-from fem_snh.studies.campaign import Campaign, Limits, Point, digests, text
+from fem_snh.studies.campaign import Campaign, Limits
+from fem_snh.studies.points import ScenePoint, digests, text
 from fem_snh.studies.table import ASKED, FOUND
 
 if TYPE_CHECKING:
@@ -59,8 +60,9 @@ def sweep(
     """
     limits = Limits(jobs, ranks, timeout, memory)
     lists = {key: list(v) if isinstance(v, list | tuple) else [v] for key, v in axes.items()}
+    options = dict(petsc or {})
     points = {
-        name: Point(values, scenes.load(scene, **values))
+        name: ScenePoint(scene, values, scenes.load(scene, **values), options)
         for name, values in combinations(lists).items()
     }
     files = digests(scene, (point.scene for point in points.values()))
@@ -68,15 +70,14 @@ def sweep(
     campaign = Campaign(
         Path(out),
         "sweep",
-        {"scene": str(scene), "axes": lists, "files": files},
+        {"scene": str(scene), "axes": lists, "files": files, "petsc": options},
         ["point", *ASKED, *extra, "ranks", *FOUND],
         limits,
-        petsc=petsc,
         retry=retry,
         overwrite=overwrite,
         report=report,
     )
-    campaign.run(scene, points)
+    campaign.run(points)
     campaign.draw()
     import pandas as pd
 

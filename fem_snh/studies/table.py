@@ -63,10 +63,10 @@ def write_whole(path: Path, content: str) -> None:
     os.replace(beside, path)
 
 
-def read_record(folder: Path) -> dict[str, Any]:
-    """run.json of a run's folder; empty if the run did not come so far."""
+def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
+    """The record that a point left in its folder; empty if it did not come so far."""
     try:
-        record: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return record
@@ -75,26 +75,25 @@ def read_record(folder: Path) -> dict[str, Any]:
 def found(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
     """What a run has to say, as the columns FOUND: its run.json, its log and its exit code.
 
-    Iterations are summed over all steps, whatever became of them; energy, volume and the like are
-    those of the last step that converged.
+    Iterations and the like are summed over all steps, whatever became of them; energy, volume and
+    the like are those of the last step that converged. Besides FOUND: ``nonfinite``, ``max_u``.
     """
     steps = record.get("steps", [])
     good = [step for step in steps if step.get("converged")]
-    row = {
-        key: sum(step.get(key) or 0 for step in steps) for key in ("newton", "clamped", "linear")
-    }
+    counted = ("newton", "clamped", "linear", "nonfinite")
+    row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in counted}
     row |= {key: good[-1].get(key) for key in ("load", "energy", "volume_ratio") if good}
-    row |= {key: good[-1].get(key) for key in ("min_J", "residual") if good}
+    row |= {key: good[-1].get(key) for key in ("min_J", "residual", "max_u") if good}
     row["converged"] = code == 0 and record.get("converged") is True
     row["status"] = record.get("status") if code in (0, 1) else None
-    row["status"] = row["status"] or _last_words(log, code)
+    row["status"] = row["status"] or last_words(log, code)
     row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
     row["seconds"] = record.get("seconds", {}).get("total")
     return row
 
 
-def _last_words(log: Path, code: int) -> str:
-    """Why a run ended that could not say so in its run.json."""
+def last_words(log: Path, code: int) -> str:
+    """Why a point ended that could not say so in its record."""
     reason = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
     lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
     told = [line for line in lines if "fem-snh: error: " in line]

@@ -14,7 +14,7 @@ from typing import Any
 
 from fem_snh.errors import choose
 from fem_snh.studies.bench import Row, words
-from fem_snh.studies.campaign import arguments
+from fem_snh.studies.points import arguments
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import read_record
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
 from fem_snh.elements import ELEMENTS
+from fem_snh.studies.pages import markdown
 from fem_snh.studies.tradeoff.errors import told
 
 #: Of the displacement, relative: what advice is given for.
@@ -121,12 +122,6 @@ def by_element(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) ->
         cells = [f"{f['cpu']:.2g} s ({_where(f)})" if f else "-" for f in found]
         lines.append([f"{nu:g}", str(element), *cells, f"{error(finest)} ({_where(finest)})"])
     return lines
-
-
-def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table as Markdown."""
-    rows = [head, ["---"] * len(head), *lines]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def page(table: pd.DataFrame) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from fem_snh import scenes
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.studies.campaign import Point
+from fem_snh.studies.points import ScenePoint
 from fem_snh.studies.sweep import folder_name
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, positions
 
@@ -102,8 +102,12 @@ class Plan:
         return [replace(choice, **dict(zip(lists, values, strict=True))) for values in chosen]
 
     def points(
-        self, scene: str | Path, nu: float, overrides: Mapping[str, Any]
-    ) -> dict[str, Point]:
+        self,
+        scene: str | Path,
+        nu: float,
+        overrides: Mapping[str, Any],
+        petsc: Mapping[str, Any] | None = None,
+    ) -> dict[str, ScenePoint]:
         """The campaign's points at one nu, by name.
 
         A finer mesh waits for the coarser one, and so does a turned knob for the default.
@@ -113,9 +117,11 @@ class Plan:
             name = point_name(nu, choice)
             values = {"nu": nu} | dict(overrides) | choice.values()
             after, growth = self._after(choice)
-            points[name] = Point(
+            points[name] = ScenePoint(
+                scene,
                 values,
                 scenes.load(scene, **values),
+                petsc or {},
                 after=None if after is None else point_name(nu, after),
                 growth=growth,
                 columns=choice.row() | {"default": not differs(choice, self._default_of(choice))},

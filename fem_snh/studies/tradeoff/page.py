@@ -20,6 +20,7 @@ import pandas as pd
 from fem_snh.choices import SEARCHED
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
+from fem_snh.studies.pages import markdown
 from fem_snh.studies.table import write_whole
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import differs
@@ -49,7 +50,7 @@ def locking(table: pd.DataFrame) -> str:
         dofs = f"{mine['dofs'].iloc[0]:,.0f}" if len(mine) else "-"
         cell = [advice.error(mine.loc[nu]) if nu in mine.index else "-" for nu in _nus(table)]
         lines.append([element, f"{cells:g}", dofs, *cell])
-    return advice.markdown(["element", "cells", "dofs", *_heads(table)], lines)
+    return markdown(["element", "cells", "dofs", *_heads(table)], lines)
 
 
 def price(table: pd.DataFrame) -> str:
@@ -63,7 +64,7 @@ def price(table: pd.DataFrame) -> str:
                 mine = rows[(rows["element"] == element) & (rows["nu"] == nu)]
                 cell.append(_seconds(mine, accuracy))
             lines.append([element, advice.percent(accuracy), *cell])
-    return advice.markdown(["element", "error", *_heads(table)], lines)
+    return markdown(["element", "error", *_heads(table)], lines)
 
 
 def _seconds(rows: pd.DataFrame, accuracy: float) -> str:
@@ -85,7 +86,7 @@ def iterations(table: pd.DataFrame) -> str:
         on = mine[mine["cells"] == cells].set_index("nu")
         cell = [_counted(on.loc[nu]) if nu in on.index else "-" for nu in _nus(table)]
         lines.append([element, f"{cells:g}", *cell])
-    return advice.markdown(["element", "cells", *_heads(table)], lines)
+    return markdown(["element", "cells", *_heads(table)], lines)
 
 
 def _alike(table: pd.DataFrame, element: str) -> float:
@@ -106,7 +107,7 @@ def knobs(table: pd.DataFrame) -> str:
         for element in _elements(table):
             lines += list(_turned(table[(table["nu"] == nu) & (table["element"] == element)]))
     head = ["nu", "element", "cells", "knob", "Newton", "linear", "time", "shift of displacement"]
-    return advice.markdown(head, lines)
+    return markdown(head, lines)
 
 
 def _turned(rows: pd.DataFrame) -> Iterator[list[str]]:
@@ -161,7 +162,7 @@ def filters(table: pd.DataFrame) -> str:
         if len(mine) > 1:
             said = [_filtered(mine, policy, default) for policy in SEARCHED]
             lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
-    return advice.markdown(["nu", "element", "cells", *SEARCHED], lines)
+    return markdown(["nu", "element", "cells", *SEARCHED], lines)
 
 
 def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:

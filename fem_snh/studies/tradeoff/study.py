@@ -20,7 +20,8 @@ import pandas as pd
 from fem_snh import scenes
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
-from fem_snh.studies.campaign import Campaign, Limits, arguments, digests
+from fem_snh.studies.campaign import Campaign, Limits
+from fem_snh.studies.points import arguments, digests
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.table import ASKED, FOUND, write_whole
 from fem_snh.studies.tradeoff import advice, errors
@@ -79,20 +80,21 @@ def tradeoff(
     parts = [column for components in of.values() for column in components]
     values = [column for column in parts if column not in FOUND]
     columns = ["point", *(a for a in ASKED if a not in _FEATURES), *_FEATURES, "ranks", *FOUND]
+    options = dict(petsc or {})
+    shared = {"scene": str(scene), "values": overrides, "petsc": options}
     campaign = Campaign(
         Path(out),
         "tradeoff",
-        {"scene": str(scene), "values": overrides, "files": digests(scene, [own])},
+        shared | {"files": digests(scene, [own])},
         [*columns, *_COST, *values, *errors.columns(of)],
         Limits(**limits),
-        petsc=petsc,
         report=report,
         **flags,
     )
-    studied = {nu: plan.points(scene, nu, overrides) for nu in plan.nus}
+    studied = {nu: plan.points(scene, nu, overrides, options) for nu in plan.nus}
     _warm_up(scene, plan, overrides, campaign)
     for nu, points in studied.items():
-        campaign.run(scene, points, _measured)
+        campaign.run(points, _measured)
         _assess(campaign, of, nu)
     table = pd.read_csv(campaign.table.path)
     write_advice(table, Path(out))

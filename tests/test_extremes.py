@@ -1,0 +1,203 @@
+"""``fem-snh extremes``: cases and their verdicts, the table, the page, exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from fem_snh.cli import main
+from fem_snh.errors import BadInput
+from fem_snh.studies.extremes import __main__ as alone
+from fem_snh.studies.extremes import cases, crush, loads, measured, scramble
+from fem_snh.studies.extremes.cases import COLUMNS, OwnPoint, all_hold, at_rest, converged
+from fem_snh.studies.extremes.study import Outcome, extremes, there
+
+# --- verdicts ------------------------------------------------------------------------------------
+
+STEP = {"load": 1.0, "converged": True}
+#: A row and a record of a run that came home.
+HOME: dict[str, Any] = {
+    "converged": True, "status": "converged", "steps": 1, "newton": 30, "max_u": 1e-9,
+    "energy": 1e-17, "min_J": 1.0, "volume_ratio": 1.0,
+}  # fmt: skip
+RECORD: dict[str, Any] = {
+    "steps": [STEP],
+    "modes": {"frequencies": [0.04]},
+    "material": {"parameters": {"mu": 0.3, "lam": 17.0}},
+}
+POINT = HOME | {"min_J": 0.0, "volume_ratio": 0.0, "energy": 8.35}
+
+
+def modes(frequency: float) -> dict[str, Any]:
+    return RECORD | {"modes": {"frequencies": [frequency]}}
+
+
+@pytest.mark.parametrize(
+    ("check", "record", "row", "told"),
+    [
+        (converged, RECORD, HOME, ""),
+        (converged, RECORD, HOME | {"converged": False, "status": "stopped"}, "stopped"),
+        (converged, {"steps": [STEP] * 3}, HOME, "3 steps instead of 1"),
+        (at_rest, RECORD, HOME, ""),
+        (at_rest, RECORD, HOME | {"max_u": 2e-6}, "another equilibrium: max |u| 2e-06"),
+        (at_rest, RECORD, HOME | {"max_u": float("nan")}, "another equilibrium"),
+        (crush._rest, RECORD, HOME | {"max_u": 2.0}, ""),  # turned by half
+        (crush._rest, RECORD, HOME | {"energy": 1e-3}, "ends elsewhere"),
+        (crush._rest, RECORD, HOME | {"min_J": -1.0}, "ends elsewhere"),
+        (crush._rest, modes(-0.1), HOME, "ends elsewhere"),
+        (crush._leaves, RECORD, HOME | {"energy": 0.1, "volume_ratio": 0.98}, ""),
+        (crush._leaves, RECORD, POINT, "volume 0, lowest frequency 0.04"),
+        (crush._rest_or_point, RECORD, HOME, ""),
+        (crush._rest_or_point, modes(-1e-8), POINT, ""),
+        (crush._rest_or_point, RECORD, POINT, "ends elsewhere"),
+        (crush._minimum_point, RECORD, POINT, ""),
+        (crush._minimum_point, RECORD, POINT | {"energy": 8.0}, "its energy is 8"),
+        (crush._minimum_point, modes(0.0), POINT, "it is no minimum"),
+        (crush._minimum_point, RECORD, HOME, "it left"),
+        (crush._flat_point, modes(-1e-8), POINT, ""),
+        (crush._flat_point, RECORD, POINT, "it is a minimum"),
+        (loads._unmoved, RECORD, HOME, ""),
+        (loads._unmoved, RECORD, HOME | {"max_u": 0.1}, "it moved by 0.1"),
+        (loads._few, RECORD, HOME, ""),
+        (loads._few, RECORD, HOME | {"newton": 41}, "41 Newton steps"),
+        (all_hold, {"rows": [{"holds": True}]}, {}, ""),
+    ],
+)
+def test_a_verdict(check: Any, record: Any, row: Any, told: str) -> None:
+    why = check(record, row)
+    assert why.startswith(told) and bool(why) == bool(told)
+
+
+def test_a_case_without_a_record_does_not_hold() -> None:
+    case = loads.cases(True, 1)[0]
+    row = {"converged": False, "status": "given up after 1 s", "steps": 1}
+    assert case.judged({}, row) == {"holds": False, "why": "given up after 1 s"}
+
+
+def test_what_several_must_fulfil() -> None:
+    rows = pd.DataFrame({"element": ["Q1", "Q1", "Q1", "P1"], "newton": [100, 160, 170, 30]})
+    rows = rows.assign(must=True, cells=15, nu=0.49, family="scramble")
+    found = scramble.demands(rows)
+    assert list(found.values()) == ["", "it is 160"] and all("15^3" in asked for asked in found)
+    table = rows.assign(point=list("abcd"), holds=[True, False, True, True], why="because")
+    table.loc[0, ["must", "holds"]] = False
+    assert list(Outcome(table, found).failures) == ["b", list(found)[1]]
+
+
+@pytest.mark.parametrize("family", [scramble, crush, loads])
+@pytest.mark.parametrize("quick", [True, False])
+def test_every_case_has_a_name_of_its_own(family: Any, quick: bool) -> None:
+    made = family.cases(quick, 2)
+    names = [case.name for case in made]
+    assert len(set(names)) == len(names) and {case.family for case in made} == {
+        family.__name__.rpartition(".")[2]
+    }
+    assert any(case.must for case in made)
+
+
+def test_the_issues_cases_are_there() -> None:
+    must = [case for case in scramble.cases(False, 100) if case.must]
+    assert sum("-10-" in case.name for case in must) == 2 * 5 * 100
+    assert sum("-15-" in case.name for case in must) == 2 * 5 * 10
+    made = {case.name for case in loads.cases(False, 1) if case.must}
+    assert len(made) == 7 * 3 + 2 and "loads-twist-pi-nu0.3-Q1-10-trust" in made
+
+
+# --- cases of their own --------------------------------------------------------------------------
+
+
+def test_a_case_that_is_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [{"what": "stress", "holds": False}, {"what": "energy", "holds": True}]
+    monkeypatch.setattr(measured, "rows", lambda *asked: rows)
+    assert alone.main("pointwise", "stvk", str(tmp_path / "case")) == 0
+    record = json.loads((tmp_path / "case" / "record.json").read_text())
+    point = OwnPoint("pointwise", "stvk", False)
+    row = point.found(record, tmp_path / "log.txt", 0)
+    assert row["status"] == "1 of 2 hold" and row["seconds"] >= 0
+    assert all_hold(record, row) == "stress"
+    single = {"rows": [{"holds": True, "status": "resumed", "newton": 7}], "seconds": 1.0}
+    assert point.found(single, tmp_path, 0) == single["rows"][0] | {"seconds": 1.0}
+    (tmp_path / "log.txt").write_text("a\nlast words\n")
+    assert point.found({}, tmp_path / "log.txt", 1)["status"] == "exit code 1: last words"
+    case = cases.own("faults", "full-disk", "", False)
+    assert not case.judged({}, {"status": "ended by signal 9"})["holds"]
+
+
+def test_families_that_are_not_there_are_not_offered() -> None:
+    assert {"scramble", "crush", "loads"} <= set(there())
+    assert ("pointwise" in there()) == measured.there("pointwise")
+
+
+# --- whole studies -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
+    out = tmp_path_factory.mktemp("extremes")
+    return out, extremes(out, only=["loads"], quick=True, jobs=2)
+
+
+def test_a_study_is_a_table_and_a_page(done: tuple[Path, Outcome]) -> None:
+    out, outcome = done
+    assert outcome.failures == {}
+    table = pd.read_csv(out / "extremes.csv")
+    assert tuple(table.columns) == COLUMNS and len(table) == 6 and table["holds"].all()
+    measures = ["converged", "newton", "clamped", "linear", "min_J", "residual", "nonfinite"]
+    assert not table[[*measures, "seconds", "max_u"]].isna().any(axis=None)
+    turned = table[table["point"].str.contains("2pi")]
+    assert (turned["newton"] == 0).all() and (turned["max_u"] < 1e-12).all()
+    text = (out / "extremes.md").read_text()
+    assert "6 of the 6 cases that must hold do" in text and "## Big loads in one step" in text
+    assert (out / "extremes.png").stat().st_size > 1000
+
+
+def test_a_study_goes_on_where_it_was(done: tuple[Path, Outcome]) -> None:
+    out, outcome = done
+    said: list[str] = []
+    again = extremes(out, only=["loads"], quick=True, report=said.append)
+    pd.testing.assert_frame_equal(again.table, outcome.table)
+    assert said[0] == "6 of 6 points are there already"
+    with pytest.raises(BadInput, match=r"holds extremes.csv of other quick.*--overwrite"):
+        extremes(out, only=["loads"])
+
+
+def test_what_does_not_hold_is_exit_code_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = loads.cases(True, 1)[:1]
+    monkeypatch.setattr(loads, "cases", lambda quick, seeds: some)
+    words = ["extremes", "--quick", "--only", "loads", "--out", str(tmp_path)]
+    assert main([*words, "--timeout", "0.05"]) == 1
+    said = capsys.readouterr().out
+    assert f"does not hold: {some[0].name}: given up after 0.05 s" in said
+    assert (
+        "0 of 1 that must hold do" in said
+        and "These do not:" in (tmp_path / "extremes.md").read_text()
+    )
+    assert main(words) == 1  # it has its row
+    assert main([*words, "--retry"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--only scrambel", "unknown family 'scrambel' (did you mean 'scramble'?)"),
+        ("--seeds 0", "seeds = 0: expected a whole number, 1 or more"),
+        ("--seeds many", "seeds = many"),
+        ("--jobs 0", "jobs = 0"),
+        ("--timeout soon", "timeout = soon"),
+        ("--quik", "unknown option --quik (did you mean '--quick'?)"),
+        ("here", "unexpected 'here'"),
+    ],
+)
+def test_mistakes(
+    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["extremes", "--out", str(tmp_path / "new"), *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert told in said and said.count("\n") == 1
+    assert not (tmp_path / "new").exists()
