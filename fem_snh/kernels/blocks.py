@@ -64,6 +64,7 @@ class Blocks:
         place = np.concatenate([[0], np.cumsum(floats)]).astype(np.int64)
         ints = [a.astype(np.int32) for a in (start, indices[above], indptr, middle - indptr[:-1])]
         single = [np.zeros(n, np.float32) for n in (place[-1], 9 * self.rows, 9 * self.rows)]
+        self._inverse = single[2]
         self._kept = [*ints[:2], place, *ints[2:], *single]
         if far is not None:
             pattern = [np.ascontiguousarray(a, np.int32) for a in far]
@@ -77,6 +78,11 @@ class Blocks:
         """A C pointer to the memory of ``array``, which the caller keeps alive."""
         kind = {"float32": "float *", "int32": "int *", "int64": "long *"}[array.dtype.name]
         return self._ffi.cast(kind, array.ctypes.data)
+
+    def weight(self, p: Array) -> float:
+        """p.D^-1 p."""
+        inverse, rows = self._inverse.reshape(-1, 3, 3), p.reshape(-1, 3)
+        return float(np.einsum("ni,nij,nj->", rows, inverse, rows, dtype=float))
 
     def fill(self, values: int, far: int, scale: float) -> int:
         """Take an AIJ matrix's values, at these addresses, times ``scale``.

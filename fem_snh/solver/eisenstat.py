@@ -25,6 +25,8 @@ _Reason = PETSc.KSP.ConvergedReason
 #: The digits that a pass in single precision is asked for; where more are wanted, there are more
 #: passes, and each has to gain this.
 _PASS, _GAIN = 1e-4, 0.5
+#: A negative curvature this small, beside a preconditioned direction's largest, is rounding.
+_FLAT = 1e-6
 
 
 class EisenstatCG:
@@ -35,6 +37,7 @@ class EisenstatCG:
     residuals are computed anew with A itself. Tolerances, monitors and reasons are as of any KSP;
     its PC is not used.
 
+    CONVERGED_HAPPY_BREAKDOWN where the matrix turns out to be singular,
     DIVERGED_INDEFINITE_MAT where a direction of negative curvature is met, DIVERGED_INDEFINITE_PC
     where a diagonal block is not positive definite or the sweeps overflow, DIVERGED_BREAKDOWN where
     single precision gains nothing. Raises BadInput for a matrix of other blocks.
@@ -110,18 +113,21 @@ class EisenstatCG:
             curvature = self._sum(
                 blocks.lib.sweep_down(blocks.struct, v["p"], v["t"], v["ghosts"], v["w"], v["q"])
             )
+            flat = False
             if not curvature > 0:
-                # Sweeps over a positive matrix cannot grow; over another they may, to infinity.
-                grown = not isfinite(curvature)
-                reason = (
-                    _Reason.DIVERGED_INDEFINITE_PC if grown else _Reason.DIVERGED_INDEFINITE_MAT
-                )
-                ksp.setConvergedReason(reason)
-                return its
+                floor = _FLAT * self._sum(blocks.weight(self._vectors["p"]))
+                if flat := -curvature <= floor:
+                    curvature = floor
+                else:
+                    ksp.setConvergedReason(_negative(curvature))
+                    return its
             new = self._update(rho / curvature)
             its += 1
             ratio = sqrt(max(new, 0.0) / first)
             if self._test(ksp, its, start * ratio) or ratio <= _PASS:
+                return its
+            if flat:  # nothing more is known of a singular matrix
+                ksp.setConvergedReason(_Reason.CONVERGED_HAPPY_BREAKDOWN)
                 return its
             beta, rho = new / rho, new
 
@@ -166,3 +172,11 @@ class EisenstatCG:
         self._vectors = dict(zip(names, vectors, strict=True))
         self._vectors["ghosts"] = self._halo.ghosts if self._halo else vectors[0]
         self._pointers = {key: self._blocks.pointer(v) for key, v in self._vectors.items()}
+
+
+def _negative(curvature: float) -> int:
+    """Why a solve ends that met this."""
+    # Sweeps over a positive matrix cannot grow; over another they may, to infinity.
+    grown = not isfinite(curvature)
+    reason = _Reason.DIVERGED_INDEFINITE_PC if grown else _Reason.DIVERGED_INDEFINITE_MAT
+    return int(reason)

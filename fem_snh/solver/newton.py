@@ -138,9 +138,10 @@ class ProjectedNewton:
                 break
             now = Iteration(residual=norm, energy=energy)
             self.history.append(now)
+            found = None
             if trust and trust.called:
                 found = trust.step(x, f, d, energy, now, previous)
-            else:
+            if found is None:  # no region is called, or in none is a better state to be found
                 slope = self._direction(snes, x, f, d, now, previous)
                 if slope is None:
                     snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
@@ -276,4 +277,10 @@ class ProjectedNewton:
             return None
         Ad = f.duplicate()
         A.mult(d, Ad)
+        if now.filter in (
+            "clamp",
+            "abs",
+        ):  # of a matrix that is not negative, though it be singular
+            slope = float(f.dot(d))
+            return slope if slope < 0 else None
         return self._line.slope(f, d, Ad)
