@@ -274,3 +274,10 @@ def test_files_are_old_or_new(tmp_path):
     check_whole(path, path, b"new")
     with pytest.raises(BadInput, match=r"cannot write .*other: it was cut short"):
         check_whole(path, tmp_path / "other", b"newer")
+
+
+@mpi
+def test_a_direct_solver_is_not_left_waiting(comm):
+    """For a monitor, PETSc's preonly computes a norm: so either all ranks have one, or none."""
+    direct = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+    assert solve("twist", cells=3, petsc=direct).converged

@@ -17,7 +17,7 @@ SCENE_OPTIONS = (
     ("cells", "N", "resolution of a built-in geometry"),
     ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
     ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),
-    ("hessian", "H", "exact, clamp, abs, adaptive or trust"),
+    ("hessian", "H", "exact, clamp, abs, adaptive or trust (the default, but for Taylor-Hood)"),
     ("steps", "N", "load steps"),
     ("predictor", "P", "start of a step: none, extrapolate or tangent"),
 )

@@ -168,8 +168,9 @@ def run(
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
     """Interruptions that leave rank 0 the time to say so."""
-    if comm.rank == 0:
-        snes.getKSP().setMonitor(lambda *_: None)  # Python looks for signals when it is called
+    # Python looks for signals when it is called. On every rank: for a monitor's sake a solver may
+    # compute a norm, which is collective.
+    snes.getKSP().setMonitor(lambda *_: None)
     return Interrupts(_PATIENCE if comm.rank else 0.0)
 
 

@@ -27,6 +27,8 @@ _Reason = PETSc.KSP.ConvergedReason
 _PASS, _GAIN = 1e-4, 0.5
 #: A negative curvature this small, beside a preconditioned direction's largest, is rounding.
 _FLAT = 1e-6
+#: Iterations that any matrix may take.
+_FEW = 100
 
 
 class EisenstatCG:
@@ -83,7 +85,8 @@ class EisenstatCG:
         ksp.setResidualNorm(norm)
         ksp.logConvergenceHistory(norm)
         reason = ksp.callConvergenceTest(its, norm)
-        if not reason and its >= ksp.getTolerances()[3]:
+        # In exact arithmetic this many steps are enough; more are rounding, of a singular matrix.
+        if not reason and its >= min(ksp.getTolerances()[3], max(_FEW, self._unknowns)):
             reason = _Reason.DIVERGED_MAX_IT
         ksp.setConvergedReason(reason)
         ksp.monitor(its, norm)
@@ -160,6 +163,7 @@ class EisenstatCG:
         if A.getBlockSize() != 3:
             raise BadInput("the solver 'eisenstat' needs 3x3 blocks, those of a displacement alone")
         self._matrix, self._state, self._comm = A.handle, -1, A.comm.tompi4py()
+        self._unknowns = A.getSize()[0]
         path = on_root(self._comm, build.library, source())
         with aij(A) as (near, *far):
             self._blocks = Blocks(path, near.blocks(3), far[0].blocks(3) if far else None)
