@@ -164,14 +164,13 @@ def test_trust_leaves_a_saddle_on_which_filters_crawl(comm):
     straight.axpy(1.0, bow)
     assert snes.getConvergedReason() > 0  # clamp takes the saddle for a solution
     ends = {}
-    for hessian in ("clamp", "adaptive", "trust"):
+    for hessian in ("clamp", "trust"):
         straight.copy(p.x)
         with options(snes_max_it=70):
             snes = solver.create(p, hessian)
             snes.solve(None, p.x)
         ends[hessian] = solver.reason(snes)
-    crawls = "DIVERGED_MAX_IT"
-    assert ends == {"clamp": crawls, "adaptive": crawls, "trust": "CONVERGED_FNORM_ABS"}
+    assert ends == {"clamp": "DIVERGED_MAX_IT", "trust": "CONVERGED_FNORM_ABS"}
     assert p.energy(p.x) < 0.47 * energy
     if comm.size == 1:
         p.jacobian(p.x, "exact")
