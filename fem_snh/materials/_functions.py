@@ -8,6 +8,10 @@ from typing import Any
 import sympy
 
 
+#: The largest denominator that somebody may have meant.
+_SIMPLE = 1000
+
+
 class where(sympy.Function):
     """``where(x, a, b)``: a if x > 0, else b; only the chosen one has to be finite.
 
@@ -65,5 +69,14 @@ def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
 
 
 def fractions(expression: sympy.Expr) -> sympy.Expr:
-    """The expression with its floats as the fractions that they are."""
-    return expression.xreplace({x: sympy.Rational(x) for x in expression.atoms(sympy.Float)})
+    """The expression with its floats as fractions: the simple one that was meant, if there is.
+
+    1/30.0 is 1/30, so that 1 - 30 (1/30.0) is 0; to a float they are the same.
+    """
+    return expression.xreplace({x: _fraction(x) for x in expression.atoms(sympy.Float)})
+
+
+def _fraction(number: sympy.Float) -> sympy.Rational:
+    exact = sympy.Rational(number)
+    simple = exact.limit_denominator(_SIMPLE)
+    return simple if float(simple) == float(number) else exact
