@@ -10,7 +10,7 @@ from bodies import MINIMISING, Hold, cube, problem, put, wave
 
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.solver import EisenstatCG
+from fem_snh.solver import EisenstatCG, own_errors
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason
@@ -167,5 +167,5 @@ def test_monitors_and_history_are_those_of_any_ksp(comm):
 def test_other_blocks_are_refused(comm):
     indptr = np.arange(5, dtype=PETSc.IntType)
     A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
-    with pytest.raises((BadInput, PETSc.Error), match="3x3 blocks"):
+    with pytest.raises(BadInput, match="3x3 blocks"), own_errors():
         solve(A, A.createVecLeft())

@@ -201,9 +201,13 @@ def test_softened_steps_end_in_the_same_state(comm: MPI.Comm) -> None:
 
 
 def test_softening_unfolds_what_a_plain_descent_does_not() -> None:
-    """A scrambled cube of tetrahedra at nu = 0.45: another minimum, or home."""
-    given = {"cells": 4, "element": "P1", "nu": 0.45, "progress": False}
-    plain = fem_snh.run("scramble", **given)
-    assert plain.converged and plain.steps[-1]["max_u"] > 0.1 and plain.steps[-1]["energy"] > 0.01
-    soft = fem_snh.run("scramble", soften=[-0.3], **given)
-    assert soft.converged and soft.steps[-1]["max_u"] < 1e-6
+    """Scrambled cubes of tetrahedra at nu = 0.45: other minima, or home."""
+    away = []
+    for seed in range(4):
+        given = {"cells": 4, "element": "P1", "nu": 0.45, "seed": seed, "progress": False}
+        plain = fem_snh.run("scramble", hessian="adaptive", **given)
+        assert plain.converged
+        away.append(plain.steps[-1]["max_u"] > 0.1 and plain.steps[-1]["energy"] > 0.01)
+        soft = fem_snh.run("scramble", soften=[-0.3], **given)
+        assert soft.converged and soft.steps[-1]["max_u"] < 1e-6
+    assert any(away)

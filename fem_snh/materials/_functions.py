@@ -7,7 +7,6 @@ from typing import Any
 
 import sympy
 
-
 #: The largest denominator that somebody may have meant.
 _SIMPLE = 1000
 
