@@ -72,7 +72,7 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
         ),
     }
     plain = ("scene", "element", "hessian", "terms", "cells", "dofs", "ranks", "status")
-    values = ["twist", "Q1", "adaptive", ["elastic"], 27, 192, comm.size, "converged"]
+    values = ["twist", "Q1", "trust", ["elastic"], 27, 192, comm.size, "converged"]
     assert [found[key] for key in plain] == values
     assert found["converged"] is True and result.converged and result.status == "converged"
     assert (found["load_name"], found["load_range"]) == ("angle", [0, 0.6])
