@@ -31,7 +31,7 @@ _ATTEMPTS = 12
 SOLVERS = ("stcg", "nash")
 #: PETSc options, unless others are given: quasi-Newton steps, and the region's linear solver.
 OPTIONS = {
-    "snes_corrections": 20,
+    "snes_corrections": 40,
     "trust_ksp_type": "stcg",
     "trust_pc_type": "bjacobi",
     "trust_sub_pc_type": "icc",

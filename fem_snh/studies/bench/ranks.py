@@ -1,4 +1,4 @@
-"""The same runs on 1 and on 2 ranks, with Jacobi: energies to 1e-9 relative, equal Newton counts."""
+"""The same runs on 1 and 2 ranks, with Jacobi: energies to 1e-9 relative, equal Newton counts."""
 
 from __future__ import annotations
 
