@@ -75,9 +75,10 @@ class EisenstatCG:
             if not ksp.getConvergedReason():
                 its = self._pass(ksp, its, norm, unit)
                 x.array[:] += unit * self._x
+                earlier = norm
+            if not ksp.getConvergedReason():  # another pass: its residual in double precision
                 A.mult(x, residual)
                 residual.aypx(-1.0, b)
-                earlier = norm
 
     def _test(self, ksp: PETSc.KSP, its: int, norm: float) -> bool:
         """Tell the KSP where it is; whether to stop."""

@@ -275,12 +275,9 @@ class ProjectedNewton:
         now.linear += ksp.getIterationNumber()
         if ksp.getConvergedReason() in _INDEFINITE:
             return None
+        if now.filter in ("clamp", "abs") and not self.saddle:
+            slope = float(f.dot(d))  # the matrix is not negative, though it may be singular
+            return slope if slope < 0 else None
         Ad = f.duplicate()
         A.mult(d, Ad)
-        if now.filter in (
-            "clamp",
-            "abs",
-        ):  # of a matrix that is not negative, though it be singular
-            slope = float(f.dot(d))
-            return slope if slope < 0 else None
         return self._line.slope(f, d, Ad)
