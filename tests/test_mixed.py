@@ -47,6 +47,22 @@ def test_minres_and_a_factorisation_find_the_same_state(element, nu):
 
 
 @taylor_hood
+@pytest.mark.parametrize("hessian", ["clamp", "abs"])
+def test_every_direction_is_one_of_the_merit(element, hessian, monkeypatch):
+    """A filtered one, too: it is there that the penalty is raised."""
+    seen, slope = [], saddle.SaddleSearch.slope
+
+    def looked_at(self, *vectors):
+        seen.append(slope(self, *vectors))
+        return seen[-1]
+
+    monkeypatch.setattr(saddle.SaddleSearch, "slope", looked_at)
+    result = turned(element=element, nu=0.49, hessian=hessian)
+    assert result.converged
+    assert len(seen) == result.steps[-1]["newton"] and all(s < 0 for s in seen)
+
+
+@taylor_hood
 def test_linear_iterations_know_neither_the_nines_of_nu_nor_the_mesh(element):
     """On Cook's membrane; of the mesh, with a factorisation of the displacement's block."""
     petsc = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}

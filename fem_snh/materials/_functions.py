@@ -67,6 +67,12 @@ def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
     return expression.xreplace(hidden)
 
 
+def exact(parameter: Any) -> sympy.Expr:
+    """A parameter as the decimal fraction that it is written as; a symbol is itself."""
+    written = isinstance(parameter, int | float)
+    return sympy.Rational(str(parameter)) if written else sympy.sympify(parameter)
+
+
 def fractions(expression: sympy.Expr) -> sympy.Expr:
     """The expression with its floats as fractions: the simple one that was meant, if there is.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Rational, log
+from sympy import log
 
 from fem_snh.errors import BadInput
-from fem_snh.materials._functions import positive
+from fem_snh.materials._functions import exact, positive
 from fem_snh.materials._volume import volume as volume_term
 
 
@@ -38,7 +38,7 @@ def ogden(
         raise BadInput(
             f"ogden: {len(exponents)} exponents and {len(weights)} weights: they go in pairs"
         )
-    powers, shares = ([Rational(str(x)) for x in xs] for xs in (exponents, weights))
+    powers, shares = ([exact(x) for x in xs] for xs in (exponents, weights))
     modulus = sum(w * a for w, a in zip(shares, powers, strict=True)) / 2
     if 0 in powers or modulus <= 0:
         raise BadInput(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Rational
-
 from fem_snh.errors import BadInput
-from fem_snh.materials._functions import positive
+from fem_snh.materials._functions import exact, positive
 from fem_snh.materials._strains import quadratic
 
 
@@ -21,7 +19,7 @@ def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -
     """
     if n == 0:
         raise BadInput("n = 0: seth_hill divides by it; its limit is 'hencky'")
-    power = Rational(str(n))
+    power = exact(n)
     bases = (s0, s1, s2) if n > 0 else map(positive, (s0, s1, s2))
     strains = [(s**power - 1) / power for s in bases]
     return quadratic(strains, mu, lam)

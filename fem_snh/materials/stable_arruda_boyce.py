@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Rational
+from fem_snh.materials._functions import exact
 
 
 def stable_arruda_boyce(
@@ -22,7 +22,7 @@ def stable_arruda_boyce(
     8 links; () is eq. 13.
     """
     length, pressure = mu / 2 * (I_C - 3), mu
-    for k, beta in enumerate(map(Rational, betas), start=1):  # exact: P(I) = 0 to the last digit
+    for k, beta in enumerate(map(exact, betas), start=1):  # P(I) = 0 to the last digit
         length += mu * beta / (2 * (k + 1)) * (I_C ** (k + 1) - 3 ** (k + 1))
         pressure += mu * beta * 3**k
     return length - pressure * (J - 1) + lam / 2 * (J - 1) ** 2

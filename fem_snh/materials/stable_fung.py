@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Rational, exp
+from sympy import exp
+
+from fem_snh.materials._functions import exact
 
 
 def stable_fung(
@@ -20,7 +22,7 @@ def stable_fung(
     gamma: the hardening in units of mu; mu_1: how fast it sets in. In eq. 52
     gamma_I = mu + (gamma mu mu_1/2) e^(...), gamma_F = (gamma mu mu_1^2/2) e^(...).
     """
-    g, rate = Rational(str(gamma)), Rational(str(mu_1))  # exact: P(I) = 0 to the last digit
+    g, rate = exact(gamma), exact(mu_1)  # P(I) = 0 to the last digit
     hardening = g * mu / 2 * (exp(rate / 2 * (I_C - 3)) - 1)
     pressure = mu + g * mu * rate / 2
     return mu / 2 * (I_C - 3) + hardening - pressure * (J - 1) + lam / 2 * (J - 1) ** 2

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sympy import Rational
-
 from fem_snh.errors import BadInput
-from fem_snh.materials._functions import positive
+from fem_snh.materials._functions import exact, positive
 from fem_snh.materials._strains import quadratic
 
 
@@ -21,6 +19,6 @@ def symmetric_seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: floa
     """
     if n == 0:
         raise BadInput("n = 0: symmetric_seth_hill divides by it; its limit is 'hencky'")
-    power = Rational(str(n))
+    power = exact(n)
     strains = [(positive(s) ** power - positive(s) ** -power) / (2 * power) for s in (s0, s1, s2)]
     return quadratic(strains, mu, lam)

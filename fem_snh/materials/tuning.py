@@ -26,7 +26,7 @@ from typing import Any
 import sympy
 
 from fem_snh.errors import BadInput
-from fem_snh.materials._functions import where
+from fem_snh.materials._functions import exact, where
 from fem_snh.materials.invariants import SIGMA
 
 #: Keywords of every material, with their defaults.
@@ -65,10 +65,10 @@ def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
     """g(s): s^alpha, extended below ``epsilon`` (module docstring); the bare power for 0."""
     if alpha == 1:
         return s
-    a = sympy.Rational(str(alpha))
+    a = exact(alpha)
     if epsilon == 0:
         return s**a
-    z, e = s**2, sympy.Rational(str(epsilon)) ** 2
+    z, e = s**2, exact(epsilon) ** 2
     w = z / e - 1
     ell = where(z - e, sympy.log(z), sympy.log(e) + w - w**2 / 2 + w**3 / 3)
     return s * sympy.exp((a - 1) / 2 * ell)
@@ -85,7 +85,7 @@ def nonlinear(
     power = [stretch_power(s, alpha, epsilon) for s in stretches]
     swap = dict(zip(SIGMA, power, strict=True))
     back = dict(zip(stretches, SIGMA, strict=True))
-    a2 = sympy.Rational(str(alpha)) ** 2
+    a2 = exact(alpha) ** 2
 
     def moved(expression: sympy.Expr) -> sympy.Expr:
         return expression.subs(swap, simultaneous=True) / a2

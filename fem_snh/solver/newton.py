@@ -129,7 +129,7 @@ class ProjectedNewton:
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
         snes.computeFunction(x, f)
-        norm, previous, step_norm = f.norm(), None, 0.0
+        norm, step_norm = f.norm(), 0.0
         last = snes.getTolerances()[3]
         for its in range(last + 1):
             if self._test(snes, its, x.norm(), step_norm, norm):
@@ -140,17 +140,16 @@ class ProjectedNewton:
             self.history.append(now)
             found = None
             if trust and trust.called:
-                found = trust.step(x, f, d, energy, now, previous)
+                found = trust.step(x, f, d, energy, now)
             if found is None:  # no region is called, or in none is a better state to be found
-                slope = self._direction(snes, x, f, d, now, previous)
+                slope = self._direction(snes, x, f, d, now)
                 if slope is None:
                     snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
                     return
-                if found := line.search(x, d, energy, slope):
-                    now.step, end = found
-                    if not trust:
-                        end, now.corrections = corrections.improve(norm, end)
-                    found = now.step, end
+                found = line.search(x, d, energy, slope)
+                if found and not trust:
+                    end, now.corrections = corrections.improve(norm, found[1])
+                    found = found[0], end
             if found is None:
                 snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
                 return
@@ -164,7 +163,7 @@ class ProjectedNewton:
             line.trial.copy(x)
             line.f_trial.copy(f)
             step_norm = d.norm() * (1.0 if now.corrections else now.step)
-            previous, norm = norm, f.norm()
+            norm = f.norm()
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- its parts -------------------------------------------------------------------------------
@@ -201,13 +200,7 @@ class ProjectedNewton:
         return bool(reason)
 
     def _direction(
-        self,
-        snes: PETSc.SNES,
-        x: PETSc.Vec,
-        f: PETSc.Vec,
-        d: PETSc.Vec,
-        now: Iteration,
-        previous: float | None,
+        self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: Iteration
     ) -> float | None:
         """d = -H^-1 f by the policy's Hessian; its slope f.d < 0, or None if there is none."""
         policy = str(self.options["snes_hessian"])
@@ -232,7 +225,7 @@ class ProjectedNewton:
             with preconditioner_of(ksp, A, P) if blocks else nullcontext():
                 if blocks and now.filtered_points:
                     self.fill(snes, x, A, P, now.filter)
-                slope = self._linear(snes, A, P, f, d, now, previous)
+                slope = self._linear(snes, A, P, f, d, now)
             if slope is not None:
                 return slope
             self._indefinite = now.residual
@@ -244,11 +237,12 @@ class ProjectedNewton:
         snes.computeJacobian(x, A, P)
 
     @contextmanager
-    def forcing(self, ksp: PETSc.KSP, now: Iteration, previous: float | None) -> Iterator[None]:
-        """Meanwhile linear solves are as loose as the iteration asks."""
+    def forcing(self, ksp: PETSc.KSP) -> Iterator[None]:
+        """Meanwhile linear solves are as loose as the present iteration asks."""
         tolerance = ksp.getTolerances()[0]
         if cap := float(self.options["snes_forcing_max"]):
-            ratio = 1.0 if previous is None else now.residual / previous
+            now, before = self.history[-1], self.history[-2:][0]
+            ratio = now.residual / before.residual  # 1 at first
             ksp.setTolerances(rtol=min(cap, max(tolerance, 0.9 * ratio**2)))
         try:
             yield
@@ -263,13 +257,12 @@ class ProjectedNewton:
         f: PETSc.Vec,
         d: PETSc.Vec,
         now: Iteration,
-        previous: float | None,
     ) -> float | None:
         """Solve A d = -f inexactly; f.d, or None if A showed a direction of negative curvature."""
         ksp = snes.getKSP()
         ksp.setOperators(A, P)
         d.set(0.0)
-        with self.forcing(ksp, now, previous):
+        with self.forcing(ksp):
             ksp.solve(f, d)
         d.scale(-1.0)
         now.linear += ksp.getIterationNumber()

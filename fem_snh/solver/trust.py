@@ -83,13 +83,7 @@ class TrustRegion:
         self.called |= now.filter in ("clamp", "abs") and gain < _LITTLE * whole
 
     def step(
-        self,
-        x: PETSc.Vec,
-        f: PETSc.Vec,
-        d: PETSc.Vec,
-        energy: float,
-        now: Iteration,
-        previous: float | None,
+        self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float, now: Iteration
     ) -> tuple[float, float] | None:
         """From ``x`` along ``d``, which is found: (step, energy there), or None if there is none.
 
@@ -100,7 +94,7 @@ class TrustRegion:
         newton.fill(self.snes, x, A, P, "clamp")
         now.filtered_points = newton.filtered_points
         now.filter = "exact" if now.filtered_points else "none needed"
-        with newton.forcing(ksp, now, previous):
+        with newton.forcing(ksp):
             with preconditioner_of(ksp, A, P):
                 if now.filtered_points:
                     newton.fill(self.snes, x, A, P, "exact")

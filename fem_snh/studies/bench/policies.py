@@ -41,13 +41,7 @@ class Ratio(solver.ProjectedNewton):
     _promise: tuple[float, float] | None = None
 
     def _direction(
-        self,
-        snes: PETSc.SNES,
-        x: PETSc.Vec,
-        f: PETSc.Vec,
-        d: PETSc.Vec,
-        now: Iteration,
-        previous: float | None,
+        self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: Iteration
     ) -> float | None:
         self.options["snes_hessian"] = "abs"
         if self._promise and len(self.history) > 1:
@@ -55,7 +49,7 @@ class Ratio(solver.ProjectedNewton):
             promised = -before.step * (slope + before.step / 2 * curvature)
             if abs(before.energy - now.energy - promised) <= _TRUSTED * abs(promised):
                 self.options["snes_hessian"] = "clamp"
-        slope_here = super()._direction(snes, x, f, d, now, previous)
+        slope_here = super()._direction(snes, x, f, d, now)
         if slope_here is not None:
             A, P = snes.getJacobian()[:2]
             self.fill(snes, x, A, P, "exact")
@@ -117,7 +111,7 @@ def rows(
 
     Every node starts off by a random displacement of ``noise`` lengths, as rounding would have it.
     hessians : of the solver's policies; "ratio": see `Ratio`.
-    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 20. They
+    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 40. They
         need a good preconditioner: ``factors`` gives every policy trust's, for its own.
     newton : None where a seed was given up after ``most``.
     """
