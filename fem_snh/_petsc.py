@@ -117,7 +117,7 @@ class Part:
 def aij(A: PETSc.Mat) -> Iterator[list[Part]]:
     """An AIJ matrix: its own columns and, where there are other ranks, theirs; to be written to."""
     handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
-    ghosts = [np.empty(0, np.int32)] * 2
+    ghosts: list[np.ndarray] = [np.empty(0, np.int32)] * 2
     if A.getType() == PETSc.Mat.Type.SEQAIJ:
         parts[0] = handle
     else:

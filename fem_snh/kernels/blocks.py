@@ -65,7 +65,7 @@ class Blocks:
         ints = [a.astype(np.int32) for a in (start, indices[above], indptr, middle - indptr[:-1])]
         single = [np.zeros(n, np.float32) for n in (place[-1], 9 * self.rows, 9 * self.rows)]
         self._inverse = single[2]
-        self._kept = [*ints[:2], place, *ints[2:], *single]
+        self._kept: list[Array] = [*ints[:2], place, *ints[2:], *single]
         if far is not None:
             pattern = [np.ascontiguousarray(a, np.int32) for a in far]
             self._kept += [*pattern, np.zeros(9 * len(far[1]), np.float32)]

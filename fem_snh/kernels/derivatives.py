@@ -25,7 +25,7 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 I1, I_C, II_C, J = INVARIANTS
-_POINTS = 16
+_POINTS, _ZERO = 16, 1e-30
 
 
 class Derivatives:
@@ -126,11 +126,9 @@ def _vanishes(expression: sympy.Expr) -> bool:
     symbols, random = sorted(expression.free_symbols, key=str), Random(0)
     value = sympy.lambdify(symbols, expression, "mpmath")
     with mpmath.workdps(50):
-        points = [
-            [
-                random.uniform(0.1, 2) * (random.choice((-1, 1)) if s in SIGMA else 1)
-                for s in symbols
-            ]
-            for _ in range(_POINTS)
-        ]
-        return all(abs(value(*map(mpmath.mpf, point))) < mpmath.mpf(10) ** -30 for point in points)
+        for _ in range(_POINTS):
+            point = [mpmath.mpf(random.uniform(0.1, 2)) for _ in symbols]
+            signs = [random.choice((-1, 1)) if s in SIGMA else 1 for s in symbols]
+            if abs(value(*(x * sign for x, sign in zip(point, signs, strict=True)))) > _ZERO:
+                return False
+    return True

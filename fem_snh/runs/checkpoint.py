@@ -68,10 +68,11 @@ class Writer:
 
     def _write(self, about: dict[str, Any], arrays: dict[str, Array]) -> None:
         # Infinities stay, which run.json cannot have; numpy's numbers become Python's.
-        text = np.frombuffer(json.dumps(about, default=lambda v: v.item()).encode(), np.uint8)
+        text = json.dumps(about, default=lambda v: v.item()).encode()
+        kept: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
         late = monotonic() > self._safe + _UNSAFE
         path = self._folder.path / CHECKPOINT
-        put(path, lambda file: np.savez(file, about=text, **arrays), sync=late)
+        put(path, lambda file: np.savez(file, **kept), sync=late)
         if late:
             self._safe = monotonic()
 

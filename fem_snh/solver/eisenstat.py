@@ -172,7 +172,7 @@ class EisenstatCG:
         first = A.getOwnershipRanges() // 3
         self._halo = None if nodes is None else Halo(self._comm, first, nodes)
         names = "xrzptwq"
-        vectors = [np.zeros(3 * self._blocks.rows, np.float32) for _ in names]
+        vectors: list[np.ndarray] = [np.zeros(3 * self._blocks.rows, np.float32) for _ in names]
         self._x, self._r, self._t = vectors[0], vectors[1], vectors[4]
         self._vectors = dict(zip(names, vectors, strict=True))
         self._vectors["ghosts"] = self._halo.ghosts if self._halo else vectors[0]

@@ -22,7 +22,7 @@ class Halo:
         owner = np.searchsorted(first, nodes, side="right") - 1
         wanted = comm.alltoall([nodes[owner == rank] for rank in range(comm.size)])
         given = [rank for rank, asked in enumerate(wanted) if len(asked)]
-        taken = sorted(set(owner.tolist()))
+        taken = [int(rank) for rank in np.unique(owner)]
         self._here = np.concatenate([wanted[r] for r in given] or [nodes[:0]]) - first[comm.rank]
         self._sent = np.zeros((len(self._here), 3), np.float32)
         self.ghosts = np.zeros((len(nodes), 3), np.float32)
