@@ -3,6 +3,7 @@
 .PHONY: help setup demo test test-serial test-mpi lint format doctor wheel clean distclean
 python := .venv/bin/python
 RANKS ?= 2
+JOBS ?= 2
 
 # One thread per rank: the ranks are the parallelism.
 export OMP_NUM_THREADS ?= 1
@@ -35,8 +36,8 @@ demo: setup  ## stretch the cylinder and twist the cube on 2 ranks; results unde
 
 test: lint test-serial test-mpi  ## everything: lint, tests, tests on 2 ranks
 
-test-serial: setup  ## the tests, serially
-	$(python) -m pytest $(PYTEST)
+test-serial: setup  ## the tests, each on one rank, so many side by side: JOBS=2
+	$(python) -m pytest -n $(JOBS) --dist worksteal $(PYTEST)
 
 test-mpi: setup  ## the tests marked mpi, on 2 ranks
 	tools/pytest-ranks $(RANKS) $(PYTEST)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
 import time
 from pathlib import Path
-
-from mpi4py import MPI
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Beside other workers: ranks that wait leave them the core, and Open MPI's files are apart, as
+    # a job that ends removes the folder that one that begins wants to use.
+    os.environ["OMPI_MCA_mpi_yield_when_idle"] = "1"
+    os.environ["TMPDIR"] = tempfile.mkdtemp(prefix="fem-snh-")
 
 # Compilation happens inside some examples, so no deadline.
 hypothesis.settings.register_profile("fem_snh", deadline=None, max_examples=50)
@@ -19,6 +29,8 @@ hypothesis.settings.load_profile("fem_snh")
 @pytest.fixture(scope="session")
 def comm() -> MPI.Intracomm:
     """All ranks."""
+    from mpi4py import MPI
+
     return MPI.COMM_WORLD
 
 
@@ -34,7 +46,7 @@ def folder(comm: MPI.Intracomm, tmp_path: Path) -> Path:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if MPI.COMM_WORLD.size > 1:
+    if _ranks(config) > 1:
         config.option.maxfail = 1
 
 
@@ -44,11 +56,21 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    if MPI.COMM_WORLD.size > 1 and config.stash.get(_FAILED, False):
+    if _ranks(config) > 1 and config.stash.get(_FAILED, False):
+        from mpi4py import MPI
+
         sys.stdout.flush()
         sys.stderr.flush()
         time.sleep(2 if MPI.COMM_WORLD.rank else 0)  # for rank 0 to print what it has
         MPI.COMM_WORLD.Abort(1)
+
+
+def _ranks(config: pytest.Config) -> int:
+    if config.getoption("numprocesses", None):
+        return 1  # xdist's workers start MPI, each its own: they would inherit that of this process
+    from mpi4py import MPI
+
+    return int(MPI.COMM_WORLD.size)
 
 
 _FAILED = pytest.StashKey[bool]()

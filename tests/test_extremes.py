@@ -14,7 +14,7 @@ from fem_snh.errors import BadInput
 from fem_snh.studies.extremes import __main__ as alone
 from fem_snh.studies.extremes import cases, crush, loads, measured, scramble
 from fem_snh.studies.extremes.cases import COLUMNS, OwnPoint, all_hold, at_rest, converged
-from fem_snh.studies.extremes.study import Outcome, extremes, there
+from fem_snh.studies.extremes.study import Outcome, extremes
 
 # --- verdicts ------------------------------------------------------------------------------------
 
@@ -125,11 +125,6 @@ def test_a_case_that_is_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert point.found({}, tmp_path / "log.txt", 1)["status"] == "exit code 1: last words"
     case = cases.own("faults", "full-disk", "", False)
     assert not case.judged({}, {"status": "ended by signal 9"})["holds"]
-
-
-def test_families_that_are_not_there_are_not_offered() -> None:
-    assert {"scramble", "crush", "loads"} <= set(there())
-    assert ("pointwise" in there()) == measured.there("pointwise")
 
 
 # --- whole studies -------------------------------------------------------------------------------

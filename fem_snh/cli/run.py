@@ -56,8 +56,6 @@ def run(argv: list[str]) -> int:
         raise BadInput(
             f"which scene? choose from {', '.join(scenes.names())}, or give a .toml file"
         )
-    if args.resume and (args.overwrite or args.out is None):
-        raise BadInput("--resume goes with --out DIR, and without --overwrite")
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}
 

@@ -39,7 +39,7 @@ class Divided:
 
     def exchanged(self, f: sympy.Expr) -> sympy.Expr:
         """f', f with the stretches exchanged."""
-        return f.subs(self._exchange, simultaneous=True)
+        return f.xreplace(self._exchange)
 
     def __call__(self, f: sympy.Expr) -> sympy.Expr:
         """[f]"""

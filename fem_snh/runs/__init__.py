@@ -94,14 +94,11 @@ def run(
     out or PETSc gives up.
     """
     began = perf_counter()
+    if resume and (out is None or overwrite):
+        raise BadInput("--resume goes with --out DIR, and without --overwrite")
     scene = scenes.load(scene, **overrides)
-    folder, stored = None, None
-    if out is not None:
-        folder = Folder(comm, Path(out), overwrite, resume)
-    if resume:
-        if folder is None or overwrite:
-            raise BadInput("--resume goes with --out DIR, and without --overwrite")
-        stored = Checkpoint.read(folder, scene)
+    folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
+    stored = Checkpoint.read(folder, scene) if resume and folder else None
     show = Progress(comm, progress)
     smoothers = solver.smoothers(scene.material.E)
     with solver.failures(), petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:

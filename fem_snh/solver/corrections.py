@@ -29,7 +29,6 @@ class Corrections:
         """
         self.snes, self.line, self.most, self.goal = snes, line, most, goal
         self._pc = ksp.getPC()
-        self._x, self._f, self._d = (line.trial.duplicate() for _ in range(3))
 
     def improve(self, before: float, energy: float) -> tuple[float, int]:
         """Go on from the line search's ``trial``, of ``energy``; ``before``: the residual's norm.
@@ -40,8 +39,8 @@ class Corrections:
         line, count = self.line, 0
         if not self.most or line.f_trial.norm() <= _ENOUGH * before:
             return energy, 0
-        x, f, d = self._x, self._f, self._d
-        memory = self._memory()
+        x, f, d = (line.trial.duplicate() for _ in range(3))
+        memory = self._memory(x)
         for count in range(self.most):
             if line.f_trial.norm() <= self.goal:
                 return energy, count
@@ -59,9 +58,8 @@ class Corrections:
             energy = found[1]
         return energy, self.most
 
-    def _memory(self) -> PETSc.Mat:
-        """PETSc's limited-memory inverse Hessian, with nothing in it yet."""
-        x = self._x
+    def _memory(self, x: PETSc.Vec) -> PETSc.Mat:
+        """PETSc's limited-memory inverse Hessian for vectors like x, with nothing in it yet."""
         memory = PETSc.Mat().create(x.comm)
         memory.setSizes([x.getSizes()] * 2)
         memory.setType(PETSc.Mat.Type.LMVMBFGS)

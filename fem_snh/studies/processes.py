@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -79,13 +80,16 @@ class Child:
         self.seconds = 0.0
         self._start = time.monotonic()
         self._looked = 0.0
+        # Open MPI's files apart from those of jobs that end or begin just now: they share a folder
+        # that the last one removes, and one that begins finds missing.
+        self._files = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
         with log.open("w") as file:
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
-                env=environment(),
+                env=environment() | {"TMPDIR": self._files.name},
                 start_new_session=True,
             )
         if _is_rank():  # we are bound to a core or so: our children need not share it
@@ -106,6 +110,8 @@ class Child:
         code = self._process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
+        if code is not None:
+            self._files.cleanup()
         if code is None and (limit := self._limit()):
             self.given_up = limit
             self.end()

@@ -8,16 +8,10 @@ from typing import Any
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.studies.bench import Row, words
-from fem_snh.studies.direct import DIRECT
+from fem_snh.studies.tradeoff.knobs import SOLVERS
 
-#: PETSc options of each.
-SOLVERS: dict[str, dict[str, Any]] = {
-    "ours": {},
-    "jacobi": {"pc_type": "jacobi"},
-    "icc": {"pc_type": "bjacobi", "sub_pc_type": "icc"},
-    "gamg": {"pc_type": "gamg"},
-    "direct": DIRECT,
-}
+#: Those of a displacement alone.
+_SOLVERS = SOLVERS[False]
 
 
 def rows(
@@ -33,7 +27,7 @@ def rows(
     The stretch's first frame: 20 % in one step, every linear solve to ``tolerance``. Direct solves
     on at most ``most`` cells. seconds : of the step, a Newton step.
     """
-    chosen = [choose("solver", name, SOLVERS) for name in words(solvers)] or list(SOLVERS)
+    chosen = [choose("solver", name, _SOLVERS) for name in words(solvers)] or list(_SOLVERS)
     meshes = [int(number) for number in words(str(cells))]
     plan = [(number, 0.49) for number in meshes]
     plan += [(meshes[min(1, len(meshes) - 1)], float(nu)) for nu in words(str(nus))]
@@ -41,7 +35,7 @@ def rows(
         for name in chosen:
             if name == "direct" and number > most:
                 continue
-            petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} | SOLVERS[name]
+            petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} | _SOLVERS[name]
             settings: dict[str, Any] = {"cells": number, "nu": nu, "element": element}
             result = run("stretch", steps=1, stretch=1.2, **settings, petsc=petsc, progress=False)
             newton = sum(step["newton"] for step in result.steps)

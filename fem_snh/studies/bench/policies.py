@@ -22,11 +22,10 @@ from fem_snh.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
 from fem_snh.solver.newton import Iteration
 from fem_snh.studies.bench import Row, words
+from fem_snh.studies.tradeoff.knobs import ICC
 
 #: Linear solves are tight, as the scene twist's: rounding has less of a say.
 TIGHT = {"snes_forcing_max": 5e-3}
-#: What trust has by default, for the others: incomplete factors, blocks of each rank.
-FACTORS = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 #: How far from 1 `Ratio` trusts a clamped Hessian.
 _TRUSTED = 0.01
 
@@ -123,7 +122,7 @@ def rows(
                     for extra in words(corrections):
                         row: Row = {"case": case, "nu": float(nu), "cells": int(n)}
                         row |= {"ranks": p.comm.size, "hessian": hessian, "allowed": int(extra)}
-                        settings: dict[str, Any] = TIGHT | (FACTORS if factors else {})
+                        settings: dict[str, Any] = TIGHT | (ICC if factors else {})
                         settings |= {"snes_corrections": int(extra), "snes_max_it": most}
                         settings["snes_scaled_tol"] = tolerance
                         runs = [

@@ -18,15 +18,19 @@ from fem_snh.studies.points import arguments
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import read_record
 
-#: What `fem-snh run` is given; None: `fem_snh.studies.tutorial` instead.
-WAYS: dict[str, dict[str, Any] | None] = {
-    "ours": {},
-    "ours, a third of the steps": {},
-    "paper": {
-        "hessian": "clamp",
-        "petsc": {"pc_type": "jacobi", "snes_forcing_max": 0.0, "ksp_rtol": 1e-5},
-    },
-    "tutorial": None,
+#: What `fem-snh run` is given (None: `fem_snh.studies.tutorial` instead), and of the load steps
+#: that are asked for one in how many is taken.
+WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
+    "ours": ({}, 1),
+    "ours, a third of the steps": ({}, 3),
+    "paper": (
+        {
+            "hessian": "clamp",
+            "petsc": {"pc_type": "jacobi", "snes_forcing_max": 0.0, "ksp_rtol": 1e-5},
+        },
+        1,
+    ),
+    "tutorial": (None, 1),
 }
 #: Ours is faster than these by so much, from so many degrees of freedom on.
 LIMITS = {"paper": (6.0, 0), "tutorial": (10.0, 40_000)}
@@ -50,9 +54,9 @@ def rows(
     for number in words(str(cells)):
         ours: dict[str, Any] | None = None
         for way in [choose("way", w, WAYS) for w in words(ways)] or WAYS:
-            taken = max(steps // 3, 1) if "third" in way else steps
-            settings = {"cells": int(number), "nu": nu, "steps": taken}
-            record, ended = _run(WAYS[way], settings, int(ranks), timeout, memory)
+            given, one_in = WAYS[way]
+            settings = {"cells": int(number), "nu": nu, "steps": max(steps // one_in, 1)}
+            record, ended = _run(given, settings, int(ranks), timeout, memory)
             row: Row = {"way": way, "nu": nu, "ranks": ranks} | _summary(record, ended)
             ours = ours or record
             if record is not ours and row["load"] > 0:
@@ -69,14 +73,16 @@ def _run(
     """run.json of a run in processes of its own, and what became of it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        start = program(ranks)
         if way is None:
-            module = [*start[:-1], "fem_snh.studies.tutorial"]
-            command = [*module, str(folder), json.dumps({"scene": "stretch"} | settings)]
+            start = program(ranks, "fem_snh.studies.tutorial")
+            command = [*start, str(folder), json.dumps({"scene": "stretch"} | settings)]
         else:
             values = {key: value for key, value in way.items() if key != "petsc"}
             petsc = way.get("petsc", {})
-            command = [*start, *arguments("stretch", folder / "out", settings | values, petsc)]
+            command = [
+                *program(ranks),
+                *arguments("stretch", folder / "out", settings | values, petsc),
+            ]
             folder = folder / "out"
         child = Child(command, Path(name, "log.txt"), timeout, memory)
         while child.poll() is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,6 @@ import pandas as pd
 from fem_snh import materials
 from fem_snh.studies.extremes.cases import Case, own
 from fem_snh.studies.pages import markdown
-
-
-def there(family: str) -> bool:
-    """Whether the family's module is part of this version."""
-    return find_spec(f"{__package__}.{family}") is not None
 
 
 def rows(family: str, case: str, folder: Path, quick: bool) -> list[dict[str, Any]]:

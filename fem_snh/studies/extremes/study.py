@@ -20,8 +20,8 @@ from fem_snh.studies.campaign import Campaign, Limits
 from fem_snh.studies.extremes import FAMILIES, measured, page
 from fem_snh.studies.extremes.cases import COLUMNS, Case
 
-#: Families whose cases measure by themselves; they may not be part of this version.
-OWN = ("pointwise", "faults")
+#: Families whose cases measure by themselves.
+_OWN = ("pointwise", "faults")
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,6 @@ class Outcome:
         return dict(zip(bad["point"], bad["why"], strict=True)) | {
             asked: why for asked, why in self.demands.items() if why
         }
-
-
-def there() -> list[str]:
-    """The families that this version has."""
-    return [family for family in FAMILIES if family not in OWN or measured.there(family)]
 
 
 def extremes(
@@ -73,11 +68,11 @@ def extremes(
         BadInput: before anything runs: a bad value, or another study in ``out``.
     """
     for family in only:
-        choose("family", family, there())
+        choose("family", family, FAMILIES)
     if not isinstance(seeds, int) or isinstance(seeds, bool) or seeds < 1:
         raise BadInput(f"seeds = {seeds}: expected a whole number, 1 or more")
     flags = {key: limits.pop(key, False) for key in ("retry", "overwrite")}
-    chosen = {family: _cases(family, quick, seeds) for family in only or there()}
+    chosen = {family: _cases(family, quick, seeds) for family in only or FAMILIES}
     cases = {case.name: case for family in chosen.values() for case in family}
     campaign = Campaign(
         Path(out), "extremes", {"quick": quick}, COLUMNS, Limits(**limits),
@@ -96,7 +91,7 @@ def extremes(
 
 
 def _cases(family: str, quick: bool, seeds: int) -> list[Case]:
-    if family in OWN:
+    if family in _OWN:
         return measured.cases(family, quick)
     made: list[Case] = import_module(f"{__package__}.{family}").cases(quick, seeds)
     return made

@@ -16,7 +16,8 @@ from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.direct import DIRECT
 
-_ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
+#: Incomplete factors, blocks of each rank.
+ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
 
 #: Linear solvers with their preconditioners: of the displacement alone, and of a saddle (there,
@@ -25,7 +26,7 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
     False: {
         "cg+ssor": {},  # in single precision, fem_snh.solver.EisenstatCG
         "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
-        "cg+icc": {"ksp_type": "cg", **_ICC},
+        "cg+icc": {"ksp_type": "cg", **ICC},
         "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
         "direct": DIRECT,
     },

@@ -51,10 +51,10 @@ class Trial:
         With more options of PETSc's, or by another program than fem-snh that takes its words.
         """
         self._logs.append(self.folder / f"log{len(self._logs)}.txt")
-        command = program(ranks)
-        command[-1] = module
         words = ["run", *SCENE, "--out", str(self.out), *(["--resume"] if resume else [])]
-        return Child([*command, *words, "--", *PETSC, *petsc], self._logs[-1], _LIMIT)
+        return Child(
+            [*program(ranks, module), *words, "--", *PETSC, *petsc], self._logs[-1], _LIMIT
+        )
 
     def wait(self, child: Child, steps: int | None = None) -> int | None:
         """Wait for this many steps, or for the end; the exit code if it has ended."""
