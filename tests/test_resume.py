@@ -10,13 +10,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from bodies import PRESS
 
 import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.files import check_whole, put
 from fem_snh.runs import checkpoint, nodal
 from fem_snh.runs.stepping import Stepper
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 
 mpi = pytest.mark.mpi
 ALONE, ALL = MPI.COMM_SELF, MPI.COMM_WORLD
@@ -78,16 +78,6 @@ def times(folder):
 
 # --- the same end --------------------------------------------------------------------------------
 
-PRESS = Scene(  # whose first step fails
-    name="press",
-    mesh=Geometry(source="cube"),
-    cells=3,
-    element="Q1",
-    material=MaterialChoice(name="neo_hookean", E=1.0, nu=0.3),
-    hold=[Hold(group="bottom")],
-    move=[Move(group="top", translate=(0, 0, -0.5))],
-    predictor="none",
-)
 # At nu = 0.49 so coarse a body leaves its symmetric states, and the trust region is called.
 STRETCH = {"cells": 3, "steps": 5, "stretch": 2.0, "nu": 0.3}
 #: Scene, options, rows after which it is cut off.

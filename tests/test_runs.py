@@ -21,6 +21,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from bodies import PRESS
 
 import fem_snh
 from fem_snh import _gmsh, solver
@@ -219,18 +220,7 @@ def test_a_folder_that_cannot_be_written_is_bad_input_on_every_rank(comm, folder
 
 @mpi
 def test_failed_steps_are_rolled_back_and_halved(comm, folder):
-    """Pressed by more than a cell at once, cells turn inside out: no energy of neo_hookean's."""
-    press = Scene(
-        name="press",
-        mesh=Geometry(source="cube"),
-        cells=3,
-        element="Q1",
-        material=MaterialChoice(name="neo_hookean", E=1.0, nu=0.3),
-        hold=[Hold(group="bottom")],
-        move=[Move(group="top", translate=(0, 0, -0.5))],
-        predictor="none",
-    )
-    result = solve(press, out=folder)
+    result = solve(PRESS, out=folder)
     assert result.converged
     steps = result.steps
     assert not steps[0]["converged"] and steps[0]["load"] == 1.0
@@ -249,7 +239,7 @@ def test_failed_steps_are_rolled_back_and_halved(comm, folder):
     done = [step["load"] for step in steps if step["converged"]]
     assert [float(t) for t in times] == pytest.approx([0.0, *done])
     comm.barrier()
-    gradually = solve(press, steps=8, predictor="extrapolate")
+    gradually = solve(PRESS, steps=8, predictor="extrapolate")
     assert all(step["converged"] for step in gradually.steps)
     assert steps[-1]["energy"] == pytest.approx(gradually.steps[-1]["energy"], rel=1e-9)
 
