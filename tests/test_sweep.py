@@ -160,6 +160,18 @@ def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
     assert child.given_up == "given up after 1 s" and not _session(child._process.pid)
 
 
+def test_children_have_a_folder_for_files_each(tmp_path: Path) -> None:
+    """Two of Open MPI's jobs in one: that which ends removes what that which begins is to use."""
+    tell = "import tempfile; print(tempfile.gettempdir())"
+    logs = [tmp_path / "one.txt", tmp_path / "two.txt"]
+    for child in [Child([sys.executable, "-c", tell], log) for log in logs]:
+        while (code := child.poll()) is None:
+            time.sleep(0.01)
+        assert code == 0
+    folders = {log.read_text().strip() for log in logs}
+    assert len(folders) == 2 and not any(Path(folder).exists() for folder in folders)
+
+
 def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     """Neither rank alone is above the limit."""
     hungry = "import time; kept = b'x' * (300 << 20); time.sleep(300)"

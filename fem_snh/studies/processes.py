@@ -110,12 +110,12 @@ class Child:
         code = self._process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
-        if code is not None:
-            self._files.cleanup()
         if code is None and (limit := self._limit()):
             self.given_up = limit
             self.end()
             code = self._process.wait()
+        if code is not None:
+            self._files.cleanup()
         return code
 
     def _limit(self) -> str:
