@@ -22,8 +22,9 @@ _ENOUGH, _GOOD = 0.05, 0.75
 _SHRINK, _GROW = 0.5, 2.0
 #: A Newton step within the region that has to be shorter than this was out of it.
 _SHORT = 0.25
-#: A filtered step's part of all that was gained, below which the trust region is called.
-_LITTLE = 0.01
+#: A filtered step's part of all that was gained, below which the trust region is called; unless it
+#: left less than this of the residual: it converges, then.
+_LITTLE, _LEFT = 0.01, 0.5
 #: Radii tried before the clamped Hessian is asked.
 _ATTEMPTS = 12
 
@@ -63,7 +64,8 @@ class TrustRegion:
     it is the clamped Hessian's, as is every one for which no radius will do.
 
     Far from a solution the clamped Hessian goes faster. So the region is ``called`` once a filtered
-    step gains less than a hundredth of what all have: at a state that is nearly unstable.
+    step gains less than a hundredth of what all have and leaves half of the residual: at a state
+    that is nearly unstable.
     """
 
     def __init__(
@@ -80,7 +82,8 @@ class TrustRegion:
         if isnan(self._start):
             self._start = now.energy
         gain, whole = now.energy - energy, self._start - energy
-        self.called |= now.filter in ("clamp", "abs") and gain < _LITTLE * whole
+        if now.filter in ("clamp", "abs") and gain < _LITTLE * whole:
+            self.called |= self.line.f_trial.norm() > _LEFT * now.residual
 
     def step(
         self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float, now: Iteration

@@ -106,7 +106,7 @@ def tables(rows: pd.DataFrame) -> str:
             _number(100 * (row["volume_ratio"] - 1), "+.2f"),
             _number(row["nonfinite"], ".0f"), _number(row["seconds"], ".1f"),
         ]
-        for row in rows.fillna({"why": ""}).to_dict("records")
+        for row in rows.astype({"why": object}).fillna({"why": ""}).to_dict("records")
     ]  # fmt: skip
     head = [
         "load",
