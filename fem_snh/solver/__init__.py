@@ -59,6 +59,8 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
     snes.setJacobian(context.jacobian, problem.A)
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=200)
+    # It is iterations that are limited: corrections, too, evaluate the function.
+    snes.setMaxFunctionEvaluations(2**31 - 1)
     ksp = snes.getKSP()
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     if problem.saddle:

@@ -25,6 +25,8 @@ _SHORT = 0.25
 #: A filtered step's part of all that was gained, below which the trust region is called; unless it
 #: left less than this of the residual: it converges, then.
 _LITTLE, _LEFT = 0.01, 0.5
+#: A step that left less than this of the residual needs it no longer.
+_DONE = 0.1
 #: Radii tried before the clamped Hessian is asked.
 _ATTEMPTS = 12
 
@@ -65,7 +67,7 @@ class TrustRegion:
 
     Far from a solution the clamped Hessian goes faster. So the region is ``called`` once a filtered
     step gains less than a hundredth of what all have and leaves half of the residual: at a state
-    that is nearly unstable.
+    that is nearly unstable. Once a step leaves less than a tenth of the residual, it is no more.
     """
 
     def __init__(
@@ -82,8 +84,11 @@ class TrustRegion:
         if isnan(self._start):
             self._start = now.energy
         gain, whole = now.energy - energy, self._start - energy
-        if now.filter in ("clamp", "abs") and gain < _LITTLE * whole:
-            self.called |= self.line.f_trial.norm() > _LEFT * now.residual
+        left = self.line.f_trial.norm() / now.residual
+        if now.filter in ("clamp", "abs"):
+            self.called |= gain < _LITTLE * whole and left > _LEFT
+        elif left < _DONE:
+            self.called = False
 
     def step(
         self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float, now: Iteration
