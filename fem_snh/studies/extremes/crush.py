@@ -34,7 +34,8 @@ P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4):
   is 0 and the energy falls to the third order, as -lam alpha J, so the point is no minimum; but the
   force of a disturbance d is of the order lam (d/h)^2, for 1e-6 below the usual tolerances: the run
   says `converged` at once, at a state that is not stable. With a tolerance below that force the
-  body must be back at rest.
+  body must be back at rest at nu = 0.3; at 0.49 it must leave, and by way of 0.3 be back, as from
+  the line.
 - *Inverted*, F = -I: P = -2 (mu + lam) I (of eq. 13) pushes it through. Seen as diag(1, 1, -1)
   turned by half, it is nearest to three poses: at rest but turned by half about an axis, which
   these supports allow. Parts of the body may choose different ones, and without the barrier that
@@ -95,6 +96,7 @@ def _remedies(elements: Sequence[str]) -> Iterator[Case]:
     tried: dict[str, dict[str, Any]] = {
         "point-tight": {"to": "point", "nu": 0.3, **below},
         "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **below},
+        "point-softened": {"to": "point", "nu": 0.49, "soften": [0.3], **below},
         "line-barrier": {"to": "line", "nu": 0.49, "material.barrier": True},
         "line-softened": {"to": "line", "nu": 0.49, "soften": [0.3]},
         "inverted-softened": {"to": "inverted", "nu": 0.49, "soften": [0.3]},
@@ -103,7 +105,7 @@ def _remedies(elements: Sequence[str]) -> Iterator[Case]:
     for element in elements:
         for name, values in tried.items():
             given = {"element": element, "noise": 1e-6, **_MODES, **values}
-            kinks = name == "line-barrier"  # each part may leave the line its own way
+            kinks = name.endswith("barrier")  # each part may leave its own way
             asked, check = ("leaves, for good", _leaves) if kinks else ("at rest", _rest)
             yield run_of("crush", f"crush-{element}-{name}", asked, check, **given)
 
