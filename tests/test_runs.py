@@ -459,8 +459,12 @@ def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder
 
 
 @mpi
-def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder):
-    """A millimetre of steel takes the Newton and linear iterations of a metre of jelly."""
+@pytest.mark.parametrize("hessian", ["adaptive", "trust"])
+def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, hessian):
+    """A millimetre of steel takes the Newton and linear iterations of a metre of jelly.
+
+    Linear ones but for `trust`, whose corrections make more of rounding.
+    """
     found = []
     for name, scale, E in (("large", 1.0, 1.0), ("small", 1e-3, 1e6)):
         on_root(comm, own_mesh, folder / f"{name}.msh", scale)
@@ -476,12 +480,13 @@ def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder):
                 )
             ],
         )
-        found.append(solve(Scene(**scene)).steps)
+        found.append(solve(Scene(**scene), hessian=hessian).steps)
     for one, other in zip(*found, strict=True):
         assert [one[k] for k in ("newton", "clamped", "reason")] == [
             other[k] for k in ("newton", "clamped", "reason")
         ]
-        assert other["linear"] == pytest.approx(one["linear"], abs=2)
+        if hessian == "adaptive":
+            assert other["linear"] == pytest.approx(one["linear"], abs=2)
         assert other["energy"] / (1e6 * 1e-9) == pytest.approx(one["energy"], rel=1e-8)
 
 
