@@ -463,8 +463,10 @@ def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder
 def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, hessian):
     """A millimetre of steel takes the Newton and linear iterations of a metre of jelly.
 
-    Linear ones but for `trust`, whose corrections make more of rounding.
+    `trust` with linear solves in double precision: its matrices are nearly singular, and the
+    single precision of the default solver is seen in a tenth of the iterations.
     """
+    petsc = {"ksp_type": "cg", "pc_type": "jacobi"} if hessian == "trust" else {}
     found = []
     for name, scale, E in (("large", 1.0, 1.0), ("small", 1e-3, 1e6)):
         on_root(comm, own_mesh, folder / f"{name}.msh", scale)
@@ -479,14 +481,14 @@ def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, hessian):
                     rotate=Rotate(axis=(0, 0, 1), through=(0.5 * scale,) * 3, angle=1.0),
                 )
             ],
+            petsc=petsc,
         )
         found.append(solve(Scene(**scene), hessian=hessian).steps)
     for one, other in zip(*found, strict=True):
         assert [one[k] for k in ("newton", "clamped", "reason")] == [
             other[k] for k in ("newton", "clamped", "reason")
         ]
-        if hessian == "adaptive":
-            assert other["linear"] == pytest.approx(one["linear"], abs=2)
+        assert other["linear"] == pytest.approx(one["linear"], abs=2)
         assert other["energy"] / (1e6 * 1e-9) == pytest.approx(one["energy"], rel=1e-8)
 
 
