@@ -27,16 +27,16 @@ def begin(problem: Problem, start: Any) -> None:
     owned = _dolfinx.num_nodes(problem.V)[0]
     X = problem.V.tabulate_dof_coordinates()[:owned]
     low, high = _box(problem.comm, X)
-    centre = (low + high) / 2
+    centre, places = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()
     if start.scatter is not None:
         sides = (high - low) * start.scatter ** (1 / 3)
-        x = centre + sides * (_random(problem.comm, X, start.seed) - 0.5)
+        x = centre + sides * (_random(problem.comm, places, start.seed) - 0.5)
     elif start.map is not None:
         fixed = centre if start.through is None else np.array(start.through)
         x = (X - fixed) @ np.array(start.map).T + fixed
     if start.noise:
-        x += start.noise * (2 * _random(problem.comm, X, start.seed, stream=1) - 1)
+        x += start.noise * (2 * _random(problem.comm, places, start.seed, stream=1) - 1)
     problem.x.array[: 3 * owned] = (x - X).ravel()
     problem.prescribe(problem.x)
 
@@ -49,16 +49,15 @@ def _box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _random(comm: MPI.Comm, X: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
-    """(n, 3) numbers in [0, 1) for this rank's nodes X (n, 3), whoever has which of them.
+def _random(comm: MPI.Comm, places: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
+    """(n, 3) numbers in [0, 1) for this rank's nodes, whoever has which of them.
 
-    They are drawn for the nodes in the order of their places, which every rank finds by itself.
+    ``places`` (n, 3): where they are in the body, in its sizes. The numbers are drawn for the nodes
+    in the order of their places, which every rank finds by itself.
     """
-    low, high = _box(comm, X)
-    places = np.round((X - low) / ((high - low).max() * _GRID) + _SHIFT)
-    parts = comm.allgather(places)
+    parts = comm.allgather(np.round(places / _GRID + _SHIFT))
     first = sum(len(part) for part in parts[: comm.rank])
     everyone = np.concatenate(parts)
     drawn = np.empty_like(everyone)
     drawn[np.lexsort(everyone.T)] = np.random.default_rng([seed, stream]).random(everyone.shape)
-    return drawn[first : first + len(X)]
+    return drawn[first : first + len(places)]

@@ -19,7 +19,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     # Beside other workers: ranks that wait leave them the core, and Open MPI's files are apart, as
     # a job that ends removes the folder that one that begins wants to use.
     os.environ["OMPI_MCA_mpi_yield_when_idle"] = "1"
-    os.environ["TMPDIR"] = tempfile.mkdtemp(prefix="fem-snh-")
+    os.environ["TMPDIR"] = tempfile.mkdtemp(dir=os.environ["PYTEST_XDIST_FOLDER"])
 
 # Compilation happens inside some examples, so no deadline.
 hypothesis.settings.register_profile("fem_snh", deadline=None, max_examples=50)
@@ -46,6 +46,10 @@ def folder(comm: MPI.Intracomm, tmp_path: Path) -> Path:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("numprocesses", None):
+        shared = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
+        config.add_cleanup(shared.cleanup)  # once its workers are gone
+        os.environ["PYTEST_XDIST_FOLDER"] = shared.name
     if _ranks(config) > 1:
         config.option.maxfail = 1
 

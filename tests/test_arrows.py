@@ -17,7 +17,8 @@ PACKAGE = Path(fem_snh.__file__).parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices"),
     ("files",),
-    ("_dolfinx", "_petsc", "materials", "elements"),
+    ("_petsc", "materials", "elements"),
+    ("_dolfinx",),
     ("kernels", "_gmsh", "scenes"),
     ("mesh", "layout"),
     ("forms", "sparse"),

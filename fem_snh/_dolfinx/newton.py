@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from petsc4py import PETSc
-
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 from dolfinx import fem
@@ -14,6 +12,7 @@ from dolfinx.nls.petsc import NewtonSolver
 
 from fem_snh._dolfinx.common import _quiet
 from fem_snh._dolfinx.forms import _jit
+from fem_snh._petsc import defaults
 
 
 def prescribed(values: Any, nodes: np.ndarray) -> Any:
@@ -38,10 +37,6 @@ def newton_solver(
     solver.error_on_nonconvergence = False
     solver.report = False
     ksp = solver.krylov_solver
-    database = PETSc.Options(ksp.getOptionsPrefix())
-    for key, value in petsc.items():
-        database[key] = value
-    ksp.setFromOptions()
-    for key in petsc:
-        database.delValue(key)
+    with defaults(ksp.getOptionsPrefix(), petsc):
+        ksp.setFromOptions()
     return solver

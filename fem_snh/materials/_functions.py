@@ -82,6 +82,6 @@ def fractions(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _fraction(number: sympy.Float) -> sympy.Rational:
-    exact = sympy.Rational(number)
-    simple = exact.limit_denominator(_SIMPLE)
-    return simple if float(simple) == float(number) else exact
+    fraction = sympy.Rational(number)
+    simple = fraction.limit_denominator(_SIMPLE)
+    return simple if float(simple) == float(number) else fraction

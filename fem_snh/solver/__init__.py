@@ -1,7 +1,8 @@
 """Newton's method with projected Hessians, as a PETSc SNES.
 
-`create` configures it for a problem, `ProjectedNewton` is its context, `LineSearch` and `Predictor`
-are its parts. ``-snes_view``, monitors, converged reasons and options work as for PETSc's own.
+`create` configures it for a problem, `ProjectedNewton` is its context, `Directions`, `LineSearch`
+and `Predictor` are its parts. ``-snes_view``, monitors, converged reasons and options work as for
+PETSc's own.
 """
 
 from __future__ import annotations
@@ -17,14 +18,16 @@ from fem_snh._petsc import OUT_OF_MEMORY, defaults, factors_out_of_memory
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, Failed, choose
 from fem_snh.solver import saddle, trust
+from fem_snh.solver.direction import Directions, Iteration
 from fem_snh.solver.eisenstat import EisenstatCG
 from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.newton import Iteration, ProjectedNewton
+from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
 __all__ = [
-    "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton", "create", "failures",
-    "linear_solver", "out_of_memory", "own_errors", "reason", "smoothers", "usual", "why",
+    "Directions", "EisenstatCG", "Iteration", "LineSearch", "Predictor", "ProjectedNewton",
+    "create", "failures", "linear_solver", "out_of_memory", "own_errors", "reason", "smoothers",
+    "usual", "why",
 ]  # fmt: skip
 
 PREFIX = "snh_"

@@ -10,6 +10,8 @@ from petsc4py import PETSc
 #: Change of the energy below which its sign is rounding: relative to the energy, and to E V. The
 #: latter, as an energy density is a difference of numbers of size E, however small the strain.
 _NOISE, _ROUNDING = 1e-12, 4e-15
+#: A Newton step that has to be shorter than this was out of the range of its model.
+SHORT = 0.25
 #: A full step is lengthened where the slope at its end is still this fraction of that at its start.
 _STEEP = 0.3
 

@@ -7,47 +7,19 @@ tests and options work as for PETSc's own types.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import NEGATIVE_CURVATURE
 from fem_snh.solver import options
 from fem_snh.solver.corrections import Corrections
+from fem_snh.solver.direction import Directions, Iteration
 from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.saddle import SaddleSearch, preconditioner_of
+from fem_snh.solver.saddle import SaddleSearch
 from fem_snh.solver.trust import TrustRegion
 
 Reason = PETSc.SNES.ConvergedReason
-_Linear = PETSc.KSP.ConvergedReason
-#: How linear solvers say that the matrix, or what preconditions it, is not positive.
-_INDEFINITE = (
-    _Linear.DIVERGED_INDEFINITE_MAT,
-    _Linear.DIVERGED_INDEFINITE_PC,
-    NEGATIVE_CURVATURE,
-)
-
-
-#: At a saddle a direction of the exact Hessian may be downhill though H is not positive: a step
-#: shorter than this says so.
-_SHORT = 0.25
-
-
-@dataclass
-class Iteration:
-    """One Newton iteration: what it met, and what it cost."""
-
-    residual: float  # ||residual||_2 before it [N]
-    energy: float  # before it [J]
-    filter: str = ""  # what was done to the Hessian
-    filtered_points: int = 0  # quadrature points with a negative eigenvalue
-    linear: int = 0  # Krylov iterations, all attempts
-    step: float = 0.0  # of the line search
-    corrections: int = 0  # quasi-Newton steps after it
 
 
 class ProjectedNewton:
@@ -64,9 +36,10 @@ class ProjectedNewton:
     same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
     ``-snes_rtol``, ``-snes_stol`` theirs, as PETSc defines them.
 
-    Linear solves are inexact: their relative tolerance is 0.9 (||r_k|| / ||r_k-1||)^2, Eisenstat &
-    Walker's second choice, between ``-ksp_rtol`` and ``snes_forcing_max``. See `LineSearch`.
+    See `Directions` for the linear solves, `LineSearch` for the steps.
     """
+
+    directions = Directions
 
     def __init__(
         self,
@@ -116,12 +89,19 @@ class ProjectedNewton:
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         f = snes.getFunction()[0]
         d = x.duplicate()
-        self._line = line = self._line_search(snes, x, f)
-        self.history, self._indefinite = [], float("inf")
+        line = self._line_search(snes, x, f)
+        self.history = []
+
+        def fill(x: PETSc.Vec, filter: str) -> int:
+            self.filter = filter
+            snes.computeJacobian(x, *snes.getJacobian()[:2])
+            return self.filtered_points
+
+        directions = self.directions(snes, fill, line, self.options, self.history, self.saddle)
         most = int(float(self.options["snes_corrections"]))
         region = self.within_region if self.options["snes_hessian"] == "trust" else None
         corrections = Corrections(snes, region or snes.getKSP(), line, most, self._goal)
-        trust = TrustRegion(self, snes, region, corrections) if region else None
+        trust = TrustRegion(directions, region, corrections) if region else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
@@ -142,7 +122,7 @@ class ProjectedNewton:
             if trust and trust.called:
                 found = trust.step(x, f, d, energy, now)
             if found is None:  # no region is called, or in none is a better state to be found
-                slope = self._direction(snes, x, f, d, now)
+                slope = directions.find(x, f, d, now)
                 if slope is None:
                     snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
                     return
@@ -156,8 +136,7 @@ class ProjectedNewton:
             now.step, energy = found
             if trust:
                 trust.look(now, energy)
-            if self.saddle and now.step < _SHORT:
-                self._indefinite = now.residual
+            directions.judge(now)
             if now.corrections:
                 d.waxpy(-1.0, x, line.trial)
             line.trial.copy(x)
@@ -198,79 +177,3 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
-
-    def _direction(
-        self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: Iteration
-    ) -> float | None:
-        """d = -H^-1 f by the policy's Hessian; its slope f.d < 0, or None if there is none."""
-        policy = str(self.options["snes_hessian"])
-        filters = [policy]
-        if policy in ("adaptive", "trust"):
-            filters = ["exact", str(self.options["snes_adaptive_filter"])]
-            if now.residual > float(self.options["snes_adaptive_retry"]) * self._indefinite:
-                del filters[0]
-        for now.filter in filters:
-            A, P = snes.getJacobian()[:2]
-            ksp = snes.getKSP()
-            # MINRES takes an indefinite matrix, but no indefinite preconditioner: the blocks of a
-            # saddle come from the clamped Hessian, whatever the operator is.
-            split = self.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
-            blocks = split and now.filter == "exact"
-            self.fill(snes, x, A, P, "clamp" if blocks else now.filter)
-            if split:
-                self.saddle.weigh_supports(P)
-            now.filtered_points = self.filtered_points
-            if now.filter == "exact" and not now.filtered_points:
-                now.filter = "none needed"
-            with preconditioner_of(ksp, A, P) if blocks else nullcontext():
-                if blocks and now.filtered_points:
-                    self.fill(snes, x, A, P, now.filter)
-                slope = self._linear(snes, A, P, f, d, now)
-            if slope is not None:
-                return slope
-            self._indefinite = now.residual
-        return None
-
-    def fill(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, filter: str) -> None:
-        """Have the SNES fill its Jacobian, filtered so."""
-        self.filter = filter
-        snes.computeJacobian(x, A, P)
-
-    @contextmanager
-    def forcing(self, ksp: PETSc.KSP) -> Iterator[None]:
-        """Meanwhile linear solves are as loose as the present iteration asks."""
-        tolerance = ksp.getTolerances()[0]
-        if cap := float(self.options["snes_forcing_max"]):
-            now, before = self.history[-1], self.history[-2:][0]
-            ratio = now.residual / before.residual  # 1 at first
-            ksp.setTolerances(rtol=min(cap, max(tolerance, 0.9 * ratio**2)))
-        try:
-            yield
-        finally:
-            ksp.setTolerances(rtol=tolerance)
-
-    def _linear(
-        self,
-        snes: PETSc.SNES,
-        A: PETSc.Mat,
-        P: PETSc.Mat,
-        f: PETSc.Vec,
-        d: PETSc.Vec,
-        now: Iteration,
-    ) -> float | None:
-        """Solve A d = -f inexactly; f.d, or None if A showed a direction of negative curvature."""
-        ksp = snes.getKSP()
-        ksp.setOperators(A, P)
-        d.set(0.0)
-        with self.forcing(ksp):
-            ksp.solve(f, d)
-        d.scale(-1.0)
-        now.linear += ksp.getIterationNumber()
-        if ksp.getConvergedReason() in _INDEFINITE:
-            return None
-        if now.filter in ("clamp", "abs") and not self.saddle:
-            slope = float(f.dot(d))  # the matrix is not negative, though it may be singular
-            return slope if slope < 0 else None
-        Ad = f.duplicate()
-        A.mult(d, Ad)
-        return self._line.slope(f, d, Ad)

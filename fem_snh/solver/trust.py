@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from math import isfinite, isnan
-from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
 from fem_snh.errors import choose
 from fem_snh.solver.corrections import Corrections
+from fem_snh.solver.direction import Directions, Iteration
+from fem_snh.solver.linesearch import SHORT
 from fem_snh.solver.saddle import preconditioner_of
-
-if TYPE_CHECKING:
-    from fem_snh.solver.newton import Iteration, ProjectedNewton
 
 _Linear = PETSc.KSP.ConvergedReason
 _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 #: Of the energy's change that the model promised: to take the step, and for a larger radius.
 _ENOUGH, _GOOD = 0.05, 0.75
 _SHRINK, _GROW = 0.5, 2.0
-#: A Newton step within the region that has to be shorter than this was out of it.
-_SHORT = 0.25
 #: A filtered step's part of all that was gained, below which the trust region is called; unless it
 #: left less than this of the residual: it converges, then.
 _LITTLE, _LEFT = 0.01, 0.5
@@ -70,14 +66,12 @@ class TrustRegion:
     that is nearly unstable. Once a step leaves less than a tenth of the residual, it is no more.
     """
 
-    def __init__(
-        self, newton: ProjectedNewton, snes: PETSc.SNES, ksp: PETSc.KSP, corrections: Corrections
-    ) -> None:
-        self.newton, self.snes, self.ksp, self.corrections = newton, snes, ksp, corrections
-        self.line = line = corrections.line
+    def __init__(self, directions: Directions, ksp: PETSc.KSP, corrections: Corrections) -> None:
+        self.directions, self.ksp, self.corrections = directions, ksp, corrections
+        self.snes, self.line = directions.snes, directions.line
         self.radius: float | None = None
         self.called, self._start = False, float("nan")
-        self._Ad = line.trial.duplicate()
+        self._Ad = self.line.trial.duplicate()
 
     def look(self, now: Iteration, energy: float) -> None:
         """See what an iteration gained that ended at ``energy``."""
@@ -98,21 +92,20 @@ class TrustRegion:
         State and residual are then in the line search's vectors.
         """
         A, P = self.snes.getJacobian()[:2]
-        ksp, newton = self.ksp, self.newton
-        newton.fill(self.snes, x, A, P, "clamp")
-        now.filtered_points = newton.filtered_points
+        ksp, directions = self.ksp, self.directions
+        now.filtered_points = directions.fill(x, "clamp")
         now.filter = "exact" if now.filtered_points else "none needed"
-        with newton.forcing(ksp):
+        with directions.forcing(ksp):
             with preconditioner_of(ksp, A, P):
                 if now.filtered_points:
-                    newton.fill(self.snes, x, A, P, "exact")
+                    directions.fill(x, "exact")
                 if found := self._within(x, f, d, energy, now):
                     now.step, end = found
                     end, now.corrections = self.corrections.improve(now.residual, end)
                     return now.step, end
             if now.filtered_points:
                 now.filter = "clamp"
-                newton.fill(self.snes, x, A, P, "clamp")
+                directions.fill(x, "clamp")
                 self.radius = None
                 found = self._within(x, f, d, energy, now)
         return found
@@ -126,7 +119,7 @@ class TrustRegion:
             if reason in _INSIDE:
                 slope = self.line.slope(f, d, self._Ad)
                 found = None if slope is None else self.line.search(x, d, energy, slope)
-                if found and (found[0] >= _SHORT or self.radius is None):
+                if found and (found[0] >= SHORT or self.radius is None):
                     self.radius = max(self.radius or 0.0, found[0] * size)
                     return found
                 if self.radius is None:

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fem_snh.errors import BadInput
+from fem_snh.files import put
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.table import Table, read_record, write_whole
+from fem_snh.studies.table import Table, read_record
 
 #: What a study adds to the row of a point: from its record, and the row so far.
 More = Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]]
@@ -243,6 +244,6 @@ def _prepare(out: Path, name: str, definition: Mapping[str, Any], overwrite: boo
         (out / f"{name}.csv").unlink(missing_ok=True)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_whole(record, json.dumps(definition, indent=1))
     except OSError as error:
         raise BadInput(f"cannot write into {out}: {error.strerror}") from None
+    put(record, json.dumps(definition, indent=1))

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fem_snh.files import put
+
 ASKED = "scene material E nu element cells hessian predictor steps".split()
 FOUND = (
     "converged status load newton clamped linear energy volume_ratio min_J residual "
@@ -48,19 +50,12 @@ class Table:
 
     def _write(self, rows: Sequence[Mapping[str, Any]]) -> None:
         lines = [self._line(dict(zip(self.columns, self.columns, strict=True)))]
-        write_whole(self.path, "".join(lines + [self._line(row) for row in rows]))
+        put(self.path, "".join(lines + [self._line(row) for row in rows]))
 
     def _line(self, row: Mapping[str, Any]) -> str:
         line = io.StringIO()
         csv.DictWriter(line, self.columns, restval="", extrasaction="ignore").writerow(row)
         return line.getvalue().replace("\r\n", "\n")
-
-
-def write_whole(path: Path, content: str) -> None:
-    """Put a file in place in one go: a reader sees the old one or the new one."""
-    beside = path.with_name(path.name + ".new")
-    beside.write_text(content, encoding="utf-8")
-    os.replace(beside, path)
 
 
 def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:

@@ -22,10 +22,10 @@ import ufl
 
 from fem_snh import _dolfinx, elements, forms, scenes
 from fem_snh import mesh as meshes
+from fem_snh.files import put
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import make_mesh
 from fem_snh.studies.bench.assembly import JIT
-from fem_snh.studies.table import write_whole
 
 #: A step is halved at most so often; Newton takes at most so many steps.
 HALVINGS, MOST = 6, 50
@@ -83,7 +83,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         record["peak_memory_mb"] = comm.allreduce(peak)
         record["converged"] = load == 1.0
         if comm.rank == 0:
-            write_whole(folder / "run.json", json.dumps(record))
+            put(folder / "run.json", json.dumps(record))
     return record
 
 

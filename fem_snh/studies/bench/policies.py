@@ -20,7 +20,6 @@ from fem_snh.errors import choose
 from fem_snh.kernels.pointwise import material
 from fem_snh.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
-from fem_snh.solver.newton import Iteration
 from fem_snh.studies.bench import Row, words
 from fem_snh.studies.tradeoff.knobs import ICC
 
@@ -30,7 +29,7 @@ TIGHT = {"snes_forcing_max": 5e-3}
 _TRUSTED = 0.01
 
 
-class Ratio(solver.ProjectedNewton):
+class Ratio(solver.Directions):
     """Chen, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
 
     clamp after a step whose gain was within 1 % of what the exact quadratic model had promised;
@@ -39,21 +38,18 @@ class Ratio(solver.ProjectedNewton):
 
     _promise: tuple[float, float] | None = None
 
-    def _direction(
-        self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: Iteration
-    ) -> float | None:
+    def find(self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: solver.Iteration) -> float | None:
         self.options["snes_hessian"] = "abs"
         if self._promise and len(self.history) > 1:
             before, (slope, curvature) = self.history[-2], self._promise
             promised = -before.step * (slope + before.step / 2 * curvature)
             if abs(before.energy - now.energy - promised) <= _TRUSTED * abs(promised):
                 self.options["snes_hessian"] = "clamp"
-        slope_here = super()._direction(snes, x, f, d, now)
+        slope_here = super().find(x, f, d, now)
         if slope_here is not None:
-            A, P = snes.getJacobian()[:2]
-            self.fill(snes, x, A, P, "exact")
+            self.fill(x, "exact")
             Ad = d.duplicate()
-            A.mult(d, Ad)
+            self.snes.getJacobian()[0].mult(d, Ad)
             self._promise = slope_here, Ad.dot(d)
         return slope_here
 
@@ -161,11 +157,7 @@ def solve(
         snes = solver.create(p, "abs" if hessian == "ratio" else hessian)
         context = snes.getPythonContext()
     if hessian == "ratio":
-        options = context.options
-        context = Ratio(p.jacobian, p.force_scale, p.force_scale * p.length)
-        context.options = options
-        snes.setPythonContext(context)
-        snes.setJacobian(context.jacobian, p.A)
+        context.directions = Ratio
     began = perf_counter()
     snes.solve(None, p.x)
     took = perf_counter() - began

@@ -11,7 +11,7 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from fem_snh.studies.table import write_whole
+from fem_snh.files import put
 
 
 def main(family: str, case: str, folder: str, *flags: str) -> int:
@@ -22,7 +22,7 @@ def main(family: str, case: str, folder: str, *flags: str) -> int:
     measured = import_module("fem_snh.studies.extremes.measured")
     rows = measured.rows(family, case, out / "case", "--quick" in flags)
     record = {"rows": rows, "seconds": time.perf_counter() - start}
-    write_whole(out / "record.json", json.dumps(record, indent=1, default=measured.plain) + "\n")
+    put(out / "record.json", json.dumps(record, indent=1, default=measured.plain) + "\n")
     return 0
 
 

@@ -9,8 +9,8 @@ from types import ModuleType
 
 import pandas as pd
 
+from fem_snh.files import put
 from fem_snh.studies.extremes import FAMILIES, measured
-from fem_snh.studies.table import write_whole
 
 #: So many cases that do not hold are named, of each family.
 _NAMED = 30
@@ -26,7 +26,7 @@ def write(table: pd.DataFrame, out: Path) -> Path:
         if len(rows):
             parts += _family(family, rows, out)
     path = out / "extremes.md"
-    write_whole(path, "\n\n".join(parts) + "\n")
+    put(path, "\n\n".join(parts) + "\n")
     return path
 
 

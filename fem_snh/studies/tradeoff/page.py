@@ -20,8 +20,8 @@ import pandas as pd
 from fem_snh.choices import SEARCHED
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
+from fem_snh.files import put
 from fem_snh.studies.pages import markdown
-from fem_snh.studies.table import write_whole
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import differs
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
@@ -208,7 +208,7 @@ def main(path: Path) -> None:
         raise BadInput(f"{path} cannot be read: {error.strerror}") from None
     folder = path.with_suffix("")
     tables = {csv.stem: pd.read_csv(csv) for csv in sorted(folder.glob("*.csv"))}
-    write_whole(path, fill(text, tables))
+    put(path, fill(text, tables))
 
 
 if __name__ == "__main__":

@@ -20,10 +20,11 @@ import pandas as pd
 from fem_snh import scenes
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
+from fem_snh.files import put
 from fem_snh.studies.campaign import Campaign, Limits
 from fem_snh.studies.points import arguments, digests
 from fem_snh.studies.processes import environment, program
-from fem_snh.studies.table import ASKED, FOUND, write_whole
+from fem_snh.studies.table import ASKED, FOUND
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
 from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS
@@ -107,8 +108,8 @@ _FLAGS = ("retry", "overwrite")
 
 def write_advice(table: pd.DataFrame, out: Path) -> None:
     """advice.csv and advice.md into a folder."""
-    write_whole(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
-    write_whole(out / "advice.md", advice.page(table))
+    put(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
+    put(out / "advice.md", advice.page(table))
 
 
 def _plan(

@@ -11,10 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fem_snh.studies.extremes.faults.trial import Trial, verdict
+from fem_snh.studies.extremes.faults.trial import DONE, Trial, verdict
 
-#: Steps that are done before something happens.
-_DONE = 3
 _SMALL = 40 * 1024  # [B] of the fields' 51, and of the checkpoint's 30
 _MOUNT = ("mount", "-t", "tmpfs", "-o")
 
@@ -23,20 +21,20 @@ def killed_rank(folder: Path) -> dict[str, Any]:
     """SIGKILL to one of two ranks: mpirun ends the other."""
     trial = Trial(folder)
     child = trial.start(2)
-    trial.wait(child, _DONE)
+    trial.wait(child, DONE)
     os.kill(child.ranks()[1], signal.SIGKILL)
     code = trial.wait(child)
-    return verdict(trial, code, "signal 9", _DONE, 1)
+    return verdict(trial, code, "signal 9", DONE, 1)
 
 
 def terminated(folder: Path) -> dict[str, Any]:
     """SIGTERM to mpirun, which gives its ranks a second; as after Ctrl-C."""
     trial = Trial(folder)
     child = trial.start(2)
-    trial.wait(child, _DONE)
+    trial.wait(child, DONE)
     child.signal(signal.SIGTERM)
     code = trial.wait(child)
-    return verdict(trial, code, "interrupted", _DONE, 1)
+    return verdict(trial, code, "interrupted", DONE, 1)
 
 
 def full_disk(folder: Path) -> dict[str, Any]:
@@ -57,10 +55,10 @@ def file_cut_short(folder: Path) -> dict[str, Any]:
     """From some step on no file may be larger than 40 KiB, which the fields of a step are."""
     trial = Trial(folder)
     child = trial.start(1)
-    trial.wait(child, _DONE)
+    trial.wait(child, DONE)
     resource.prlimit(child.ranks()[0], resource.RLIMIT_FSIZE, (_SMALL, _SMALL))
     code = trial.wait(child)
-    return verdict(trial, code, "File too large", _DONE, 1)
+    return verdict(trial, code, "File too large", DONE, 1)
 
 
 @contextmanager

@@ -6,11 +6,8 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from fem_snh.studies.extremes.faults.trial import Trial, ended, verdict
+from fem_snh.studies.extremes.faults.trial import DONE, Trial, ended, verdict
 from fem_snh.studies.table import read_record
-
-#: Steps that are done before something happens.
-_DONE = 3
 
 _INJECTING = "fem_snh.studies.extremes.faults.injecting"
 
@@ -18,7 +15,7 @@ _INJECTING = "fem_snh.studies.extremes.faults.injecting"
 def _begun(trial: Trial, ranks: int) -> None:
     """A run that has been stopped after some steps."""
     child = trial.start(ranks)
-    trial.wait(child, _DONE)
+    trial.wait(child, DONE)
     child.signal(signal.SIGTERM)
     trial.wait(child)
 
@@ -29,7 +26,7 @@ def indefinite_preconditioner(folder: Path) -> dict[str, Any]:
     _begun(trial, 1)
     smoother = "-mg_levels_ksp_type chebyshev -mg_levels_ksp_chebyshev_eigenvalues 0.01,0.02"
     code = trial.wait(trial.start(1, "-pc_type", "gamg", *smoother.split(), resume=True))
-    return verdict(trial, code, "DIVERGED_INDEFINITE_PC", _DONE, 1)
+    return verdict(trial, code, "DIVERGED_INDEFINITE_PC", DONE, 1)
 
 
 def stagnating_solve(folder: Path) -> dict[str, Any]:
@@ -45,7 +42,7 @@ def diverging_solve(folder: Path) -> dict[str, Any]:
     trial = Trial(folder)
     _begun(trial, 1)
     code = trial.wait(trial.start(1, "-ksp_type", "richardson", resume=True))
-    return verdict(trial, code, "DIVERGED_DTOL", _DONE, 2)
+    return verdict(trial, code, "DIVERGED_DTOL", DONE, 2)
 
 
 def factors_out_of_memory(folder: Path) -> dict[str, Any]:
@@ -54,7 +51,7 @@ def factors_out_of_memory(folder: Path) -> dict[str, Any]:
     _begun(trial, 2)
     solver = "-pc_type cholesky -pc_factor_mat_solver_type mumps -mat_mumps_icntl_23 1"
     code = trial.wait(trial.start(2, *solver.split(), resume=True))
-    return verdict(trial, code, "do not fit into memory", _DONE, 1)
+    return verdict(trial, code, "do not fit into memory", DONE, 1)
 
 
 def nan_in_u(folder: Path) -> dict[str, Any]:
@@ -64,5 +61,5 @@ def nan_in_u(folder: Path) -> dict[str, Any]:
     steps = read_record(trial.out).get("steps", [])
     failed = [(number, s["reason"]) for number, s in enumerate(steps, 1) if not s["converged"]]
     row["status"] = "; ".join([*(reason for _, reason in failed), str(row["status"])])
-    row["holds"] &= [number for number, _ in failed] == [_DONE + 1] and "NaN" in row["status"]
+    row["holds"] &= [number for number, _ in failed] == [DONE + 1] and "NaN" in row["status"]
     return row

@@ -19,6 +19,8 @@ from fem_snh.studies.table import found, read_record
 #: two runs can be compared.
 SCENE = ("stretch", "--cells=6", "--steps=80", "--set=stretch=2.0")
 PETSC = ("-snes_scaled_tol", "1e-10")
+#: Steps that are done before something happens.
+DONE = 3
 #: Displacements that agree: largest difference over the body's extent.
 AGREE = 1e-9
 #: Seconds after which a run hangs.
