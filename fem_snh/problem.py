@@ -123,6 +123,11 @@ class Problem:
         return self.material.law.has_energy
 
     @property
+    def places(self) -> Array:
+        """(n, 3) where this rank's own nodes are in the body at rest [m]."""
+        return self.V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(self.V)[0]]
+
+    @property
     def dofs(self) -> int:
         """Degrees of freedom on all ranks, prescribed ones included."""
         return int(self.x.getSize())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -31,13 +33,23 @@ def right_side(p):
     return b
 
 
-def solver(A, rtol=1e-3, kind="ours", **options):
-    ksp = PETSc.KSP().create(A.comm)
-    ksp.setOperators(A)
+@pytest.fixture(autouse=True, params=[0, 5], ids=["plain", "deflated"])
+def parts(request):
+    """How many parts the coarse space has: none, or some."""
+    database = PETSc.Options()
+    database["ksp_deflation_parts"] = request.param
+    yield request.param
+    database.delValue("ksp_deflation_parts")
+
+
+def solver(p, rtol=1e-3, kind="ours"):
+    ksp = PETSc.KSP().create(p.A.comm)
+    ksp.setOperators(p.A)
     if kind == "ours":
         ksp.setType("python")
-        ksp.setPythonContext(EisenstatCG())
+        ksp.setPythonContext(EisenstatCG(p.places))
         ksp.getPC().setType("none")
+        ksp.setFromOptions()
     else:
         ksp.setType("cg")
         ksp.getPC().setType(kind)
@@ -52,9 +64,9 @@ def solver(A, rtol=1e-3, kind="ours", **options):
     return ksp
 
 
-def solve(A, b, **options):
+def solve(p, b, **options):
     """(KSP, solution, true relative residual)."""
-    ksp = solver(A, **options)
+    ksp, A = solver(p, **options), p.A
     x, r = b.duplicate(), b.duplicate()
     x.set(7.0)  # whatever was there
     ksp.solve(b, x)
@@ -68,7 +80,7 @@ def solve(A, b, **options):
 @pytest.mark.parametrize("rtol", [1e-2, 1e-5, 1e-11])
 def test_it_solves_to_any_tolerance(comm, element, rtol):
     p = body(comm, element)
-    ksp, _, residual = solve(p.A, right_side(p), rtol=rtol)
+    ksp, _, residual = solve(p, right_side(p), rtol=rtol)
     assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL
     assert residual <= 10 * rtol
 
@@ -78,10 +90,10 @@ def test_iterations_are_those_of_petsc_with_ssor(comm, rtol):
     """The same method in double precision; points there, blocks of three here."""
     p = body(comm)
     b = right_side(p)
-    ours, theirs = (solve(p.A, b, kind=kind, rtol=rtol)[0] for kind in ("ours", "sor"))
+    ours, theirs = (solve(p, b, kind=kind, rtol=rtol)[0] for kind in ("ours", "sor"))
     passes = 1 if rtol >= 1e-4 else 2  # single precision starts anew where it ends
     assert ours.getIterationNumber() <= (1 + 0.1 * (passes - 1)) * theirs.getIterationNumber() + 2
-    jacobi, *_ = solve(p.A, b, kind="jacobi", rtol=rtol)
+    jacobi, *_ = solve(p, b, kind="jacobi", rtol=rtol)
     assert ours.getIterationNumber() < 0.7 * jacobi.getIterationNumber()
 
 
@@ -90,7 +102,7 @@ def test_units_make_no_difference(comm):
     counts, solutions = [], []
     for E in (1e-12, 1.0, 1e12):
         p = body(comm, E=E)
-        ksp, x, residual = solve(p.A, right_side(p), rtol=1e-4)
+        ksp, x, residual = solve(p, right_side(p), rtol=1e-4)
         counts.append(ksp.getIterationNumber())
         solutions.append(x.array)
         assert residual < 1e-3
@@ -103,7 +115,7 @@ def test_units_make_no_difference(comm):
 def test_new_values_are_taken(comm):
     p = body(comm)
     b = right_side(p)
-    ksp, x, _ = solve(p.A, b, rtol=1e-8)
+    ksp, x, _ = solve(p, b, rtol=1e-8)
     p.A.scale(2.0)
     y = b.duplicate()
     ksp.solve(b, y)
@@ -114,11 +126,11 @@ def test_new_values_are_taken(comm):
 @mpi
 def test_an_indefinite_matrix_is_found_out(comm):
     p = body(comm, size=0.5, filter="exact")
-    ksp, *_ = solve(p.A, right_side(p), rtol=1e-8)
+    ksp, *_ = solve(p, right_side(p), rtol=1e-8)
     indefinite = (Reason.DIVERGED_INDEFINITE_MAT, Reason.DIVERGED_INDEFINITE_PC)
     assert ksp.getConvergedReason() in indefinite
     p.A.scale(-1.0)
-    ksp, x, _ = solve(p.A, right_side(p))
+    ksp, x, _ = solve(p, right_side(p))
     assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_PC
     assert x.norm() == 0
 
@@ -128,7 +140,7 @@ def test_values_that_are_no_numbers(comm):
     p = body(comm)
     b = right_side(p)
     p.A.scale(np.nan)
-    ksp, *_ = solve(p.A, b)
+    ksp, *_ = solve(p, b)
     assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
 
 
@@ -141,7 +153,7 @@ def test_a_node_without_stiffness(comm):
     rows = np.arange(first + 30, first + 33, dtype=PETSc.IntType)
     p.A.zeroRowsColumns(rows, diag=0.0)
     b.array[30:33] = 0.0
-    ksp, x, residual = solve(p.A, b)
+    ksp, x, residual = solve(p, b)
     assert ksp.getConvergedReason() > 0
     assert residual < 1e-2 and np.isfinite(x.array).all()
 
@@ -149,7 +161,7 @@ def test_a_node_without_stiffness(comm):
 @mpi
 def test_monitors_and_history_are_those_of_any_ksp(comm):
     p = body(comm)
-    ksp = solver(p.A)
+    ksp = solver(p)
     ksp.setConvergenceHistory()
     seen = []
     ksp.setMonitor(lambda ksp, its, norm: seen.append((its, norm)))
@@ -168,4 +180,4 @@ def test_other_blocks_are_refused(comm):
     indptr = np.arange(5, dtype=PETSc.IntType)
     A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
     with pytest.raises(BadInput, match="3x3 blocks"), own_errors():
-        solve(A, A.createVecLeft())
+        solve(SimpleNamespace(A=A, places=None), A.createVecLeft())

@@ -27,6 +27,18 @@ double sweep_down(const Blocks *b, const float *p, const float *t, const float *
                   float *q);
 double update(const Blocks *b, float alpha, const float *t, const float *q, float *x, float *r,
               float *z);
+typedef struct {
+  int rows;
+  const int *part; const float *modes; const int *column; const int *start; const int *near;
+  float *image;
+} Coarse;
+void coarse_fill(const Blocks *b, const Coarse *c, const double *values, const double *far,
+                 double scale, int first, double *E, long width);
+void coarse_gather(const Coarse *c, const float *t, double *y);
+void coarse_subtract(const Coarse *c, const float *y, float *r);
+void coarse_restrict(const Coarse *c, const float *r, double *y);
+void coarse_prolong(const Coarse *c, const float *y, float *x);
+void coupled(const Blocks *b, const double *values, const double *far, unsigned char *yes);
 """
 #: Blocks in a row, at most (blocks.h).
 _WIDEST = 4096
@@ -34,7 +46,8 @@ _WIDEST = 4096
 
 def source() -> str:
     """The C source, the same for every matrix."""
-    return Path(__file__).with_name("blocks.h").read_text()
+    names = ("blocks.h", "coarse.h")
+    return "\n".join(Path(__file__).with_name(name).read_text() for name in names)
 
 
 class Blocks:
@@ -50,7 +63,7 @@ class Blocks:
     """
 
     def __init__(self, path: Any, near: tuple[Array, Array], far: tuple[Array, Array] | None):
-        self._ffi, self.lib = build.load(path, DECLARATIONS)
+        self.ffi, self.lib = build.load(path, DECLARATIONS)
         indptr, indices = near
         self.rows = len(indptr) - 1
         row = np.repeat(np.arange(self.rows), np.diff(indptr))
@@ -71,13 +84,16 @@ class Blocks:
             self._kept += [*pattern, np.zeros(9 * len(far[1]), np.float32)]
         self.bytes = sum(array.nbytes for array in self._kept)
         pointers = [self.pointer(array) for array in self._kept]
-        pointers += [self._ffi.NULL] * (11 - len(pointers))  # no columns of other ranks
-        self.struct = self._ffi.new("Blocks *", [self.rows, *pointers])
+        pointers += [self.ffi.NULL] * (11 - len(pointers))  # no columns of other ranks
+        self.struct = self.ffi.new("Blocks *", [self.rows, *pointers])
 
     def pointer(self, array: Array) -> Any:
         """A C pointer to the memory of ``array``, which the caller keeps alive."""
-        kind = {"float32": "float *", "int32": "int *", "int64": "long *"}[array.dtype.name]
-        return self._ffi.cast(kind, array.ctypes.data)
+        kind = {
+            "float32": "float *", "float64": "double *", "int32": "int *", "int64": "long *",
+            "uint8": "unsigned char *",
+        }[array.dtype.name]  # fmt: skip
+        return self.ffi.cast(kind, array.ctypes.data)
 
     def weight(self, p: Array) -> float:
         """p.D^-1 p."""
@@ -89,5 +105,8 @@ class Blocks:
 
         Returns the number of rows whose diagonal block is not positive definite.
         """
-        addresses = (self._ffi.cast("double *", address) for address in (values, far))
-        return int(self.lib.fill(self.struct, *addresses, scale))
+        return int(self.lib.fill(self.struct, *self.addresses(values, far), scale))
+
+    def addresses(self, *values: int) -> list[Any]:
+        """Addresses of double precision numbers as C pointers."""
+        return [self.ffi.cast("double *", address) for address in values]

@@ -19,6 +19,7 @@ from fem_snh._petsc import aij
 from fem_snh.errors import BadInput, on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.blocks import Blocks, source
+from fem_snh.solver.deflation import Deflation
 from fem_snh.solver.halo import Halo
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -27,6 +28,8 @@ _Reason = PETSc.KSP.ConvergedReason
 _PASS, _GAIN = 1e-4, 0.5
 #: A negative curvature this small, beside a preconditioned direction's largest, is rounding.
 _FLAT = 1e-6
+#: Nodes in a part of the coarse space, and how many parts pay: each adds to what all ranks solve.
+_NODES, _MOST_PARTS, _BY_SIZE = 512, 64, -1
 #: Iterations that any matrix may take.
 _FEW = 100
 
@@ -39,20 +42,30 @@ class EisenstatCG:
     residuals are computed anew with A itself. Tolerances, monitors and reasons are as of any KSP;
     its PC is not used.
 
+    With the places of nodes, what is slow to converge is solved for at once, see `Deflation`.
+
     CONVERGED_HAPPY_BREAKDOWN where the matrix turns out to be singular,
     DIVERGED_INDEFINITE_MAT where a direction of negative curvature is met, DIVERGED_INDEFINITE_PC
     where a diagonal block is not positive definite or the sweeps overflow, DIVERGED_BREAKDOWN where
     single precision gains nothing. Raises BadInput for a matrix of other blocks.
     """
 
+    def __init__(self, places: np.ndarray | None = None) -> None:
+        """``places`` (rows, 3): where this rank's nodes are at rest, for `Deflation`, if any."""
+        self._places, self._asked = places, _BY_SIZE
+
     def create(self, ksp: PETSc.KSP) -> None:
         self._matrix = self._state = -1
         self._blocks: Blocks
 
+    def setFromOptions(self, ksp: PETSc.KSP) -> None:
+        """Read ``ksp_deflation_parts``: 0 for none; by default as many as pay."""
+        self._asked = PETSc.Options(ksp.getOptionsPrefix()).getInt("ksp_deflation_parts", _BY_SIZE)
+
     @property
     def bytes(self) -> int:
-        """What this rank keeps of the matrix it last solved with, and a sweep reads."""
-        return self._blocks.bytes
+        """What this rank keeps of the matrix it last solved with, and an iteration reads twice."""
+        return self._blocks.bytes + (self._deflation.bytes if self._deflation else 0)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Put an approximate A^-1 b into ``x``, whatever was there."""
@@ -73,7 +86,11 @@ class EisenstatCG:
             elif norm > _GAIN * earlier:
                 ksp.setConvergedReason(_Reason.DIVERGED_BREAKDOWN)
             if not ksp.getConvergedReason():
+                if self._deflation:  # the tolerance is still relative to what there was before
+                    norm, unit = self._begin(residual, self._deflation)
                 its = self._pass(ksp, its, norm, unit)
+                if self._deflation:
+                    self._deflation.finish(self._pointers["x"])
                 x.array[:] += unit * self._x
                 earlier = norm
             if not ksp.getConvergedReason():  # another pass: its residual in double precision
@@ -93,11 +110,15 @@ class EisenstatCG:
         ksp.monitor(its, norm)
         return bool(reason)
 
-    def _begin(self, residual: PETSc.Vec) -> tuple[float, float]:
+    def _begin(
+        self, residual: PETSc.Vec, deflation: Deflation | None = None
+    ) -> tuple[float, float]:
         """Start a pass from x = 0: the residual's natural norm, and the unit of its solution."""
         size = residual.norm(PETSc.NormType.INFINITY)
         size = size if isfinite(size) and size > 0 else 1.0
         self._r[:] = residual.array_r / size
+        if deflation:
+            deflation.start(self._pointers["r"])
         for key in "xptq":
             self._vectors[key][:] = 0
         blocks, r = self._blocks, self._pointers["r"]
@@ -114,6 +135,8 @@ class EisenstatCG:
             blocks.lib.sweep_up(blocks.struct, beta, v["z"], v["p"], v["t"], v["w"])
             if self._halo:
                 self._halo.exchange(self._t)
+            if self._deflation:
+                self._deflation.project(v["t"], v["w"])
             curvature = self._sum(
                 blocks.lib.sweep_down(blocks.struct, v["p"], v["t"], v["ghosts"], v["w"], v["q"])
             )
@@ -157,8 +180,11 @@ class EisenstatCG:
             return
         self._scale = 1 / largest if largest > 0 else 1.0
         with aij(A) as (near, *far):
-            bad = self._blocks.fill(near.values, far[0].values if far else 0, self._scale)
-        self._bad = _Reason.DIVERGED_INDEFINITE_PC if self._comm.allreduce(bad) else 0
+            values = near.values, far[0].values if far else 0
+            bad = self._comm.allreduce(self._blocks.fill(*values, self._scale))
+            self._bad = _Reason.DIVERGED_INDEFINITE_PC if bad else 0
+            if self._deflation and not bad:
+                self._bad = self._deflation.take(*values, self._scale)
 
     def _prepare(self, A: PETSc.Mat) -> None:
         if A.getBlockSize() != 3:
@@ -167,10 +193,19 @@ class EisenstatCG:
         self._unknowns = A.getSize()[0]
         path = on_root(self._comm, build.library, source())
         with aij(A) as (near, *far):
-            self._blocks = Blocks(path, near.blocks(3), far[0].blocks(3) if far else None)
+            patterns = near.blocks(3), far[0].blocks(3) if far else None
+            self._blocks = Blocks(path, *patterns)
             nodes = far[0].ghosts[::3] // 3 if far else None
         first = A.getOwnershipRanges() // 3
         self._halo = None if nodes is None else Halo(self._comm, first, nodes)
+        self._deflation = None
+        parts = self._asked
+        if parts == _BY_SIZE:
+            parts = min(self._unknowns // (3 * _NODES), _MOST_PARTS)
+        if self._places is not None and parts > 0:
+            self._deflation = Deflation(
+                self._comm, self._blocks, *patterns, self._halo, self._places, parts
+            )
         names = "xrzptwq"
         vectors: list[np.ndarray] = [np.zeros(3 * self._blocks.rows, np.float32) for _ in names]
         self._x, self._r, self._t = vectors[0], vectors[1], vectors[4]
