@@ -28,8 +28,10 @@ _Reason = PETSc.KSP.ConvergedReason
 _PASS, _GAIN = 1e-4, 0.5
 #: A negative curvature this small, beside a preconditioned direction's largest, is rounding.
 _FLAT = 1e-6
-#: Nodes in a part of the coarse space, and how many parts pay: each adds to what all ranks solve.
-_NODES, _MOST_PARTS, _BY_SIZE = 512, 64, -1
+#: Nodes in a part of the coarse space, and how many parts pay: few leave most of the work, and each
+#: adds to what all ranks solve.
+_NODES, _FEWEST_PARTS, _MOST_PARTS = 512, 4, 64
+_BY_SIZE = -1
 #: Iterations that any matrix may take.
 _FEW = 100
 
@@ -202,6 +204,7 @@ class EisenstatCG:
         parts = self._asked
         if parts == _BY_SIZE:
             parts = min(self._unknowns // (3 * _NODES), _MOST_PARTS)
+            parts = parts if parts >= _FEWEST_PARTS else 0
         if self._places is not None and parts > 0:
             self._deflation = Deflation(
                 self._comm, self._blocks, *patterns, self._halo, self._places, parts
