@@ -113,7 +113,8 @@ class Problem:
         self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
         self.A = self.elastic.create_matrix(self._unknowns.layout())
         if not self.saddle:
-            self.A.setNearNullSpace(self._rigid_motions())
+            free = self.elastic.free[: len(self.places)]
+            self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.places, free))
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.law.E * self.length**2
 
@@ -125,7 +126,7 @@ class Problem:
     @property
     def places(self) -> Array:
         """(n, 3) where this rank's own nodes are in the body at rest [m]."""
-        return self.V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(self.V)[0]]
+        return self.V.tabulate_dof_coordinates()[: self._unknowns.owned]
 
     @property
     def dofs(self) -> int:
@@ -134,7 +135,7 @@ class Problem:
 
     def _condition(self, hold: Sequence[Any], move: Sequence[Any]) -> None:
         """Find the prescribed degrees of freedom."""
-        points = self.V.tabulate_dof_coordinates()
+        points = self.places
         self._moved = []
         for condition in hold:
             self._fix(condition)
@@ -158,22 +159,6 @@ class Problem:
         group = self.mesh.group(key)
         nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
         return nodes[nodes < self._unknowns.owned]
-
-    def _rigid_motions(self) -> PETSc.NullSpace:
-        """The six rigid motions of the reference shape, for algebraic multigrid."""
-        owned = self._unknowns.owned
-        X = self.V.tabulate_dof_coordinates()[:owned]
-        basis = []
-        for axis in range(3):
-            for motion in (np.eye(3)[[axis] * owned], np.cross(np.eye(3)[axis], X)):
-                vector = PETSc.Vec().createMPI((3 * owned, None), bsize=3, comm=self.comm)
-                vector.array[:] = (motion * self.elastic.free[:owned]).ravel()
-                basis.append(vector)
-        for i, vector in enumerate(basis):
-            for other in basis[:i]:
-                vector.axpy(-vector.dot(other), other)
-            vector.normalize()
-        return PETSc.NullSpace().create(vectors=basis, comm=self.comm)
 
     @property
     def loaded(self) -> bool:

@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from fem_snh import _dolfinx
 from fem_snh.problem import Problem
 
 #: Nodes are told apart by coordinates rounded to this part of the body's size...
@@ -24,8 +23,7 @@ def begin(problem: Problem, start: Any) -> None:
     what is prescribed at the present load stays. A pressure stays zero. The state is the same on
     any number of ranks. Collective.
     """
-    owned = _dolfinx.num_nodes(problem.V)[0]
-    X = problem.V.tabulate_dof_coordinates()[:owned]
+    X = problem.places
     low, high = _box(problem.comm, X)
     centre, places = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()
@@ -37,7 +35,7 @@ def begin(problem: Problem, start: Any) -> None:
         x = (X - fixed) @ np.array(start.map).T + fixed
     if start.noise:
         x += start.noise * (2 * _random(problem.comm, places, start.seed, stream=1) - 1)
-    problem.x.array[: 3 * owned] = (x - X).ravel()
+    problem.x.array[: X.size] = (x - X).ravel()
     problem.prescribe(problem.x)
 
 

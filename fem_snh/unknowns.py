@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,6 +17,24 @@ from fem_snh import _dolfinx
 from fem_snh.elements import Element
 from fem_snh.layout import Layout, Space
 from fem_snh.mesh import Mesh
+
+
+def rigid_motions(comm: MPI.Intracomm, places: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
+    """The six rigid motions of this rank's nodes at ``places`` (n, 3), orthonormal. Collective.
+
+    ``free`` (n, 3) is 0 where they are zero, else 1.
+    """
+    basis = []
+    for axis in np.eye(3):
+        for motion in (np.tile(axis, (len(places), 1)), np.cross(axis, places)):
+            vector = PETSc.Vec().createMPI((places.size, None), bsize=3, comm=comm)
+            vector.array[:] = (motion * free).ravel()
+            basis.append(vector)
+    for i, vector in enumerate(basis):
+        for other in basis[:i]:
+            vector.axpy(-vector.dot(other), other)
+        vector.normalize()
+    return PETSc.NullSpace().create(vectors=basis, comm=comm)
 
 
 class Displacement:

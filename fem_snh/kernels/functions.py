@@ -8,7 +8,7 @@ import sympy
 
 from fem_snh.kernels.derivatives import I_C, II_C, Derivatives, J
 from fem_snh.kernels.printer import Printer, statements
-from fem_snh.materials.energy import domain
+from fem_snh.materials._functions import domain
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 #: The scaling block's six entries in the order of eigen3.h.

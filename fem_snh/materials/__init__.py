@@ -25,7 +25,8 @@ from types import ModuleType
 from typing import Any
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.materials.energy import Energy, constants_of, shape_parameters
+from fem_snh.materials._signature import constants_of, shape_parameters
+from fem_snh.materials.energy import Energy
 from fem_snh.materials.tuning import TUNING
 
 __all__ = ["TUNING", "Energy", "defaults", "describe", "energy", "names", "pins"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +66,19 @@ def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
     """The expression with every `where` replaced by a symbol: what counts everywhere."""
     hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
     return expression.xreplace(hidden)
+
+
+def domain(
+    expressions: Iterable[sympy.Expr],
+    measures: Iterable[sympy.Symbol],
+    barriers: Iterable[sympy.Expr] = (),
+) -> tuple[sympy.Expr, ...]:
+    """What must be positive for all expressions to be real; see `Energy.domain`."""
+    bases, mine = set(barriers), set(measures)
+    for expression in map(pieces_hidden, expressions):
+        bases |= {a.args[0] for a in expression.atoms(sympy.log)}
+        bases |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
+    return tuple(sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str))
 
 
 def exact(parameter: Any) -> sympy.Expr:

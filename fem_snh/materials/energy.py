@@ -4,48 +4,18 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
 import sympy
 
 from fem_snh.materials import normalise, tuning
-from fem_snh.materials._functions import PrincipalStress, pieces_hidden, positive
+from fem_snh.materials._functions import PrincipalStress, domain, positive
+from fem_snh.materials._signature import constants_of
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
 
 _LAME = sympy.symbols("mu_lame lambda_lame", real=True)
-
-
-def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
-    """The keyword-only arguments of a material function with their defaults; ``nu`` is no shape."""
-    return {
-        name: parameter.default
-        for name, parameter in inspect.signature(function).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name != "nu"
-    }
-
-
-def constants_of(function: Callable[..., Any]) -> dict[str, float | None]:
-    """The free constants of a material function and their defaults [units of E], or None."""
-    return {
-        name: None if parameter.default is parameter.empty else parameter.default
-        for name, parameter in inspect.signature(function).parameters.items()
-        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and name not in MEASURES
-    }
-
-
-def domain(
-    expressions: Iterable[sympy.Expr],
-    measures: Iterable[sympy.Symbol],
-    barriers: Iterable[sympy.Expr] = (),
-) -> tuple[sympy.Expr, ...]:
-    """What must be positive for all expressions to be real; see `Energy.domain`."""
-    bases, mine = set(barriers), set(measures)
-    for expression in map(pieces_hidden, expressions):
-        bases |= {a.args[0] for a in expression.atoms(sympy.log)}
-        bases |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
-    return tuple(sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str))
 
 
 class Energy:

@@ -136,10 +136,9 @@ def torque_at(problem: Problem, x: float) -> float:
     """The torque about the x axis [N m] that holds the nodes at X_0 = ``x``. Collective."""
     gradient = problem.x.duplicate()
     problem.gradient(problem.x, gradient)
-    owned = problem.V.dofmap.index_map.size_local
-    X = problem.V.tabulate_dof_coordinates()[:owned]
-    there = X + problem.u.x.array.reshape(-1, 3)[:owned]
-    forces = gradient.array_r[: 3 * owned].reshape(-1, 3)
+    X = problem.places
+    there = X + problem.u.x.array[: X.size].reshape(-1, 3)
+    forces = gradient.array_r[: X.size].reshape(-1, 3)
     held = np.isclose(X[:, 0], x)
     mine = np.cross(there[held], forces[held])[:, 0].sum()
     return float(problem.comm.allreduce(mine, op=MPI.SUM))
