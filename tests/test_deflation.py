@@ -208,6 +208,20 @@ def test_what_is_prescribed_may_change(comm, parts):
 
 
 @mpi
+@some(1)
+def test_what_the_coarse_space_has_takes_no_iterations(comm, parts):
+    """A stretch of a body that nothing holds is one of its functions, on any number of ranks."""
+    p = body(comm, size=0.0, hold=())
+    x, b = p.x.duplicate(), p.x.duplicate()
+    x.array[:] = (p.places * (0.3, -0.1, 0.0)).ravel()
+    p.A.mult(x, b)
+    ksp, _, residual = solve(p, b)
+    if comm.size == 1:
+        assert ksp.getIterationNumber() <= 1
+    assert ksp.getConvergedReason() > 0 and residual < 1e-3
+
+
+@mpi
 @some(4)
 def test_every_rank_has_a_part(comm, parts):
     p = body(comm, cells=2)

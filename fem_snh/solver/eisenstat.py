@@ -133,6 +133,9 @@ class EisenstatCG:
         """Conjugate gradients until a test ends them, or the pass its digits; iterations so far."""
         blocks, v, beta = self._blocks, self._pointers, 0.0
         rho = first = self._rho
+        if rho == 0:  # the coarse space has all of the solution
+            self._test(ksp, its + 1, 0.0)
+            return its + 1
         while True:
             blocks.lib.sweep_up(blocks.struct, beta, v["z"], v["p"], v["t"], v["w"])
             if self._halo:
