@@ -21,7 +21,8 @@ def bisect(places: Array, parts: int) -> Array:
     Parts of as many nodes each, cut across where they are longest; none is empty if n >= parts.
     """
     part = np.zeros(len(places), np.int32)
-    todo, made = [(np.arange(len(places)), parts)], 0
+    todo: list[tuple[Array, int]] = [(np.arange(len(places)), parts)]
+    made = 0
     while todo:
         nodes, count = todo.pop()
         if count == 1 or len(nodes) < 2:
