@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from fem_snh.errors import BadInput
 from fem_snh.studies import bench
 from fem_snh.studies.bench import assembly, stretch, twist
+from fem_snh.studies.processes import environment
 
 
 def test_assembly_is_faster_than_ffcx() -> None:
@@ -52,3 +58,32 @@ def test_mistakes() -> None:
         bench.main("asembly", {})
     with pytest.raises(BadInput, match="unknown option of bench twist 'cell'"):
         bench.main("twist", {"cell": 3})
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_measurement_that_is_ended_ends_its_runs(number, tmp_path) -> None:
+    """They have a session of their own, which the signal does not reach."""
+    words = "bench solve --cells 30 --ways ours --ranks 1".split()
+    command, here = [sys.executable, "-m", "fem_snh", *words], environment()
+    here["TMPDIR"] = str(tmp_path)  # where it puts the run's folder, so that we know the run
+    running = subprocess.Popen(command, env=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    late = time.monotonic() + 60
+    while not list(tmp_path.glob("*/out")) and time.monotonic() < late:
+        time.sleep(0.05)
+    assert (runs := _naming(str(tmp_path)))
+    running.send_signal(number)
+    running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert not set(runs) & set(_naming(str(tmp_path)))
+
+
+def _naming(text: str) -> list[str]:
+    """Processes with this text in their arguments."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            if text in path.read_text():
+                found.append(path.parent.name)
+        except OSError:
+            continue  # it has just ended
+    return found

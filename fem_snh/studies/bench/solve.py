@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import choose
+from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.bench import Row, words
 from fem_snh.studies.points import arguments
 from fem_snh.studies.processes import Child, program
@@ -84,9 +85,14 @@ def _run(
                 *arguments("stretch", folder / "out", settings | values, petsc),
             ]
             folder = folder / "out"
-        child = Child(command, Path(name, "log.txt"), timeout, memory)
-        while child.poll() is None:
-            time.sleep(0.1)
+        with Interrupts() as interrupts:  # Ctrl-C does not reach a child: it has its own session
+            with interrupts.undivided():
+                child = Child(command, Path(name, "log.txt"), timeout, memory)
+            try:
+                while child.poll() is None:
+                    time.sleep(0.1)
+            finally:
+                child.end()
         record = read_record(folder)
         said = Path(name, "log.txt").read_text().strip().splitlines()
     ended = child.given_up or ("converged" if record.get("converged") else "")
