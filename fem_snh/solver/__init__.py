@@ -36,7 +36,7 @@ PREFIX = "snh_"
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: `EisenstatCG`; of a saddle MINRES with a block fieldsplit; where ``trust`` calls its
+    Defaults: `EisenstatCG`, deflated; of a saddle MINRES with a block fieldsplit; where ``trust`` calls its
     region, options under ``trust_``, Steihaug's CG with incomplete Cholesky factors, blocks of each
     rank. With an option ``ksp_type`` or ``pc_type`` all is PETSc's own, from CG with Jacobi on.
     Linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a step starts
