@@ -36,12 +36,12 @@ PREFIX = "snh_"
 def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PETSc.SNES:
     """A SNES that minimises ``problem``'s energy, configured from PETSc's options. Collective.
 
-    Defaults: `EisenstatCG`, deflated; of a saddle MINRES with a block fieldsplit; where ``trust`` calls its
-    region, options under ``trust_``, Steihaug's CG with incomplete Cholesky factors, blocks of each
-    rank. With an option ``ksp_type`` or ``pc_type`` all is PETSc's own, from CG with Jacobi on.
-    Linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a step starts
-    far away (the twist), so loose a solve lets rounding, and so the number of ranks, decide the
-    path: ``-snes_forcing_max 5e-3`` makes it repeatable.
+    Defaults: `EisenstatCG`, deflated; of a saddle MINRES with a block fieldsplit; where ``trust``
+    calls its region, options under ``trust_``, Steihaug's CG with incomplete Cholesky factors,
+    blocks of each rank. With an option ``ksp_type`` or ``pc_type`` all is PETSc's own, from CG with
+    Jacobi on. Linear tolerance between 1e-3 and 0.1 (Eisenstat-Walker), 200 iterations. Where a
+    step starts far away (the twist), so loose a solve lets rounding, and so the number of ranks,
+    decide the path: ``-snes_forcing_max 5e-3`` makes it repeatable.
 
     Raises BadInput for an option's bad value.
     """
