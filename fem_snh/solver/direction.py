@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -112,17 +113,46 @@ class Directions:
     ) -> float | None:
         """Solve A d = -f inexactly; f.d, or None if A showed a direction of negative curvature."""
         ksp = self.snes.getKSP()
+        filtered = now.filter in ("clamp", "abs") and not self.saddle
+        reason = self._try(ksp, A, P, f, d, now)
+        if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
+            # That matrix has no negative eigenvalue but by the rounding of single precision, as
+            # where cells are crushed and their neighbours a million times as stiff.
+            self._try(self._in_double, A, P, f, d, now)
+        elif reason in _INDEFINITE:
+            return None
+        if filtered:
+            slope = float(f.dot(d))  # the matrix is not negative, though it may be singular
+            return slope if slope < 0 else None
+        Ad = f.duplicate()
+        A.mult(d, Ad)
+        return self.line.slope(f, d, Ad)
+
+    def _try(
+        self,
+        ksp: PETSc.KSP,
+        A: PETSc.Mat,
+        P: PETSc.Mat,
+        f: PETSc.Vec,
+        d: PETSc.Vec,
+        now: Iteration,
+    ) -> int:
+        """Put what a solver makes of A d = -f into ``d``; why it ended."""
         ksp.setOperators(A, P)
         d.set(0.0)
         with self.forcing(ksp):
             ksp.solve(f, d)
         d.scale(-1.0)
         now.linear += ksp.getIterationNumber()
-        if ksp.getConvergedReason() in _INDEFINITE:
-            return None
-        if now.filter in ("clamp", "abs") and not self.saddle:
-            slope = float(f.dot(d))  # the matrix is not negative, though it may be singular
-            return slope if slope < 0 else None
-        Ad = f.duplicate()
-        A.mult(d, Ad)
-        return self.line.slope(f, d, Ad)
+        return int(ksp.getConvergedReason())
+
+    @cached_property
+    def _in_double(self) -> PETSc.KSP:
+        """Conjugate gradients with Jacobi, as PETSc has them."""
+        usual = self.snes.getKSP()
+        ksp = PETSc.KSP().create(usual.comm)
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+        rtol, atol, _, most = usual.getTolerances()
+        ksp.setTolerances(rtol=rtol, atol=atol, max_it=most)
+        return ksp

@@ -8,7 +8,7 @@ what a product with PETSc's AIJ moves.
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -146,14 +146,17 @@ class EisenstatCG:
                 blocks.lib.sweep_down(blocks.struct, v["p"], v["t"], v["ghosts"], v["w"], v["q"])
             )
             flat = False
-            if not curvature > 0:
+            if not 0 < curvature < inf:
                 floor = _FLAT * self._sum(blocks.weight(self._vectors["p"]))
-                if flat := -curvature <= floor:
+                if flat := 0 <= -curvature <= floor:
                     curvature = floor
                 else:
                     ksp.setConvergedReason(_negative(curvature))
                     return its
             new = self._update(rho / curvature)
+            if not isfinite(new):
+                ksp.setConvergedReason(_negative(new))
+                return its
             its += 1
             ratio = sqrt(max(new, 0.0) / first)
             if self._test(ksp, its, start * ratio) or ratio <= _PASS:
