@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from bodies import MINIMISING, Hold, cube, problem, put, wave
 
+from fem_snh._petsc import defaults
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.solver import EisenstatCG, own_errors
@@ -18,9 +19,10 @@ mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason
 
 
-def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4):
-    """A held cube in a wave of displacement; its matrix is filled."""
-    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=[Hold("left")], E=E)
+def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4, hold=("x", "y", "z")):
+    """A cube in a wave of displacement, its left side held; its matrix is filled."""
+    held = [Hold("left", components=hold)] if hold else []
+    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=held, E=E)
     put(p, wave(size), p.x)
     p.prescribe(p.x)
     p.jacobian(p.x, filter)
@@ -36,10 +38,8 @@ def right_side(p):
 @pytest.fixture(autouse=True, params=[0, 5], ids=["plain", "deflated"])
 def parts(request):
     """How many parts the coarse space has: none, or some."""
-    database = PETSc.Options()
-    database["ksp_deflation_parts"] = request.param
-    yield request.param
-    database.delValue("ksp_deflation_parts")
+    with defaults("", {"ksp_deflation_parts": request.param}):
+        yield request.param
 
 
 def solver(p, rtol=1e-3, kind="ours"):
