@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import numpy as np
 from pydantic import (
     Discriminator,
     Field,
@@ -18,26 +17,17 @@ from pydantic import (
 from fem_snh.choices import EIGENSOLVERS, HESSIANS, PREDICTORS
 from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
+from fem_snh.scenes._conditions import Hold, Move, Rotate, Start, Traction
 from fem_snh.scenes._material import MaterialChoice
 from fem_snh.scenes._table import Expect, Finite, Table
+from fem_snh.scenes._values import Count, GroupKey, Text, Vector
 
-Text = Annotated[str, Field(min_length=1), Expect("a name")]
-Number = Annotated[Finite, Expect("a finite number")]
-Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
-Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
-Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
-Volume = Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")]
-GroupKey = Annotated[
-    Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
-    Expect("the name or number of a physical group"),
-]
-Axis = Literal["x", "y", "z"]
-Components = Annotated[
-    tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
-]
+__all__ = [
+    "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
+    "Start", "Traction",
+]  # fmt: skip
+
 Scalar = Annotated[bool, Field(strict=True)] | Annotated[int, Field(strict=True)] | Finite | str
-
-
 Softer = Annotated[
     list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
     Expect("a list of Poisson's ratios in (-1, 0.5)"),
@@ -53,67 +43,6 @@ class Geometry(Table):
     ] = {}
 
 
-class Hold(Table):
-    """A physical group that stays where it is, in some components."""
-
-    group: GroupKey
-    components: Components = ("x", "y", "z")
-
-    def displacement(self, X: np.ndarray, load: float) -> np.ndarray:
-        """Zero: see `Move.displacement`."""
-        return np.zeros_like(X, dtype=float)
-
-
-class Rotate(Table):
-    """A rotation by ``angle`` [rad] at load 1, right-handed about ``axis`` through a point."""
-
-    axis: Vector
-    angle: Number
-    through: Vector = (0.0, 0.0, 0.0)
-
-    @field_validator("axis")
-    @classmethod
-    def _direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
-        if not np.linalg.norm(axis) > 0:
-            raise BadInput(f"{list(axis)} has no direction: expected a non-zero vector")
-        return axis
-
-
-class Move(Table):
-    """A physical group that moves rigidly: turned first, then shifted, both with the load."""
-
-    group: GroupKey
-    translate: Vector | None = None
-    rotate: Rotate | None = None
-    components: Components = ("x", "y", "z")
-
-    @model_validator(mode="after")
-    def _moves(self) -> Move:
-        if self.translate is None and self.rotate is None:
-            raise BadInput("a move needs 'translate', 'rotate' or both")
-        return self
-
-    def displacement(self, X: np.ndarray, load: float) -> np.ndarray:
-        """Displacements (n, 3) of the reference points X (n, 3) at a load: R X - X + load t."""
-        u = np.zeros_like(X, dtype=float)
-        if self.rotate is not None:
-            from scipy.spatial.transform import Rotation
-
-            axis = np.asarray(self.rotate.axis) / np.linalg.norm(self.rotate.axis)
-            arm = X - np.asarray(self.rotate.through)
-            u += Rotation.from_rotvec(load * self.rotate.angle * axis).apply(arm) - arm
-        if self.translate is not None:
-            u += load * np.asarray(self.translate)
-        return u
-
-
-class Traction(Table):
-    """A dead load [Pa, per reference area] on a surface group, growing with the load."""
-
-    group: GroupKey
-    vector: Vector
-
-
 class Probe(Table):
     """A point of the body, in reference coordinates, whose displacement each step reports."""
 
@@ -126,30 +55,6 @@ class Modes(Table):
 
     count: Count = 10
     density: Annotated[Finite, Field(gt=0), Expect("a number > 0 (mass density)")] = 1000.0
-
-
-class Start(Table):
-    """Where a run begins that does not begin at rest: prescribed nodes are where they must be.
-
-    Either ``map``, a matrix: x = map (X - through) + through, ``through`` being the middle of the
-    body's bounding box if not given; or ``scatter``: every node anywhere in the bounding box
-    blown up to this many times its volume. Then ``noise``: moved by up to this [length] in x, y and
-    z. ``seed`` chooses the random numbers.
-    """
-
-    map: Matrix | None = None
-    through: Vector | None = None
-    scatter: Volume | None = None
-    noise: Annotated[Finite, Field(ge=0), Expect("a number >= 0 (a length)")] = 0.0
-    seed: Annotated[int, Field(strict=True, ge=0), Expect("a whole number, 0 or more")] = 0
-
-    @model_validator(mode="after")
-    def _one(self) -> Start:
-        if self.map is not None and self.scatter is not None:
-            raise BadInput("'map' and 'scatter' are two ways to begin: give one of them")
-        if self.through is not None and self.map is None:
-            raise BadInput("'through' is a fixed point of a 'map', and there is none")
-        return self
 
 
 Mesh = Annotated[

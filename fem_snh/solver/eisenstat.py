@@ -74,27 +74,27 @@ class EisenstatCG:
         A = ksp.getOperators()[0]
         self.take(A)
         x.set(0.0)
-        residual, its, earlier = b.copy(), 0, float("inf")
+        residual, its, earlier = b.copy(), 0, inf
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
         ksp.setIterationNumber(0)
         if self._bad:
             ksp.setConvergedReason(self._bad)
+            return
+        norm, unit = self._begin(residual)  # what the tolerance is relative to, deflated or not
+        if not isfinite(norm):
+            ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_PC)
+            return
+        self._test(ksp, its, norm)
         while not ksp.getConvergedReason():
-            norm, unit = self._begin(residual)
-            if not isfinite(norm):
-                ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_PC)
-            elif its == 0:
-                self._test(ksp, its, norm)
-            elif norm > _GAIN * earlier:
+            if its or self._deflation:
+                norm, unit = self._begin(residual, self._deflation)
+            if norm > _GAIN * earlier:
                 ksp.setConvergedReason(_Reason.DIVERGED_BREAKDOWN)
-            if not ksp.getConvergedReason():
-                if self._deflation:  # the tolerance is still relative to what there was before
-                    norm, unit = self._begin(residual, self._deflation)
-                its = self._pass(ksp, its, norm, unit)
-                if self._deflation:
-                    self._deflation.finish(self._pointers["x"])
-                x.array[:] += unit * self._x
-                earlier = norm
+                return
+            its, earlier = self._pass(ksp, its, norm, unit), norm
+            if self._deflation:
+                self._deflation.finish(self._pointers["x"])
+            x.array[:] += unit * self._x
             if not ksp.getConvergedReason():  # another pass: its residual in double precision
                 A.mult(x, residual)
                 residual.aypx(-1.0, b)
