@@ -32,7 +32,7 @@ SOFTER = [0.49]
 CELLS = 6
 #: Newton iterations that the twist by pi at nu = 0.3 may take with ``trust``, and its cells.
 TRUST = 40
-FINER = (8, 10)
+FINER = (8, 10, 12, 15)
 
 _LOADS: dict[str, tuple[str, dict[str, Any]]] = {
     "stretch-3.4": ("stretch", {"stretch": 3.4}),
