@@ -45,7 +45,7 @@ def at_rest(expression: sympy.Expr) -> sympy.Expr:
 def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
     """(mu_lame, lambda_lame) of principal stresses ``slopes`` (eq. 3, 4), in their constants."""
     a, b = (at_rest(sympy.diff(slopes[0], s)) for s in SIGMA[:2])
-    return sympy.simplify((a - b) / 2), sympy.simplify(b)
+    return sympy.expand((a - b) / 2), sympy.expand(b)
 
 
 class Constants:

@@ -17,7 +17,7 @@ from fem_snh.studies.table import found, read_record
 
 #: A small run of many short steps, whose equilibria are found to the last digits, so that those of
 #: two runs can be compared.
-SCENE = ("stretch", "--cells=6", "--steps=80", "--set=stretch=2.0")
+SCENE = ("stretch", "--cells=6", "--steps=30", "--set=stretch=2.0")
 PETSC = ("-snes_scaled_tol", "1e-10")
 #: Steps that are done before something happens.
 DONE = 3
