@@ -120,11 +120,13 @@ class Campaign:
         definition = {**definition, "ranks": limits.ranks}
         _prepare(out, name, definition, overwrite)
         self.table = Table(out / f"{name}.csv", columns)
-        if retry:
-            self.table.drop(r["point"] for r in self.table.rows() if r[good] != "True")
+        self._again = good if retry else ""
 
     def run(self, points: Mapping[str, Point], more: More | None = None) -> None:
         """Run the points that are not in the table; one that fails is a row with its reason."""
+        if self._again:  # what is not asked for stays as it is
+            bad = (r["point"] for r in self.table.rows() if r[self._again] != "True")
+            self.table.drop(name for name in bad if name in points)
         rows = {row["point"]: row for row in self.table.rows()}
         waiting = [name for name in points if name not in rows]
         running: dict[str, Child] = {}
