@@ -174,6 +174,10 @@ def test_what_does_not_hold_is_exit_code_1(
         and "These do not:" in (tmp_path / "extremes.md").read_text()
     )
     assert main(words) == 1  # it has its row
+    monkeypatch.setattr(loads, "cases", lambda quick, seeds: [])
+    assert main([*words, "--retry"]) == 0  # it is not asked for, and stays
+    assert some[0].name in (tmp_path / "extremes.csv").read_text()
+    monkeypatch.setattr(loads, "cases", lambda quick, seeds: some)
     assert main([*words, "--retry"]) == 0
 
 
