@@ -6,7 +6,8 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from fem_snh.studies.extremes.faults.trial import DONE, Trial, ended, verdict
+from fem_snh.studies.extremes.faults.disturbed import DONE
+from fem_snh.studies.extremes.faults.trial import Trial, ended, verdict
 from fem_snh.studies.table import read_record
 
 _INJECTING = "fem_snh.studies.extremes.faults.injecting"
@@ -14,8 +15,7 @@ _INJECTING = "fem_snh.studies.extremes.faults.injecting"
 
 def _begun(trial: Trial, ranks: int) -> None:
     """A run that has been stopped after some steps."""
-    child = trial.start(ranks)
-    trial.wait(child, DONE)
+    child = trial.held(ranks)
     child.signal(signal.SIGTERM)
     trial.wait(child)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fem_snh.runs import checkpoint, nodal
+from fem_snh.studies.extremes.faults.disturbed import DONE
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import found, read_record
 
@@ -19,8 +20,7 @@ from fem_snh.studies.table import found, read_record
 #: two runs can be compared.
 SCENE = ("stretch", "--cells=6", "--steps=30", "--set=stretch=2.0")
 PETSC = ("-snes_scaled_tol", "1e-10")
-#: Steps that are done before something happens.
-DONE = 3
+_HOLDING = "fem_snh.studies.extremes.faults.holding"
 #: Displacements that agree: largest difference over the body's extent.
 AGREE = 1e-9
 #: Seconds after which a run hangs.
@@ -58,11 +58,21 @@ class Trial:
             [*program(ranks, module), *words, "--", *PETSC, *petsc], self._logs[-1], _LIMIT
         )
 
-    def wait(self, child: Child, steps: int | None = None) -> int | None:
-        """Wait for this many steps, or for the end; the exit code if it has ended."""
+    def held(self, ranks: int) -> Child:
+        """Begin the run; when this returns it is in the middle of step `DONE` + 1, and stays there.
+
+        Raises RuntimeError if it does not come that far.
+        """
+        child = self.start(ranks, module=_HOLDING)
+        while len(self.finished()) < DONE:
+            if child.poll() is not None:
+                raise RuntimeError(f"it was to be held in a step, and ended: {self.said()[-500:]}")
+            time.sleep(0.01)
+        return child
+
+    def wait(self, child: Child) -> int:
+        """Wait for the end; the exit code."""
         while (code := child.poll()) is None:
-            if steps is not None and len(self.finished()) >= steps:
-                return None
             time.sleep(0.002)
         self.seconds += child.seconds
         return code
