@@ -23,6 +23,7 @@ int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int *
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
                  const double *values, int mode);
 int MatLMVMAllocate(void *B, void *x, void *f);
+int MatLMVMReset(void *B, int destructive);
 int MatLMVMUpdate(void *B, void *x, void *f);
 int MatLMVMSetJ0PC(void *B, void *pc);
 int KSPCGSetRadius(void *ksp, double radius);

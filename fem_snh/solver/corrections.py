@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
 from fem_snh.solver.linesearch import LineSearch
 
-#: A Newton step that left less than this of the residual converges by itself.
+#: A step that left less than this of the residual: Newton's method converges by itself.
 _ENOUGH = 0.1
 
 
@@ -17,7 +20,8 @@ class Corrections:
     From a rough start a quadratic model holds for a short way only, however well it is minimised.
     A correction costs the energy and the residual that its line search asks for, and one
     application of the preconditioner: no Hessian, no factors, no linear solve. With the factors of
-    a filtered Hessian, which are definite, it descends.
+    a filtered Hessian, which are definite, it descends. It goes on until Newton's method, which is
+    faster near a solution, can be expected to converge.
     """
 
     def __init__(
@@ -34,19 +38,18 @@ class Corrections:
         """Go on from the line search's ``trial``, of ``energy``; ``before``: the residual's norm.
 
         State and residual are in the line search's vectors, then as before. Returns the energy
-        there, and the corrections made. Stops where Newton's method does.
+        there, and the corrections made. Stops where the residual has become small.
         """
-        line, count = self.line, 0
-        if not self.most or line.f_trial.norm() <= _ENOUGH * before:
-            return energy, 0
-        x, f, d = (line.trial.duplicate() for _ in range(3))
-        memory = self._memory(x)
+        line, enough = self.line, max(_ENOUGH * before, self.goal)
         for count in range(self.most):
-            if line.f_trial.norm() <= self.goal:
+            if line.f_trial.norm() <= enough:
                 return energy, count
+            memory, x, f, d = self._vectors
+            if not count:
+                call("MatLMVMReset", _handle(memory), 0)
             line.trial.copy(x)
             line.f_trial.copy(f)
-            call("MatLMVMUpdate", *(ffi.cast("void *", v.handle) for v in (memory, x, f)))
+            call("MatLMVMUpdate", _handle(memory), _handle(x), _handle(f))
             memory.solve(f, d)
             d.scale(-1.0)
             slope = float(f.dot(d))
@@ -58,15 +61,18 @@ class Corrections:
             energy = found[1]
         return energy, self.most
 
-    def _memory(self, x: PETSc.Vec) -> PETSc.Mat:
-        """PETSc's limited-memory inverse Hessian for vectors like x, with nothing in it yet."""
+    @cached_property
+    def _vectors(self) -> tuple[PETSc.Mat, PETSc.Vec, PETSc.Vec, PETSc.Vec]:
+        """PETSc's limited-memory inverse Hessian; a state, its residual, and a direction."""
+        x, f, d = (self.line.trial.duplicate() for _ in range(3))
         memory = PETSc.Mat().create(x.comm)
         memory.setSizes([x.getSizes()] * 2)
         memory.setType(PETSc.Mat.Type.LMVMBFGS)
         memory.setUp()
-        handles = (ffi.cast("void *", v.handle) for v in (memory, x, x))
-        call("MatLMVMAllocate", *handles)
-        call(
-            "MatLMVMSetJ0PC", ffi.cast("void *", memory.handle), ffi.cast("void *", self._pc.handle)
-        )
-        return memory
+        call("MatLMVMAllocate", _handle(memory), _handle(x), _handle(f))
+        call("MatLMVMSetJ0PC", _handle(memory), _handle(self._pc))
+        return memory, x, f, d
+
+
+def _handle(thing: PETSc.Object) -> Any:
+    return ffi.cast("void *", thing.handle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite
 
 from petsc4py import PETSc
@@ -90,7 +91,9 @@ class LineSearch:
         self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float, end: float
     ) -> tuple[float, float]:
         """From a full step with ``energy`` and slope ``end``: the better of it and a longer one."""
-        kept, f_kept = self.trial.copy(), self.f_trial.copy()
+        kept, f_kept = self._kept
+        self.trial.copy(kept)
+        self.f_trial.copy(f_kept)
         longer = min(3.0, slope / (slope - end))
         there = self.energy_at(x, d, longer)
         if isfinite(there) and there <= energy and abs(self._slope(d)) < abs(end):
@@ -98,6 +101,11 @@ class LineSearch:
         kept.copy(self.trial)
         f_kept.copy(self.f_trial)
         return 1.0, energy
+
+    @cached_property
+    def _kept(self) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Where a state and its residual wait."""
+        return self.trial.duplicate(), self.f_trial.duplicate()
 
     def energy_at(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
         """Put x + step d into ``trial``; the energy there, 0 where there is none."""

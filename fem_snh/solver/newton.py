@@ -143,6 +143,7 @@ class ProjectedNewton:
             line.f_trial.copy(f)
             step_norm = d.norm() * (1.0 if now.corrections else now.step)
             norm = f.norm()
+            PETSc.garbage_cleanup(x.comm)  # petsc4py 3.18 frees what was dropped only if told to
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- its parts -------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ OPTIONS: Options = {
     "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
     "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
     "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
-    "snes_corrections": 0,  # quasi-Newton steps after a step, at most; trust: 80, in its region
+    "snes_corrections": 0,  # quasi-Newton steps after a step, at most; trust: 640, in its region
     "snes_armijo": 1e-4,  # sufficient decrease
     "snes_min_step": 1e-10,  # shortest step of the line search
 }

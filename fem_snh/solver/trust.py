@@ -30,7 +30,7 @@ _ATTEMPTS = 12
 SOLVERS = ("stcg", "nash")
 #: PETSc options, unless others are given: quasi-Newton steps, and the region's linear solver.
 OPTIONS = {
-    "snes_corrections": 80,
+    "snes_corrections": 640,
     "trust_ksp_type": "stcg",
     "trust_pc_type": "bjacobi",
     "trust_sub_pc_type": "icc",
