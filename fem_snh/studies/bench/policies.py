@@ -106,7 +106,7 @@ def rows(
 
     Every node starts off by a random displacement of ``noise`` lengths, as rounding would have it.
     hessians : of the solver's policies; "ratio": see `Ratio`.
-    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 80. They
+    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 640. They
         need a good preconditioner: ``factors`` gives every policy trust's, for its own.
     newton : None where a seed was given up after ``most``.
     """

@@ -28,9 +28,6 @@ same material at nu = {SOFT:g} (`soften = [{SOFT:g}]`), whose volume term is too
 where they are. Home is an equilibrium for every nu, so little is then left to do at the real one.
 The Newton iterations of both are counted. The plain descents are there to be compared."""
 
-#: In the trust region, for the default's 80: from so rough a start more of them spare Newton
-#: iterations (65 for 85 on 15^3), but no time (15 s for 11).
-CORRECTIONS = {"petsc.snes_corrections": 40}
 NUS = (0.0, 0.3, 0.45, 0.49, 0.499)
 ELEMENTS = ("Q1", "P1")
 SMALL, LARGE = 10, 15
@@ -65,8 +62,6 @@ def cases(quick: bool, seeds: int) -> list[Case]:
 def _case(element: str, cells: int, nu: float, seed: int, plain: str = "") -> Case:
     """One that must hold, or a plain descent with this Hessian."""
     how: dict[str, Any] = {"hessian": plain} if plain else {"soften": [SOFT]}
-    if plain in ("", "trust"):
-        how |= CORRECTIONS
     return run_of(
         "scramble",
         f"scramble-{element}-{cells}-nu{nu:g}-{seed}" + (f"-plain-{plain}" if plain else ""),
