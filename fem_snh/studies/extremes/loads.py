@@ -30,8 +30,9 @@ LOCKS = 0.4999
 #: And from here on steps begin with this ratio.
 SOFTER = [0.49]
 CELLS = 6
-#: Newton iterations that the twist by pi at nu = 0.3 may take with ``trust``, and its cells.
+#: Newton iterations that the twist by pi may take with ``trust``; for which nu, and cells.
 TRUST = 40
+CRAWLS = (0.3, 0.49)
 FINER = (8, 10, 12, 15)
 
 _LOADS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -51,7 +52,7 @@ def cases(quick: bool, seeds: int) -> list[Case]:
         quickest = ("stretch-3.4", "twist-half-pi", "twist-2pi")
         return [_case(name, nu, 4) for name in quickest for nu in (0.3, 0.49)]
     made = [_case(name, nu, CELLS) for name in _LOADS for nu in NUS]
-    made += [_case("twist-pi", 0.3, cells, hessian="trust") for cells in FINER]
+    made += [_case("twist-pi", nu, n, hessian="trust") for nu in CRAWLS for n in FINER]
     plain = [
         _case(name, LOCKS, CELLS, element=element, soften=[], must=False)
         for element in ("Q1P0", "Q1")
