@@ -104,7 +104,7 @@ def test_the_issues_cases_are_there() -> None:
     assert sum("-10-" in case.name for case in must) == 2 * 5 * 100
     assert sum("-15-" in case.name for case in must) == 2 * 5 * 10
     made = {case.name for case in loads.cases(False, 1) if case.must}
-    assert len(made) == 7 * 3 + 4 and "loads-twist-pi-nu0.3-Q1-15-trust" in made
+    assert len(made) == 7 * 3 + 2 * 4 and "loads-twist-pi-nu0.3-Q1-15-trust" in made
 
 
 # --- cases of their own --------------------------------------------------------------------------
