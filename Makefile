@@ -12,8 +12,9 @@ ifeq ($(shell lscpu -p=CORE,SOCKET | grep '^[0-9]' | sort -u | wc -l),1)
 export OMPI_MCA_rmaps_base_oversubscribe ?= 1
 export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
 endif
-# All ranks are on this machine: no network to look for, nor to complain about.
-export OMPI_MCA_btl ?= ^tcp
+# All ranks are on this machine: no network to look for, nor to complain about. The others are those
+# that Debian leaves out and would be there again; one of them sleeps for a second at every end.
+export OMPI_MCA_btl ?= ^tcp,uct,openib,ofi
 # Open MPI refuses to run as root, as one is in a container, unless told twice.
 ifeq ($(shell id -u),0)
 export OMPI_ALLOW_RUN_AS_ROOT := 1
