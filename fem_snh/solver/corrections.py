@@ -24,14 +24,12 @@ class Corrections:
     faster near a solution, can be expected to converge.
     """
 
-    def __init__(
-        self, snes: PETSc.SNES, ksp: PETSc.KSP, line: LineSearch, most: int, goal: float
-    ) -> None:
+    def __init__(self, ksp: PETSc.KSP, line: LineSearch, most: int, goal: float) -> None:
         """``most`` corrections after a step; none below ``goal``, a residual's norm [N].
 
         ``ksp`` has the preconditioner.
         """
-        self.snes, self.line, self.most, self.goal = snes, line, most, goal
+        self.line, self.most, self.goal = line, most, goal
         self._pc = ksp.getPC()
 
     def improve(self, before: float, energy: float) -> tuple[float, int]:

@@ -100,7 +100,7 @@ class ProjectedNewton:
         directions = self.directions(snes, fill, line, self.options, self.history, self.saddle)
         most = int(float(self.options["snes_corrections"]))
         region = self.within_region if self.options["snes_hessian"] == "trust" else None
-        corrections = Corrections(snes, region or snes.getKSP(), line, most, self._goal)
+        corrections = Corrections(region or snes.getKSP(), line, most, self._goal)
         trust = TrustRegion(directions, region, corrections) if region else None
         energy = snes.computeObjective(x) if self.has_energy else 0.0
         if not isfinite(energy):
