@@ -43,8 +43,9 @@ _library = ffi.dlopen(PETSc.__file__)
 
 
 def call(name: str, *arguments: Any) -> None:
-    """Call a PETSc function. Raises PETSc.Error if it fails."""
-    if code := getattr(_library, name)(*arguments):
+    """Call a PETSc function, with petsc4py's objects as they are. PETSc.Error if it fails."""
+    given = (ffi.cast("void *", a.handle) if isinstance(a, PETSc.Object) else a for a in arguments)
+    if code := getattr(_library, name)(*given):
         raise PETSc.Error(code)
 
 
@@ -58,7 +59,7 @@ _MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
 def factors_out_of_memory(pc: PETSc.PC) -> bool:
     """Whether the last set-up failed as the factors took too much memory."""
     found = ffi.new("int *")
-    call("PCGetFailedReason", ffi.cast("void *", pc.handle), found)
+    call("PCGetFailedReason", pc, found)
     if found[0] and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
         if pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS:
             return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import call, ffi
+from fem_snh._petsc import call
 from fem_snh.solver.linesearch import LineSearch
 
 #: A step that left less than this of the residual: Newton's method converges by itself.
@@ -44,10 +43,10 @@ class Corrections:
                 return energy, count
             memory, x, f, d = self._vectors
             if not count:
-                call("MatLMVMReset", _handle(memory), 0)
+                call("MatLMVMReset", memory, 0)
             line.trial.copy(x)
             line.f_trial.copy(f)
-            call("MatLMVMUpdate", _handle(memory), _handle(x), _handle(f))
+            call("MatLMVMUpdate", memory, x, f)
             memory.solve(f, d)
             d.scale(-1.0)
             slope = float(f.dot(d))
@@ -67,10 +66,6 @@ class Corrections:
         memory.setSizes([x.getSizes()] * 2)
         memory.setType(PETSc.Mat.Type.LMVMBFGS)
         memory.setUp()
-        call("MatLMVMAllocate", _handle(memory), _handle(x), _handle(f))
-        call("MatLMVMSetJ0PC", _handle(memory), _handle(self._pc))
+        call("MatLMVMAllocate", memory, x, f)
+        call("MatLMVMSetJ0PC", memory, self._pc)
         return memory, x, f, d
-
-
-def _handle(thing: PETSc.Object) -> Any:
-    return ffi.cast("void *", thing.handle)

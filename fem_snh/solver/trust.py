@@ -136,16 +136,15 @@ class TrustRegion:
     def _solve(self, f: PETSc.Vec, d: PETSc.Vec, now: Iteration) -> tuple[float, int]:
         """Put the step within the radius into ``d``; its norm and why the solver ended."""
         ksp, norm = self.ksp, ffi.new("double *")
-        handle = ffi.cast("void *", ksp.handle)
-        call("KSPCGSetRadius", handle, self.radius or 0.0)  # 0: none
+        call("KSPCGSetRadius", ksp, self.radius or 0.0)  # 0: none
         d.set(0.0)
         try:
             ksp.solve(f, d)
         finally:
-            call("KSPCGSetRadius", handle, 0.0)
+            call("KSPCGSetRadius", ksp, 0.0)
         d.scale(-1.0)
         now.linear += ksp.getIterationNumber()
-        call("KSPCGGetNormD", handle, norm)
+        call("KSPCGGetNormD", ksp, norm)
         ksp.getOperators()[0].mult(d, self._Ad)
         return norm[0], ksp.getConvergedReason()
 
