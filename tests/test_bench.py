@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 
 from fem_snh.errors import BadInput
 from fem_snh.studies import bench
-from fem_snh.studies.bench import assembly, stretch, twist
+from fem_snh.studies.bench import assembly, solve, stretch, twist
 from fem_snh.studies.processes import environment
 
 
@@ -51,6 +52,16 @@ def test_every_material_against_the_stable_one() -> None:
     rows = list(assembly.compare("Q1", 4, 20, ["ogden", "valanis_landel_xu"]))
     assert [row["material"] for row in rows] == ["ogden", "valanis_landel_xu"]
     assert all(row["ok"] and row["filtered"] > 0.4 for row in rows)
+
+
+def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A factorisation that is given a MB: its code, instead of Newton's method on no numbers."""
+    (row,) = solve.rows(cells="3", ways="tutorial", nu=0.3, ranks=1)
+    assert row["converged"] and row["load"] == 1 and row["newton"] == row["linear"] > row["steps"]
+    monkeypatch.setenv("PETSC_OPTIONS", "-nls_solve_mat_mumps_icntl_23 1")
+    (row,) = solve.rows(cells="5", ways="tutorial")
+    assert re.fullmatch(r"MUMPS cannot factorise the matrix: INFOG\(1\) = -\d+", row["status"])
+    assert not row["converged"] and (row["steps"], row["failed_steps"]) == (0, 1)
 
 
 def test_mistakes() -> None:

@@ -21,7 +21,7 @@ def prescribed(values: Any, nodes: np.ndarray) -> Any:
 
 
 def newton_solver(
-    residual: Any, u: Any, conditions: Sequence[Any], jit_options: dict, petsc: dict[str, str]
+    residual: Any, u: Any, conditions: Sequence[Any], jit_options: dict, petsc: dict[str, Any]
 ) -> Any:
     """Full Newton steps with the exact tangent, stopped by the residual's norm.
 

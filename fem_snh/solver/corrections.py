@@ -10,7 +10,7 @@ from fem_snh._petsc import call
 from fem_snh.solver.linesearch import LineSearch
 
 #: A step that left less than this of the residual: Newton's method converges by itself.
-_ENOUGH = 0.1
+CONVERGING = 0.1
 
 
 class Corrections:
@@ -37,7 +37,7 @@ class Corrections:
         State and residual are in the line search's vectors, then as before. Returns the energy
         there, and the corrections made. Stops where the residual has become small.
         """
-        line, enough = self.line, max(_ENOUGH * before, self.goal)
+        line, enough = self.line, max(CONVERGING * before, self.goal)
         for count in range(self.most):
             if line.f_trial.norm() <= enough:
                 return energy, count

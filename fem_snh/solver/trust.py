@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
 from fem_snh.errors import choose
-from fem_snh.solver.corrections import Corrections
+from fem_snh.solver.corrections import CONVERGING, Corrections
 from fem_snh.solver.direction import Directions, Iteration
 from fem_snh.solver.linesearch import SHORT
 from fem_snh.solver.saddle import preconditioner_of
@@ -21,8 +21,6 @@ _SHRINK, _GROW = 0.5, 2.0
 #: A filtered step's part of all that was gained, below which the trust region is called; unless it
 #: left less than this of the residual: it converges, then.
 _LITTLE, _LEFT = 0.01, 0.5
-#: A step that left less than this of the residual needs it no longer.
-_DONE = 0.1
 #: Radii tried before the clamped Hessian is asked.
 _ATTEMPTS = 12
 
@@ -81,7 +79,7 @@ class TrustRegion:
         left = self.line.f_trial.norm() / now.residual
         if now.filter in ("clamp", "abs"):
             self.called |= gain < _LITTLE * whole and left > _LEFT
-        elif left < _DONE:
+        elif left < CONVERGING:
             self.called = False
 
     def step(

@@ -1,7 +1,8 @@
 """A scene as FEniCSx's tutorial on hyperelasticity solves it: what `bench solve` compares with.
 
 dolfinx's NewtonSolver on UFL forms: exact tangent, full steps, MUMPS. A load step that fails is
-halved, as a careful user would; after one that succeeds the next is twice as large.
+halved, as a careful user would; after one that succeeds the next is twice as large. A matrix that
+MUMPS cannot factorise, for another reason than its values, ends it: a smaller step has its size.
 
     python -m fem_snh.studies.tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
 """
@@ -29,7 +30,14 @@ from fem_snh.studies.bench.assembly import JIT
 
 #: A step is halved at most so often; Newton takes at most so many steps.
 HALVINGS, MOST = 6, 50
-PETSC = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+PETSC = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "ksp_error_if_not_converged": None,  # else Newton's method goes on with what is no number
+}
+#: MUMPS' INFOG(1) for a matrix that is singular, in its pattern or in its values.
+SINGULAR = (-6, -10)
 
 
 def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[str, Any]:
@@ -60,7 +68,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     dofs = 3 * V.dofmap.index_map.size_global
     record: dict[str, Any] = {"dofs": dofs, "ranks": comm.size, "steps": [], "converged": False}
     load, size = 0.0, 1.0 / scene.steps
-    while load < 1 and size > 2.0**-HALVINGS / scene.steps * 0.75:
+    while load < 1 and "status" not in record and size > 2.0**-HALVINGS / scene.steps * 0.75:
         to = min(load + size, 1.0) if load + size < 1 - 1e-12 else 1.0
         for condition, nodes, values in parts:
             array = values.x.array.reshape(-1, 3)
@@ -70,6 +78,9 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
             newton, good = solver.solve(u)
         except RuntimeError:  # a factorisation failed
             newton, good = 0, False
+            factors = solver.krylov_solver.getPC().getFactorMatrix()
+            if (code := factors.getMumpsInfog(1)) < 0 and code not in SINGULAR:
+                record["status"] = f"MUMPS cannot factorise the matrix: INFOG(1) = {code}"
         residual = solver.b.norm()
         good = bool(good and np.isfinite(residual))
         if not good:
