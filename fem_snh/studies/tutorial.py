@@ -79,8 +79,9 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         except RuntimeError:  # a factorisation failed
             newton, good = 0, False
             factors = solver.krylov_solver.getPC().getFactorMatrix()
-            if (code := factors.getMumpsInfog(1)) < 0 and code not in SINGULAR:
-                record["status"] = f"MUMPS cannot factorise the matrix: INFOG(1) = {code}"
+            code, detail = factors.getMumpsInfog(1), factors.getMumpsInfog(2)
+            if code < 0 and code not in SINGULAR:
+                record["status"] = f"MUMPS cannot factorise the matrix: INFOG = {code}, {detail}"
         residual = solver.b.norm()
         good = bool(good and np.isfinite(residual))
         if not good:
