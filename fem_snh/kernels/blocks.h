@@ -64,6 +64,20 @@ long fill(const Blocks *b, const double *values, const double *far, double scale
   return bad;
 }
 
+/* The largest number on the diagonal of the AIJ matrix, in size; infinite if one is, or none. */
+double largest(const Blocks *b, const double *values) {
+  double most = 0;
+  for (int i = 0; i < b->rows; i++) {
+    const long length = 3L * (b->aij[i + 1] - b->aij[i]);
+    const double *at = values + 9L * b->aij[i] + 3L * b->middle[i];
+    for (int k = 0; k < 3; k++, at += length + 1) {
+      if (!isfinite(*at)) return INFINITY;
+      most = fmax(most, fabs(*at));
+    }
+  }
+  return most;
+}
+
 static inline void times(const float *m, const float *x, float *y) {
   const float p = x[0], q = x[1], r = x[2];
   for (int k = 0; k < 3; k++) y[k] = m[3 * k] * p + m[3 * k + 1] * q + m[3 * k + 2] * r;

@@ -21,6 +21,7 @@ typedef struct {
   const int *far_start; const int *far_column; float *far;
 } Blocks;
 long fill(const Blocks *b, const double *values, const double *far, double scale);
+double largest(const Blocks *b, const double *values);
 void solve_lower(const Blocks *b, float *w);
 void sweep_up(const Blocks *b, float beta, const float *z, float *p, float *t, float *w);
 double sweep_down(const Blocks *b, const float *p, const float *t, const float *ghosts, float *w,
@@ -106,6 +107,10 @@ class Blocks:
         Returns the number of rows whose diagonal block is not positive definite.
         """
         return int(self.lib.fill(self.struct, *self.addresses(values, far), scale))
+
+    def largest(self, values: int) -> float:
+        """Of an AIJ matrix's diagonal, in size; infinite if anything there is, or is no number."""
+        return float(self.lib.largest(self.struct, *self.addresses(values)))
 
     def addresses(self, *values: int) -> list[Any]:
         """Addresses of double precision numbers as C pointers."""

@@ -182,12 +182,12 @@ class EisenstatCG:
         if self._state == A.stateGet() and not anew:
             return
         self._state = A.stateGet()
-        largest = self._comm.allreduce(np.abs(A.getDiagonal().array_r).max(initial=0), op=MPI.MAX)
-        if not isfinite(largest):
-            self._bad = _Reason.DIVERGED_NANORINF
-            return
-        self._scale = 1 / largest if largest > 0 else 1.0
         with aij(A) as (near, *far):
+            largest = self._comm.allreduce(self._blocks.largest(near.values), op=MPI.MAX)
+            if not isfinite(largest):
+                self._bad = _Reason.DIVERGED_NANORINF
+                return
+            self._scale = 1 / largest if largest > 0 else 1.0
             values = near.values, far[0].values if far else 0
             bad = self._comm.allreduce(self._blocks.fill(*values, self._scale))
             self._bad = _Reason.DIVERGED_INDEFINITE_PC if bad else 0

@@ -83,6 +83,7 @@ class Elastic:
         self.residual_pressure: PETSc.Vec | None = None
         self._target: Any = None
         self.diagonal: float | None = None
+        self._held: PETSc.Vec | None = None  # that number where the displacement is prescribed
 
     def create_matrix(self, layout: Layout) -> PETSc.Mat:
         """The matrix that `jacobian` fills, made once. Collective."""
@@ -125,17 +126,19 @@ class Elastic:
         return None if self.pressure is None else _all(self.pressure)
 
     def _set_diagonal(self) -> None:
-        """A typical stiffness on the diagonal of prescribed components."""
+        """A typical stiffness on the diagonal of prescribed components, which is zero."""
         A = self._blocks.petsc
-        diagonal = A.getDiagonal()
-        held = self.free[: self._owned].ravel() == 0
-        mine = diagonal.array[: len(held)]  # the displacement's; those of a pressure come after
-        if self.diagonal is None:
-            free = mine[~held]
-            total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
-            self.diagonal = float(total / max(count, 1)) or 1.0
-        mine[held] = self.diagonal
-        A.setDiagonal(diagonal)
+        if self._held is None:
+            self._held = A.getDiagonal()
+            held = self.free[: self._owned].ravel() == 0
+            mine = self._held.array[: len(held)]  # the displacement's; a pressure's come after
+            if self.diagonal is None:
+                free = mine[~held]
+                total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
+                self.diagonal = float(total / max(count, 1)) or 1.0
+            self._held.array[:] = 0.0
+            self._held.array[: len(held)][held] = self.diagonal
+        A.setDiagonal(self._held, addv=PETSc.InsertMode.ADD)
 
     def fields(self, u: PETSc.Vec) -> dict[str, Array]:
         """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
