@@ -62,8 +62,13 @@ def factors_out_of_memory(pc: PETSc.PC) -> bool:
     call("PCGetFailedReason", pc, found)
     if found[0] and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
         if pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS:
-            return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
+            return mumps_out_of_memory(pc)
     return bool(found[0] == _FACTORS_OUT_OF_MEMORY)
+
+
+def mumps_out_of_memory(pc: PETSc.PC) -> bool:
+    """Whether MUMPS' factors took too much memory; also after an error, which leaves no reason."""
+    return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
 
 
 def option_used(name: str) -> bool:

@@ -1,8 +1,8 @@
 """A scene as FEniCSx's tutorial on hyperelasticity solves it: what `bench solve` compares with.
 
 dolfinx's NewtonSolver on UFL forms: exact tangent, full steps, MUMPS. A load step that fails is
-halved, as a careful user would; after one that succeeds the next is twice as large. A matrix that
-MUMPS cannot factorise, for another reason than its values, ends it: a smaller step has its size.
+halved, as a careful user would; after one that succeeds the next is twice as large. Factors that
+take too much memory end it: a smaller step has as many.
 
     python -m fem_snh.studies.tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
 """
@@ -23,6 +23,7 @@ import ufl
 
 from fem_snh import _dolfinx, elements, forms, scenes
 from fem_snh import mesh as meshes
+from fem_snh._petsc import mumps_out_of_memory
 from fem_snh.files import put
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import make_mesh
@@ -36,8 +37,6 @@ PETSC = {
     "pc_factor_mat_solver_type": "mumps",
     "ksp_error_if_not_converged": None,  # else Newton's method goes on with what is no number
 }
-#: MUMPS' INFOG(1) for a matrix that is singular, in its pattern or in its values.
-SINGULAR = (-6, -10)
 
 
 def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[str, Any]:
@@ -78,9 +77,9 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
             newton, good = solver.solve(u)
         except RuntimeError:  # a factorisation failed
             newton, good = 0, False
-            factors = solver.krylov_solver.getPC().getFactorMatrix()
-            code, detail = factors.getMumpsInfog(1), factors.getMumpsInfog(2)
-            if code < 0 and code not in SINGULAR:
+            pc = solver.krylov_solver.getPC()
+            if mumps_out_of_memory(pc):
+                code, detail = (pc.getFactorMatrix().getMumpsInfog(k) for k in (1, 2))
                 record["status"] = f"MUMPS cannot factorise the matrix: INFOG = {code}, {detail}"
         residual = solver.b.norm()
         good = bool(good and np.isfinite(residual))
