@@ -46,7 +46,7 @@ test-mpi: setup  ## the tests marked mpi, on 2 ranks
 lint: setup  ## ruff and mypy
 	$(python) -m ruff check .
 	$(python) -m ruff format --check .
-	$(python) -m mypy fem_snh
+	$(python) -m mypy fem_snh benchmarks
 
 format: setup  ## let ruff correct what it can
 	$(python) -m ruff check --fix .

@@ -1,6 +1,6 @@
 """Words that scenes, kernels and solver share, spelled the same everywhere."""
 
-#: What is done to a Hessian at a quadrature point, in the order of point.h.
+#: What is done to a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
 
 #: Which of them Newton's method asks for before a line search; ``adaptive`` decides by itself.

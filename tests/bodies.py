@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix, vstack
 
-from fem_snh import _dolfinx, mesh
-from fem_snh.elements import ELEMENTS
+from fem_snh import _dolfinx
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.problem import Problem
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 
 #: Elements by what UFL can say of them, and by whether the displacement minimises an energy.

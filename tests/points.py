@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.eigensolver_accuracy import stretches
 from fem_snh import materials
 from fem_snh.kernels.pointwise import Material, material
-from fem_snh.studies.eigensolvers import stretches
 
 #: Materials by which the machinery is tested, on both sides of nu = 0.4, where the first changes;
 #: what is asked of each and every material is in test_every_material.py.

@@ -14,19 +14,23 @@ import fem_snh
 PACKAGE = Path(fem_snh.__file__).parent
 
 #: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
+#: A part is a folder or a file of the package; the files of ``fem`` are parts of their own.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices"),
-    ("files",),
-    ("_petsc", "materials", "elements"),
+    ("atomic_files",),
+    ("_petsc", "materials", "fem.elements"),
     ("_dolfinx",),
-    ("kernels", "_gmsh", "scenes"),
-    ("mesh", "layout"),
-    ("forms", "sparse"),
-    ("terms", "unknowns"),
-    ("saddle",),
-    ("problem",),
-    ("solver", "probes", "start"),
-    ("modes",),
+    ("kernels", "fem.gmsh_input"),
+    ("linalg",),
+    ("fem.mesh", "fem.numbering"),
+    ("scenes",),
+    ("fem.ufl_forms", "fem.assembled_matrix"),
+    ("fem.terms", "fem.unknowns"),
+    ("fem.taylor_hood",),
+    ("fem.problem",),
+    ("fem.probes", "fem.initial_state"),
+    ("fem.modes",),
+    ("solver",),
     ("runs",),
     ("plots", "render", "doctor"),
     ("studies",),
@@ -40,23 +44,24 @@ LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 ONLY = {
     "materials": {"errors"},
     "kernels": {"errors", "choices", "materials"},
-    "elements": {"errors"},
-    "_gmsh": {"errors", "_dolfinx"},
-    "mesh": {"errors", "_dolfinx", "_gmsh"},
-    "forms": {"errors", "materials"},
+    "linalg": {"errors", "_petsc", "kernels"},
     "_petsc": set(),
-    "layout": set(),
-    "sparse": {"errors", "_petsc", "layout"},
-    "scenes": {"errors", "choices", "materials", "elements", "mesh"},
+    "fem.elements": {"errors"},
+    "fem.gmsh_input": {"errors", "_dolfinx"},
+    "fem.mesh": {"errors", "_dolfinx", "fem.gmsh_input"},
+    "fem.ufl_forms": {"errors", "materials"},
+    "fem.numbering": set(),
+    "fem.assembled_matrix": {"errors", "_petsc", "fem.numbering"},
+    "fem.modes": {"errors", "_dolfinx", "fem.terms", "fem.problem"},
+    "fem.probes": {"errors", "_dolfinx"},
+    "fem.initial_state": {"_dolfinx", "fem.problem"},
+    "scenes": {"errors", "choices", "materials", "fem.elements", "fem.mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots when asked to draw
     "doctor": {"errors"},
-    "modes": {"errors", "_dolfinx", "terms", "problem"},
-    "probes": {"errors", "_dolfinx"},
-    "start": {"_dolfinx", "problem"},
     # Given a problem, the solver needs no more of one than its methods.
-    "solver": {"errors", "choices", "_petsc", "kernels"},
+    "solver": {"errors", "choices", "_petsc", "linalg"},
 }
 
 #: Packages from outside that only some parts may import.
@@ -64,12 +69,12 @@ OUTSIDE = {
     "dolfinx": {"_dolfinx"},
     "basix": {"_dolfinx"},
     "ffcx": {"_dolfinx"},
-    "ufl": {"_dolfinx", "forms", "terms", "saddle", "studies"},
-    "gmsh": {"_gmsh"},
+    "ufl": {"_dolfinx", "fem.ufl_forms", "fem.terms", "fem.taylor_hood"},
+    "gmsh": {"fem.gmsh_input"},
     "pyvista": {"render"},
     "matplotlib": {"plots", "render"},
     "pydantic": {"scenes"},
-    "slepc4py": {"modes"},
+    "slepc4py": {"fem.modes"},
 }
 #: And what some parts may not.
 FORBIDDEN = {
@@ -77,7 +82,7 @@ FORBIDDEN = {
     "kernels": {"mpi4py", "petsc4py"},
     "reports": {"mpi4py", "petsc4py"},
     "scenes": {"mpi4py", "petsc4py"},
-    "elements": {"mpi4py", "petsc4py"},
+    "fem.elements": {"mpi4py", "petsc4py"},
     "plots": {"mpi4py", "petsc4py"},
     "render": {"mpi4py", "petsc4py"},
     "errors": {"mpi4py", "petsc4py", "numpy"},
@@ -87,8 +92,10 @@ FORBIDDEN = {
 
 def part_of(path: Path) -> str:
     """The part that a file of the package belongs to; "" for the package itself."""
-    first = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    return "" if first == "__init__" else first
+    first, *rest = path.relative_to(PACKAGE).with_suffix("").parts
+    if first == "fem" and rest != ["__init__"]:
+        return f"fem.{rest[0]}"
+    return "" if first in ("__init__", "fem") else first
 
 
 def imports(path: Path) -> set[str]:
@@ -106,10 +113,9 @@ def imports(path: Path) -> set[str]:
 
 def own(names: set[str]) -> set[str]:
     """The parts of the package among imported names."""
-    parts = {name.split(".")[1] for name in names if name.startswith("fem_snh.")}
-    return {
-        part for part in parts if (PACKAGE / part).is_dir() or (PACKAGE / f"{part}.py").exists()
-    }
+    modules = (name.split(".")[1:] for name in names if name.startswith("fem_snh."))
+    parts = {f"fem.{m[1]}" if m[0] == "fem" and len(m) > 1 else m[0] for m in modules}
+    return parts & set(LAYER)
 
 
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -171,7 +177,7 @@ HEAVY = {
             set(),
         ),
         ("from fem_snh import scenes; [scenes.load(name) for name in scenes.names()]", set()),
-        ("from fem_snh import elements, plots, render", set()),
+        ("from fem_snh import plots, render; from fem_snh.fem import elements", set()),
     ],
 )
 def test_light_things_load_nothing_heavy(code, also):

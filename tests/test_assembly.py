@@ -25,8 +25,9 @@ from bodies import (
     wave,
 )
 
-from fem_snh import _dolfinx, forms
-from fem_snh.elements import ELEMENTS, Element
+from fem_snh import _dolfinx
+from fem_snh.fem import ufl_forms
+from fem_snh.fem.elements import ELEMENTS, Element
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)
@@ -59,9 +60,9 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
     energy, residual, jacobian = (
         _dolfinx.form(form, options)
         for form in (
-            forms.energy(p.material.law, u, dx),
-            forms.residual(p.material.law, u, v, dx),
-            forms.jacobian(p.material.law, u, v, w, dx),
+            ufl_forms.energy(p.material.law, u, dx),
+            ufl_forms.residual(p.material.law, u, v, dx),
+            ufl_forms.jacobian(p.material.law, u, v, w, dx),
         )
     )
     assert p.energy(p.x) == pytest.approx(_dolfinx.assemble_scalar(energy), rel=1e-12)

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+import benchmarks
+from benchmarks import assembly, solve, stretch, twist
 from fem_snh.errors import BadInput
-from fem_snh.studies import bench
-from fem_snh.studies.bench import assembly, solve, stretch, twist
 from fem_snh.studies.processes import environment
 
 
@@ -31,7 +31,7 @@ def test_assembly_of_a_material_without_ufl() -> None:
 
 
 def test_twist_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench.main("twist", {"cells": 4, "hessians": "adaptive"}) == 0
+    assert benchmarks.main("twist", {"cells": 4, "hessians": "adaptive"}) == 0
     row = json.loads(capsys.readouterr().out)
     assert row["bench"] == "twist" and row["converged"] and len(row["newton"]) == 2
     assert row["paper"] == twist.PAPER
@@ -66,16 +66,16 @@ def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.Mon
 
 def test_mistakes() -> None:
     with pytest.raises(BadInput, match=r"unknown bench 'asembly' .did you mean 'assembly'"):
-        bench.main("asembly", {})
+        benchmarks.main("asembly", {})
     with pytest.raises(BadInput, match="unknown option of bench twist 'cell'"):
-        bench.main("twist", {"cell": 3})
+        benchmarks.main("twist", {"cell": 3})
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_measurement_that_is_ended_ends_its_runs(number, tmp_path) -> None:
     """They have a session of their own, which the signal does not reach."""
-    words = "bench solve --cells 30 --ways ours --ranks 1".split()
-    command, here = [sys.executable, "-m", "fem_snh", *words], environment()
+    words = "solve --cells 30 --ways ours --ranks 1".split()
+    command, here = [sys.executable, "-m", "benchmarks", *words], environment()
     here["TMPDIR"] = str(tmp_path)  # where it puts the run's folder, so that we know the run
     running = subprocess.Popen(command, env=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     late = time.monotonic() + 60

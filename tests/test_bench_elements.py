@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from fem_snh.elements import ELEMENTS
-from fem_snh.studies import bench
-from fem_snh.studies.bench import bound, filters, orders, policies, quadrature, saddle
+import benchmarks
+from benchmarks import bound, filters, orders, policies, quadrature, taylor_hood
+from fem_snh.fem.elements import ELEMENTS
 
 
 def test_orders() -> None:
@@ -43,7 +43,7 @@ def test_bound_keeps_taylor_hood_cells_from_collapsing() -> None:
 def test_bound_is_put_back(capsys: pytest.CaptureFixture[str]) -> None:
     with bound.split_at(0.0), bound.split_at(1.0):
         pass
-    assert bench.main("bound", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
+    assert benchmarks.main("bound", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
     row = json.loads(capsys.readouterr().out)
     assert row["bound"] is None and row["least"]["1"] > 0
 
@@ -78,7 +78,7 @@ def test_policies_on_loads_in_one_step() -> None:
 def test_linear_iterations_hardly_grow_with_nu(
     element: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(saddle.SCENES, "block", ([4], {"steps": 1}))
-    (row,) = saddle.rows(elements=element, scenes="block", nus="0.3,0.5", tolerance=1e-6)
+    monkeypatch.setitem(taylor_hood.SCENES, "block", ([4], {"steps": 1}))
+    (row,) = taylor_hood.rows(elements=element, scenes="block", nus="0.3,0.5", tolerance=1e-6)
     assert row["ok"] and 1 < row["growth"] <= 1.5
     assert row["growth"] == pytest.approx(row["linear"]["0.5"] / row["linear"]["0.3"], abs=0.006)

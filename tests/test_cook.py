@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import fem_snh
-from fem_snh import _dolfinx, mesh
+from fem_snh import _dolfinx
+from fem_snh.fem import mesh
 
 mpi = pytest.mark.mpi
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from test_eisenstat import Reason, body, right_side, solve
 
 from fem_snh._petsc import defaults
-from fem_snh.kernels.coarse import MODES, bisect, linear
+from fem_snh.linalg.coarse_space import MODES, bisect, linear
 from fem_snh.solver import EisenstatCG
 
 mpi = pytest.mark.mpi

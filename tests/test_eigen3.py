@@ -1,4 +1,4 @@
-"""The two 3x3 eigensolvers of kernels/eigen3.h, and the comparison of docs/eigensolver.md."""
+"""The two 3x3 eigensolvers of eigen3.h, and the comparison of docs/eigensolver.md."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from points import KINDS, every_kind, law, rotations, spread
 
+from benchmarks import eigensolver_accuracy as study
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.pointwise import eigen3
-from fem_snh.studies import eigensolvers as study
 
 each_solver = pytest.mark.parametrize("solver", EIGENSOLVERS)
 LAWS = [law("stable_neo_hookean", nu) for nu in (0.49, 0.3)]

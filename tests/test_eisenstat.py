@@ -11,8 +11,8 @@ import pytest
 from bodies import MINIMISING, Hold, cube, problem, put, wave
 
 from fem_snh._petsc import defaults
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.solver import EisenstatCG, own_errors
 
 mpi = pytest.mark.mpi

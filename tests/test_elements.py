@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from bodies import FACES, Condition, Force, Hold, cube, dense, norm, one_cell, wave
 
-from fem_snh import _dolfinx, elements
-from fem_snh.elements import ELEMENTS
+from benchmarks.manufactured import Manufactured, settle
+from fem_snh import _dolfinx
+from fem_snh.fem import elements
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.problem import Problem
-from fem_snh.studies.manufactured import Manufactured, settle
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)

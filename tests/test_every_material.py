@@ -18,9 +18,10 @@ from points import (
     vec,
 )
 
-from fem_snh import forms, materials
+from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
+from fem_snh.fem import ufl_forms
 from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.invariants import SIGMA
 
@@ -38,7 +39,7 @@ FINITE = {
     "gamma_model", "mooney_length", "stable_arruda_boyce", "stable_fung", "stable_neo_hookean",
     "stvk", "stvk_kikuuwe",
 }  # fmt: skip
-#: An energy of the stretches divides differences of its stresses (kernels/quotient.h).
+#: An energy of the stretches divides differences of its stresses (divided_differences.h).
 DIGITS = {True: 1e-9, False: 1e-12}
 
 
@@ -164,7 +165,7 @@ def test_ufl_agrees(name):
     for state in ["random", *(["inverted"] if m.law.inversion_safe else [])]:
         F = deformations(STATES[state], seed=5)
         variable = ufl.variable(ufl.as_matrix(F.tolist()))
-        psi = forms.energy_density(m.law, variable)
+        psi = ufl_forms.energy_density(m.law, variable)
         P = ufl.diff(psi, variable)
         assert m.energy(F) == pytest.approx(psi(()), rel=1e-12)
         stress = np.array([[P[i, j](()) for j in range(3)] for i in range(3)])

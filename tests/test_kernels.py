@@ -25,11 +25,11 @@ from points import (
     vec,
 )
 
+from benchmarks.eigensolver_accuracy import cubic_coefficients, cubic_vector, paper_terms
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.studies.eigensolvers import cubic_coefficients, cubic_vector, paper_terms
 
 every_state = pytest.mark.parametrize("state", list(STATES))
 PAIRS = ((1, 2), (0, 2), (0, 1))  # the stretches that twist and flip i couple

@@ -14,6 +14,7 @@ from points import deformations, every_material, every_name, law, vec
 import fem_snh
 from fem_snh import materials
 from fem_snh.errors import BadInput
+from fem_snh.materials import models
 
 POISSON = [-0.9, -0.3, -1e-9, 0.0, 1e-9, 0.2, 0.3999, 0.4, 0.45, 0.49, 0.4999]
 
@@ -89,7 +90,7 @@ def gel(I_C, J, mu, lam, *, power=2):
 def gel(monkeypatch, tmp_path):
     """A file in one more folder of the package, with one function: that is all."""
     (tmp_path / "gel.py").write_text(DROPPED_IN)
-    monkeypatch.setattr(materials, "__path__", [*materials.__path__, str(tmp_path)])
+    monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
     importlib.invalidate_caches()
     yield "gel"
     sys.modules.pop("fem_snh.materials.gel", None)

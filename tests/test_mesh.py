@@ -9,8 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from fem_snh import _dolfinx, mesh
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
 
 pytestmark = pytest.mark.mpi
 CELLS = ["hexahedron", "tetrahedron"]

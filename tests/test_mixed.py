@@ -9,11 +9,12 @@ import pytest
 import pyvista
 from bodies import Hold, cube, problem, wave
 
-from fem_snh import modes, solver
-from fem_snh.elements import ELEMENTS
+from fem_snh import solver
 from fem_snh.errors import BadInput
+from fem_snh.fem import modes
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.runs import run
-from fem_snh.solver import saddle
+from fem_snh.solver import saddle_point
 
 mpi = pytest.mark.mpi
 TAYLOR_HOOD = [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
@@ -50,13 +51,13 @@ def test_minres_and_a_factorisation_find_the_same_state(element, nu):
 @pytest.mark.parametrize("hessian", ["clamp", "abs"])
 def test_every_direction_is_one_of_the_merit(element, hessian, monkeypatch):
     """A filtered one, too: it is there that the penalty is raised."""
-    seen, slope = [], saddle.SaddleSearch.slope
+    seen, slope = [], saddle_point.SaddleSearch.slope
 
     def looked_at(self, *vectors):
         seen.append(slope(self, *vectors))
         return seen[-1]
 
-    monkeypatch.setattr(saddle.SaddleSearch, "slope", looked_at)
+    monkeypatch.setattr(saddle_point.SaddleSearch, "slope", looked_at)
     result = turned(element=element, nu=0.49, hessian=hessian)
     assert result.converged
     assert len(seen) == result.steps[-1]["newton"] and all(s < 0 for s in seen)
@@ -105,7 +106,7 @@ def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
     context.filter = "exact"
     assert p.jacobian(p.x, "clamp") > 0
     A = snes.getJacobian()[0]
-    with saddle.preconditioner_of(snes.getKSP(), A, A):
+    with saddle_point.preconditioner_of(snes.getKSP(), A, A):
         assert p.jacobian(p.x, "exact") > 0
         products = []
         for seed in range(5):

@@ -16,13 +16,14 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import fem_snh
-from fem_snh import _dolfinx, modes, scenes
-from fem_snh.elements import ELEMENTS
+from fem_snh import _dolfinx, scenes
 from fem_snh.errors import BadInput
-from fem_snh.mesh import generate
-from fem_snh.problem import Problem
+from fem_snh.fem import modes
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.mesh import generate
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.terms import mass_matrix
 from fem_snh.scenes import Geometry
-from fem_snh.terms import mass_matrix
 
 mpi = pytest.mark.mpi
 

@@ -11,11 +11,11 @@ import sympy
 from points import every_name, law, vec
 
 from fem_snh.kernels import build
-from fem_snh.kernels.cells import CellLoops, Tables, c_source
-from fem_snh.kernels.differences import Divided
-from fem_snh.kernels.law import law_for
+from fem_snh.kernels.cell_loops import CellLoops, Tables, c_source
+from fem_snh.kernels.codegen.divided_differences import Divided
+from fem_snh.kernels.codegen.increments import AboutRest
+from fem_snh.kernels.element_energy import law_for
 from fem_snh.kernels.pointwise import Material, material
-from fem_snh.kernels.rest import AboutRest
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.studies.extremes import pointwise

@@ -15,9 +15,10 @@ import pytest
 from bodies import cube, put, wave
 
 import fem_snh
-from fem_snh import _dolfinx, mesh
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.probes import Probes
+from fem_snh.fem import mesh
+from fem_snh.fem.probes import Probes
 
 mpi = pytest.mark.mpi
 CELLS = {"Q1": ("hexahedron", 1), "P1": ("tetrahedron", 1)} | {

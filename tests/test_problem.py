@@ -26,10 +26,10 @@ from bodies import (
 )
 
 from fem_snh import _dolfinx, solver
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.problem import Problem
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

@@ -1,4 +1,4 @@
-"""Published numbers: a quick subset of `fem-snh bench references`, each within its limit."""
+"""Published numbers: a quick subset of `python -m benchmarks references`, each within its limit."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from mpi4py import MPI
 
 import pytest
 
+import benchmarks
+from benchmarks import Row, references
+from benchmarks.references import GROUPS, compare
+from benchmarks.references.block import block
+from benchmarks.references.cook import cook, cook_locking, cook_locking_free
+from benchmarks.references.exact import plane_strain, torsion, uniaxial
+from benchmarks.references.paper import paper_twist
 from fem_snh.errors import BadInput
-from fem_snh.studies import bench
-from fem_snh.studies.bench import Row, references
-from fem_snh.studies.bench.references import GROUPS, compare
-from fem_snh.studies.bench.references.block import block
-from fem_snh.studies.bench.references.cook import cook, cook_locking, cook_locking_free
-from fem_snh.studies.bench.references.exact import plane_strain, torsion, uniaxial
-from fem_snh.studies.bench.references.paper import paper_twist
 
 mpi = pytest.mark.mpi
 
@@ -80,7 +80,7 @@ def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     page = folder / "page.md"
     page.write_text(f"above\n{references.BEGIN}\nold\n{references.END}\nbelow\n")
     for _ in range(2):  # what is made anew is the same
-        assert bench.main("references", {"only": "two", "write": str(page)}) == 1
+        assert benchmarks.main("references", {"only": "two", "write": str(page)}) == 1
         text = page.read_text()
         assert "| two | length [m] | a book | 2 | 2.01 | +0.5 % | 0.6 % | ok |" in text
         assert (
@@ -99,8 +99,8 @@ def test_the_page_has_every_group() -> None:
 
 def test_mistakes(folder: Path) -> None:
     with pytest.raises(BadInput, match=r"unknown reference 'blok' .did you mean 'block'"):
-        bench.main("references", {"only": "blok"})
+        benchmarks.main("references", {"only": "blok"})
     page = folder / "page.md"
     page.write_text("no table")
     with pytest.raises(BadInput, match="expected a page with the lines <!-- made by"):
-        bench.main("references", {"write": str(page)})
+        benchmarks.main("references", {"write": str(page)})

@@ -16,10 +16,10 @@ from fem_snh.materials.invariants import SIGMA
 from fem_snh.reports import Material, curves, drucker, material, stability
 from fem_snh.reports import table as tables
 from fem_snh.reports.collapse import collapses
+from fem_snh.reports.evaluate import diagonal, eigenvalues, inside, stress
 from fem_snh.reports.minima import minima
-from fem_snh.reports.probe import diagonal, eigenvalues, inside, stress
 from fem_snh.reports.report import Report, domain
-from fem_snh.reports.signs import Signed
+from fem_snh.reports.signed_stretches import Signed
 
 every_name = pytest.mark.parametrize("name", materials.names())
 

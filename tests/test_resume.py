@@ -13,9 +13,9 @@ import pytest
 from bodies import PRESS
 
 import fem_snh
+from fem_snh.atomic_files import check_whole, put
 from fem_snh.errors import BadInput
-from fem_snh.files import check_whole, put
-from fem_snh.runs import checkpoint, nodal
+from fem_snh.runs import checkpoint, nodal_values
 from fem_snh.runs.stepping import Stepper
 
 mpi = pytest.mark.mpi
@@ -65,7 +65,7 @@ def difference(one, other):
     gaps = []
     for name in ("u", "p"):
         if name in a:
-            order = nodal.partners(a[f"{name}_nodes"], b[f"{name}_nodes"])
+            order = nodal_values.partners(a[f"{name}_nodes"], b[f"{name}_nodes"])
             gaps.append(abs(a[name] - b[name][order]).max())
     return max(gaps)
 
@@ -237,15 +237,15 @@ def test_nodes_are_found_by_their_places():
     rng = np.random.default_rng(0)
     nodes = rng.uniform(size=(200, 3))
     order = rng.permutation(200)
-    assert np.array_equal(nodal.partners(nodes[order] + 1e-13, nodes), order)
+    assert np.array_equal(nodal_values.partners(nodes[order] + 1e-13, nodes), order)
     with pytest.raises(BadInput, match="another mesh: it has 199 nodes, the checkpoint 200"):
-        nodal.partners(nodes[1:], nodes)
+        nodal_values.partners(nodes[1:], nodes)
     with pytest.raises(BadInput, match="another mesh: 200 of its 200 nodes are not"):
-        nodal.partners(nodes[order] + 1e-3, nodes)
+        nodal_values.partners(nodes[order] + 1e-3, nodes)
     nodes[1] = nodes[0]
-    assert np.array_equal(nodal.partners(nodes, nodes), np.arange(200))
+    assert np.array_equal(nodal_values.partners(nodes, nodes), np.arange(200))
     with pytest.raises(BadInput, match="some nodes are at one place"):
-        nodal.partners(nodes[order], nodes)
+        nodal_values.partners(nodes[order], nodes)
 
 
 def test_files_are_old_or_new(tmp_path):

@@ -24,8 +24,9 @@ import pytest
 from bodies import PRESS
 
 import fem_snh
-from fem_snh import _gmsh, solver
+from fem_snh import solver
 from fem_snh.errors import BadInput, on_root
+from fem_snh.fem import gmsh_input
 from fem_snh.runs.folder import COLUMNS
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
 from fem_snh.studies.processes import environment, program
@@ -414,9 +415,9 @@ def test_a_scene_made_in_python(comm):
 
 def own_mesh(path, scale=1.0):
     """The unit cube as a user's .msh, with numbered and named groups."""
-    with _gmsh._session() as gmsh:
+    with gmsh_input._session() as gmsh:
         gmsh.onelab.setNumber("cells", [2.0])
-        gmsh.open(str(_gmsh.source_path("cube")))
+        gmsh.open(str(gmsh_input.source_path("cube")))
         gmsh.model.mesh.generate(3)
         gmsh.option.setNumber("Mesh.ScalingFactor", scale)
         gmsh.write(str(path))

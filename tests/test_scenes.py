@@ -62,8 +62,8 @@ def test_scene_is_named_after_its_file_and_described(name: str) -> None:
 @pytest.mark.parametrize("element", ["Q1", "P1"])
 @pytest.mark.parametrize("name", scenes.names())
 def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -> None:
-    from fem_snh.elements import ELEMENTS
-    from fem_snh.mesh import generate
+    from fem_snh.fem.elements import ELEMENTS
+    from fem_snh.fem.mesh import generate
 
     scene = scenes.load(name, cells=4, element=element)
     assert isinstance(scene.mesh, scenes.Geometry)
@@ -77,9 +77,9 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
 @pytest.mark.parametrize("name", scenes.names())
 def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
     from fem_snh import _dolfinx
-    from fem_snh.elements import ELEMENTS
-    from fem_snh.mesh import generate
-    from fem_snh.probes import Probes
+    from fem_snh.fem.elements import ELEMENTS
+    from fem_snh.fem.mesh import generate
+    from fem_snh.fem.probes import Probes
 
     scene = scenes.load(name, cells=4)
     assert isinstance(scene.mesh, scenes.Geometry)

@@ -15,15 +15,16 @@ import numpy as np
 import pytest
 from bodies import MINIMISING, Condition, Force, Hold, cube, dense, norm, problem, put, wave
 
-from fem_snh import mesh, solver
+from fem_snh import solver
 from fem_snh.choices import HESSIANS, PREDICTORS, SEARCHED
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.problem import Problem
 from fem_snh.runs import run
-from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.trust import TrustRegion
+from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.trust_region import TrustRegion
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)
@@ -471,7 +472,7 @@ def test_view_shows_the_solver_and_its_options(comm, capfd):
         assert "projected Newton with a line search" in text
         for name in ("snes_hessian = adaptive", "snes_scaled_tol = 1e-07", "snes_armijo = 0.01"):
             assert f"  {name}\n" in text
-        assert "fem_snh.solver.eisenstat.EisenstatCG" in text and "(snh_)" in text
+        assert "fem_snh.linalg.ssor_cg.EisenstatCG" in text and "(snh_)" in text
 
 
 @mpi

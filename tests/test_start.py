@@ -12,10 +12,10 @@ from bodies import Hold, cube, problem
 
 import fem_snh
 from fem_snh import scenes
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.initial_state import begin
 from fem_snh.scenes import Start
-from fem_snh.start import begin
 
 mpi = pytest.mark.mpi
 ELEMENT = pytest.mark.parametrize("element", ["Q1", "P2", "Q2Q1"])

@@ -1,4 +1,4 @@
-"""The rotation-variant SVD of kernels/svd.h."""
+"""The rotation-variant SVD of kernels/include/svd.h."""
 
 from __future__ import annotations
 

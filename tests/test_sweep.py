@@ -19,8 +19,8 @@ from fem_snh import scenes
 from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
 from fem_snh.studies.campaign import Campaign, Limits, Point
-from fem_snh.studies.points import ScenePoint, arguments
 from fem_snh.studies.processes import Child, _session, environment, program
+from fem_snh.studies.scene_points import ScenePoint, arguments
 from fem_snh.studies.sweep import combinations, sweep
 from fem_snh.studies.table import ASKED, FOUND, Table
 

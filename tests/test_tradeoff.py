@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem_snh import _gmsh, plots, scenes
+from fem_snh import plots, scenes
 from fem_snh.cli import main
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput
+from fem_snh.fem import gmsh_input
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.processes import environment
 from fem_snh.studies.tradeoff import accuracy, advice, errors, page
 from fem_snh.studies.tradeoff.grid import Plan, differs, middle, resolutions
@@ -353,7 +354,7 @@ for n in (1, 2, 4):
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("own")
     (folder / "box.toml").write_text(SCENE)
-    words = [sys.executable, "-c", BOX, str(_gmsh.source_path("cube")), str(folder)]
+    words = [sys.executable, "-c", BOX, str(gmsh_input.source_path("cube")), str(folder)]
     subprocess.run(words, check=True, env=environment())
     return folder
 

@@ -15,7 +15,7 @@ from points import deformations, every_name, law, observed_order, vec
 import fem_snh
 from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.kernels.codegen import source
+from fem_snh.kernels.codegen.source import source
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.tuning import EPSILON, TUNING, stretch_power
 

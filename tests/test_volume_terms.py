@@ -17,9 +17,9 @@ import ufl
 from bodies import Hold, cube, dense, norm, one_cell, wave
 
 from fem_snh import _dolfinx
-from fem_snh.elements import ELEMENTS
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.problem import Problem
 
 mpi = pytest.mark.mpi
 MIXED = [name for name, e in ELEMENTS.items() if e.volume != "pointwise"]

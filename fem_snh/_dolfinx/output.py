@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from dolfinx.io import VTKFile
 
+from fem_snh.atomic_files import check_whole, put, remove
 from fem_snh.errors import BadInput, on_every, on_root
-from fem_snh.files import check_whole, put, remove
 
 _END = b"</VTKFile>"
 

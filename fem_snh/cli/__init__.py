@@ -12,6 +12,7 @@ import os
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import Any
@@ -26,7 +27,6 @@ COMMANDS = {
     "materials": ("materials", "list the materials, describe one, or measure what they are like"),
     "plot": ("tools", "curves from run folders or a study's table"),
     "render": ("tools", "a picture of the deformed body of a run folder"),
-    "bench": ("tools", "measure something, one JSON line at a time"),
     "doctor": ("tools", "say whether this machine has what it takes"),
 }
 # What MPI launchers set; without any of these there is one rank and no need to start MPI.
@@ -37,11 +37,15 @@ _PATIENCE = 10.0  # seconds for the other ranks to fail in the same way
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line ``argv`` (default: the program's own) and return the exit code."""
-    argv = sys.argv[1:] if argv is None else argv
+    return exit_code(_dispatch, sys.argv[1:] if argv is None else argv)
+
+
+def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
+    """Run ``command(argv)``; turn every way it can end into an exit code and at most one line."""
     # PETSc takes every signal for a crash, `| head` closing the pipe included.
     os.environ["PETSC_OPTIONS"] = os.environ.get("PETSC_OPTIONS", "") + " -no_signal_handler"
     try:
-        return _dispatch(argv)
+        return command(argv)
     except BadInput as error:
         return _stop(str(error), 2)
     except Failed as error:

@@ -6,8 +6,8 @@ import argparse
 import tomllib
 from typing import Any, NoReturn
 
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, nearest
+from fem_snh.fem.elements import ELEMENTS
 
 # What a scene lets the command line say directly: key, placeholder, help.
 SCENE_OPTIONS = (

@@ -1,8 +1,7 @@
-"""The small commands: plot, render, bench, doctor."""
+"""The small commands: plot, render, doctor."""
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from pathlib import Path
 
 from fem_snh.cli.options import Parser, value
@@ -54,22 +53,6 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
     if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in found):
         raise BadInput(f"{option} {text}: expected {accepted}")
     return found
-
-
-def bench(argv: list[str]) -> int:
-    """Measure something, one JSON line at a time."""
-    from fem_snh.studies import bench as benches
-
-    if not argv or {"-h", "--help"} & set(argv):
-        print("fem-snh bench NAME [--key value ...]\n\n" + (benches.__doc__ or ""))
-        return 0
-    name, *words = argv
-    options = {}
-    for word, argument in zip_longest(words[::2], words[1::2]):
-        if not word.startswith("--") or argument is None:
-            raise BadInput(f"bench {name}: '{word}': expected pairs --key value")
-        options[word.removeprefix("--")] = value(argument)
-    return benches.main(name, options) or 0
 
 
 def doctor(argv: list[str]) -> int:

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose
-from fem_snh.kernels import build, codegen
-from fem_snh.kernels.law import law_for
+from fem_snh.kernels import build
+from fem_snh.kernels.codegen import source
+from fem_snh.kernels.element_energy import law_for
 from fem_snh.materials.energy import Energy
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +59,7 @@ class Material:
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
         law = law_for(self.law, "pointwise")  # refuses nu = 0.5
-        return build.load(build.library(codegen.source(law.energy)), DECLARATIONS)
+        return build.load(build.library(source.source(law.energy)), DECLARATIONS)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Run kernel ``name`` at every F; one array of each size per point."""
@@ -121,7 +122,7 @@ class Material:
 @lru_cache
 def _tools() -> tuple[Any, Any]:
     """The kernels that know no material."""
-    return build.load(build.library(codegen.tools()), TOOLS)
+    return build.load(build.library(source.tools()), TOOLS)
 
 
 def _columns(A: Array) -> Array:

@@ -1,6 +1,6 @@
 """Hyperelastic energies: one energy, one small file, one function, written once.
 
-A material is a module of this folder with a function of the same name::
+A material is a module of ``models/`` with a function of the same name::
 
     def neo_hookean(I_C, J, mu, lam):
         return mu / 2 * (I_C - 3) - mu * log(J) + lam / 2 * log(J) ** 2
@@ -25,25 +25,24 @@ from types import ModuleType
 from typing import Any
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.materials._signature import constants_of, shape_parameters
+from fem_snh.materials import models
 from fem_snh.materials.energy import Energy
+from fem_snh.materials.signature import constants_of, shape_parameters
 from fem_snh.materials.tuning import TUNING
 
 __all__ = ["TUNING", "Energy", "defaults", "describe", "energy", "names", "pins"]
 
-_NOT_MATERIALS = {"energy", "invariants", "normalise", "split", "tuning"}
-
 
 def names() -> list[str]:
-    """The sorted names of all materials, found by scanning this folder."""
-    found = (m.name for m in pkgutil.iter_modules(__path__))
-    return sorted(name for name in found if name not in _NOT_MATERIALS and name[0] != "_")
+    """The sorted names of all materials, found by scanning ``models/``."""
+    found = (m.name for m in pkgutil.iter_modules(models.__path__))
+    return sorted(name for name in found if name[0] != "_")
 
 
 def function(name: str) -> Callable[..., Any]:
     """The function that defines material ``name``. Raises BadInput for an unknown name."""
     choose("material", name, names())
-    found: Callable[..., Any] = getattr(import_module(f"{__name__}.{name}"), name)
+    found: Callable[..., Any] = getattr(import_module(f"{models.__name__}.{name}"), name)
     return found
 
 

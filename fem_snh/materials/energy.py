@@ -11,9 +11,9 @@ from typing import Any
 import sympy
 
 from fem_snh.materials import normalise, tuning
-from fem_snh.materials._functions import PrincipalStress, domain, positive
-from fem_snh.materials._signature import constants_of
+from fem_snh.materials.functions import PrincipalStress, domain, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
+from fem_snh.materials.signature import constants_of
 
 _LAME = sympy.symbols("mu_lame lambda_lame", real=True)
 
@@ -31,7 +31,7 @@ class Energy:
     psi_sigma : the same in the principal stretches.
     slopes : the principal stresses dpsi/ds_i, in the stretches.
     domain : expressions in ``measures`` that must be positive, else the energy is +inf.
-    pressure : a symbol that psi has besides, see `fem_snh.materials.split`; usually None.
+    pressure : a symbol that psi has besides, see `fem_snh.materials.volume_split`; usually None.
     """
 
     pressure: sympy.Symbol | None = None

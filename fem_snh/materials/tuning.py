@@ -26,7 +26,7 @@ from typing import Any
 import sympy
 
 from fem_snh.errors import BadInput
-from fem_snh.materials._functions import exact, where
+from fem_snh.materials.functions import exact, where
 from fem_snh.materials.invariants import SIGMA
 
 #: Keywords of every material, with their defaults.

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from fem_snh.plots import save
-from fem_snh.plots.looks import COLOURS, colour, thousands
+from fem_snh.plots.style import COLOURS, colour, thousands
 from fem_snh.render import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"

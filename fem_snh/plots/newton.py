@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import colour, legend, subplots
+from fem_snh.plots.style import colour, legend, subplots
 
 _BINS = 24
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import colour, failure, from_zero, legend, legend_entry, style, subplots
+from fem_snh.plots.style import colour, failure, from_zero, legend, legend_entry, style, subplots
 from fem_snh.render import number, one_line, pretty
 
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import failure, from_zero, legend, legend_entry, style, subplots, thousands
+from fem_snh.plots.style import failure, from_zero, legend, legend_entry, style, subplots, thousands
 from fem_snh.render import one_line, pretty
 
 # Columns worth a graph, with their axis labels.

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.looks import colour, legend, legend_entry, style, thousands
+from fem_snh.plots.style import colour, legend, legend_entry, style, thousands
 
 #: What errors are drawn against, with the axes' labels.
 WORK = {"cpu": "processor time [s]", "dofs": "degrees of freedom"}

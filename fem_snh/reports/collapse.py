@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem_snh.kernels.pointwise import Material
-from fem_snh.reports.probe import Array, diagonal, stress
+from fem_snh.reports.evaluate import Array, diagonal, stress
 
 #: How an element is crushed: to a plane, to a point.
 PATHS = {"flattened (1, 1, s)": (0.0, 0.0, 1.0), "shrunk (s, s, s)": (1.0, 1.0, 1.0)}

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from fem_snh.kernels.pointwise import Material, svd
-from fem_snh.reports.probe import Array, stress
+from fem_snh.reports.evaluate import Array, stress
 
 #: From (prescribed stretch, free stretch) to the three stretches, and which of them is free.
 Test = tuple[Callable[[Array, Array], Array], int]

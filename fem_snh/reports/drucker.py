@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from fem_snh.kernels.pointwise import Material
 from fem_snh.reports.curves import EQUIBIAXIAL, UNIAXIAL, Curve, Test, free_stretch
-from fem_snh.reports.probe import Array, eigenvalues
+from fem_snh.reports.evaluate import Array, eigenvalues
 
 #: Planes of stretches: what the third one is, given two.
 PLANES: dict[str, Callable[[Array, Array], Array]] = {

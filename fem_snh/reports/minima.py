@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.normalise import lame
-from fem_snh.reports.probe import Array, inside
+from fem_snh.reports.evaluate import Array, inside
 
 STEPS = 150  # of the descent, at most
 _FLAT = 1e-6  # of E: eigenvalues of that size are none

@@ -16,9 +16,9 @@ import numpy as np
 
 from fem_snh.kernels.pointwise import Material
 from fem_snh.materials.normalise import lame
+from fem_snh.reports.evaluate import Array, diagonal, eigenvalues, inside, stress
 from fem_snh.reports.minima import Minima
-from fem_snh.reports.probe import Array, diagonal, eigenvalues, inside, stress
-from fem_snh.reports.signs import Signed
+from fem_snh.reports.signed_stretches import Signed
 
 HOLDS, FAILS, NOT_APPLICABLE = "holds", "fails", "not applicable"
 

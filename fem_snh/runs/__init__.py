@@ -12,21 +12,22 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fem_snh import elements, modes, scenes, solver
-from fem_snh import mesh as meshes
+from fem_snh import scenes, solver
 from fem_snh._petsc import defaults, option_used
 from fem_snh.errors import BadInput
+from fem_snh.fem import elements, modes
+from fem_snh.fem import mesh as meshes
+from fem_snh.fem.initial_state import begin
+from fem_snh.fem.probes import Probes
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material, material
-from fem_snh.probes import Probes
-from fem_snh.problem import Problem
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
+from fem_snh.runs.poisson_continuation import Softening
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
-from fem_snh.runs.softening import Softening
 from fem_snh.runs.stepping import Stepper
-from fem_snh.start import begin
 
 __all__ = ["Result", "run"]
 

@@ -24,9 +24,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.atomic_files import put
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import put
-from fem_snh.runs import nodal
+from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import CHECKPOINT, Folder
 from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
@@ -45,7 +45,7 @@ class Writer:
     def __init__(self, folder: Folder, scene: Scene, stepper: Stepper) -> None:
         self._folder, self._stepper = folder, stepper
         self._scene = on_root(folder.comm, identity, scene)
-        self._fields = nodal.fields(stepper.problem)
+        self._fields = nodal_values.fields(stepper.problem)
         self._safe = -_UNSAFE
 
     def write(self, record: dict[str, Any]) -> None:
@@ -120,7 +120,7 @@ class Checkpoint:
         """
         problem, about = stepper.problem, self._about
         before = problem.x.duplicate() if about["load_before"] is not None else None
-        for name, field in nodal.fields(problem).items():
+        for name, field in nodal_values.fields(problem).items():
             order = self._order(field, name)
             self._put(field, name, order, problem.x)
             if before is not None:
@@ -132,16 +132,16 @@ class Checkpoint:
         if before is not None:
             stepper.predictor.before = (about["load_before"], before)
 
-    def _order(self, field: nodal.Nodal, name: str) -> Array:
+    def _order(self, field: nodal_values.Nodal, name: str) -> Array:
         """For each node the number of its values, on rank 0."""
         order: list[Array] = []
         on_root(
             self.folder.comm,
-            lambda: order.append(nodal.partners(field.nodes, self._arrays[f"{name}_nodes"])),
+            lambda: order.append(nodal_values.partners(field.nodes, self._arrays[f"{name}_nodes"])),
         )
         return order[0] if order else np.empty(0, int)
 
-    def _put(self, field: nodal.Nodal, name: str, order: Array, x: PETSc.Vec) -> None:
+    def _put(self, field: nodal_values.Nodal, name: str, order: Array, x: PETSc.Vec) -> None:
         field.scatter(self._arrays[name][order] if self._arrays else None, x)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx
-from fem_snh.modes import Modes
-from fem_snh.problem import Problem
+from fem_snh.fem.modes import Modes
+from fem_snh.fem.problem import Problem
 
 
 class Fields:

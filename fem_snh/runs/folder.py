@@ -17,9 +17,9 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import _dolfinx, solver
+from fem_snh.atomic_files import put, remove
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import put, remove
-from fem_snh.problem import Problem
+from fem_snh.fem.problem import Problem
 from fem_snh.scenes import Scene
 
 COLUMNS = (

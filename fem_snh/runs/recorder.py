@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import Any
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.modes import Modes
+from fem_snh.fem.modes import Modes
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.fields import Fields, write_modes
 from fem_snh.runs.folder import Folder

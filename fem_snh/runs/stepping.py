@@ -9,9 +9,9 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh import solver
-from fem_snh.probes import Probes
-from fem_snh.problem import Problem
-from fem_snh.runs.softening import Softening
+from fem_snh.fem.probes import Probes
+from fem_snh.fem.problem import Problem
+from fem_snh.runs.poisson_continuation import Softening
 
 #: A step is halved at most this many times.
 _HALVINGS = 6

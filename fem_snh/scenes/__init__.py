@@ -1,8 +1,8 @@
 """Scenes: one experiment, one small file, one function that returns a `Scene`.
 
-A scene is a module of this folder with a function of the same name; its arguments (``cells`` and
+A scene is a module of ``builtin/`` with a function of the same name; its arguments (``cells`` and
 whatever is its own) become options of the command line, its docstring's first line its description.
-A scene may also be a TOML file with the same tables (`fem_snh.scenes.model`). It knows meshes and
+A scene may also be a TOML file with the same tables (`fem_snh.scenes.schema`). It knows meshes and
 materials, never the solver.
 
     >>> from fem_snh import scenes
@@ -23,8 +23,9 @@ from typing import Any
 from pydantic import ValidationError, validate_call
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.scenes._table import one_line
-from fem_snh.scenes.model import (
+from fem_snh.scenes import builtin
+from fem_snh.scenes._validation import one_line
+from fem_snh.scenes.schema import (
     Geometry,
     Hold,
     MaterialChoice,
@@ -42,14 +43,13 @@ __all__ = [
     "Start", "Traction", "describe", "load", "names", "own_parameters",
 ]  # fmt: skip
 
-_NOT_SCENES = {"model"}
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
 
 
 def names() -> list[str]:
-    """The sorted names of the built-in scenes, found by scanning this folder."""
-    found = (m.name for m in pkgutil.iter_modules(__path__))
-    return sorted(name for name in found if name not in _NOT_SCENES and name[0] != "_")
+    """The sorted names of the built-in scenes, found by scanning ``builtin/``."""
+    found = (m.name for m in pkgutil.iter_modules(builtin.__path__))
+    return sorted(name for name in found if name[0] != "_")
 
 
 def function(name: str) -> Callable[..., Scene]:
@@ -59,7 +59,7 @@ def function(name: str) -> Callable[..., Scene]:
             f"unknown scene '{name}'{nearest(name, names())}: choose from {', '.join(names())}, "
             "or give a .toml file"
         )
-    made: Callable[..., Scene] = getattr(import_module(f"{__name__}.{name}"), name)
+    made: Callable[..., Scene] = getattr(import_module(f"{builtin.__name__}.{name}"), name)
     return made
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from fem_snh.errors import BadInput
-from fem_snh.scenes._table import Expect, Finite, Table
-from fem_snh.scenes._values import Components, GroupKey, Matrix, Number, Vector, Volume
+from fem_snh.scenes._types import Components, GroupKey, Matrix, Number, Vector, Volume
+from fem_snh.scenes._validation import Expect, Finite, Table
 
 
 class Hold(Table):

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.scenes._table import Expect, Finite, Table
+from fem_snh.scenes._validation import Expect, Finite, Table
 
 _STRICT = ConfigDict(allow_inf_nan=False, strict=True)
 

@@ -17,10 +17,10 @@ from petsc4py import PETSc
 from fem_snh._petsc import OUT_OF_MEMORY, defaults, factors_out_of_memory
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, Failed, choose
-from fem_snh.solver import saddle, trust
+from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver import saddle_point, trust_region
 from fem_snh.solver.direction import Directions, Iteration
-from fem_snh.solver.eisenstat import EisenstatCG
-from fem_snh.solver.linesearch import LineSearch
+from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.predictor import Predictor
 
@@ -67,7 +67,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     ksp = snes.getKSP()
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     if problem.saddle:
-        saddle.configure(ksp, problem.A, problem.saddle)
+        saddle_point.configure(ksp, problem.A, problem.saddle)
     elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(problem.places))
@@ -75,14 +75,16 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     else:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-    ours = saddle.BLOCKS if problem.saddle else trust.OPTIONS if policy == "trust" else {}
+    ours = (
+        saddle_point.BLOCKS if problem.saddle else trust_region.OPTIONS if policy == "trust" else {}
+    )
     try:
         with own_errors(), defaults(prefix, ours):
             snes.setFromOptions()
             if problem.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the parts read their options, once
             if policy == "trust":
-                context.within_region = trust.linear_solver(problem.A, prefix)
+                context.within_region = trust_region.linear_solver(problem.A, prefix)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes

@@ -11,8 +11,8 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE
-from fem_snh.solver.linesearch import SHORT, LineSearch
-from fem_snh.solver.saddle import preconditioner_of
+from fem_snh.solver.line_search import SHORT, LineSearch
+from fem_snh.solver.saddle_point import preconditioner_of
 
 _Linear = PETSc.KSP.ConvergedReason
 #: How linear solvers say that the matrix, or what preconditions it, is not positive.

@@ -13,11 +13,11 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh.solver import options
-from fem_snh.solver.corrections import Corrections
 from fem_snh.solver.direction import Directions, Iteration
-from fem_snh.solver.linesearch import LineSearch
-from fem_snh.solver.saddle import SaddleSearch
-from fem_snh.solver.trust import TrustRegion
+from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.quasi_newton import Corrections
+from fem_snh.solver.saddle_point import SaddleSearch
+from fem_snh.solver.trust_region import TrustRegion
 
 Reason = PETSc.SNES.ConvergedReason
 

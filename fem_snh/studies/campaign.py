@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from fem_snh.atomic_files import put
 from fem_snh.errors import BadInput
-from fem_snh.files import put
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.table import Table, read_record

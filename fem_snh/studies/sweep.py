@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
 from fem_snh.studies.campaign import Campaign, Limits
-from fem_snh.studies.points import ScenePoint, digests, text
+from fem_snh.studies.scene_points import ScenePoint, digests, text
 from fem_snh.studies.table import ASKED, FOUND
 
 if TYPE_CHECKING:

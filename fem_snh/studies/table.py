@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.files import put
+from fem_snh.atomic_files import put
 
 ASKED = "scene material E nu element cells hessian predictor steps".split()
 FOUND = (

@@ -11,7 +11,7 @@ A family of cases is a module (`FAMILIES`) with (demands and pictures only if it
     cases(quick, seeds) -> list of `fem_snh.studies.extremes.cases.Case`
     tables(rows) -> Markdown of what came out
     demands(rows) -> what is asked of several together, in words: why it does not hold, or ""
-    pictures(out) -> pictures to draw, `fem_snh.studies.extremes.figures.Picture`
+    pictures(out) -> pictures to draw, `fem_snh.studies.extremes.pictures.Picture`
 
 A case runs alone with ``fem-snh run``, or, where it is no run of a scene, with
 ``python -m fem_snh.studies.extremes FAMILY CASE FOLDER``.

@@ -11,7 +11,7 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from fem_snh.files import put
+from fem_snh.atomic_files import put
 
 
 def main(family: str, case: str, folder: str, *flags: str) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 from fem_snh import scenes
 from fem_snh.studies.campaign import Point
-from fem_snh.studies.points import ScenePoint
+from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.table import ASKED, FOUND, last_words
 
 #: A case's record (empty if it left none) and its row.

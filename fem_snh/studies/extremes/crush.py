@@ -9,8 +9,8 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, run_of
-from fem_snh.studies.extremes.figures import Picture, bodies, counts
-from fem_snh.studies.pages import markdown
+from fem_snh.studies.extremes.pictures import Picture, bodies, counts
+from fem_snh.studies.markdown import markdown
 
 title = "Crush and release"
 about = """\

@@ -11,7 +11,7 @@ import pandas as pd
 
 from fem_snh import materials
 from fem_snh.studies.extremes.cases import Case, own
-from fem_snh.studies.pages import markdown
+from fem_snh.studies.markdown import markdown
 
 
 def rows(family: str, case: str, folder: Path, quick: bool) -> list[dict[str, Any]]:

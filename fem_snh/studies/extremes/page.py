@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pandas as pd
 
-from fem_snh.files import put
+from fem_snh.atomic_files import put
 from fem_snh.studies.extremes import FAMILIES, measured
 
 #: So many cases that do not hold are named, of each family.

@@ -9,8 +9,8 @@ import pandas as pd
 
 from fem_snh.choices import HESSIANS
 from fem_snh.studies.extremes.cases import Case, at_rest, run_of
-from fem_snh.studies.extremes.figures import Picture, bodies, counts
-from fem_snh.studies.pages import markdown
+from fem_snh.studies.extremes.pictures import Picture, bodies, counts
+from fem_snh.studies.markdown import markdown
 
 title = "Scramble"
 #: The ratio with which every run begins.

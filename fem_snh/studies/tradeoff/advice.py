@@ -7,8 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.elements import ELEMENTS
-from fem_snh.studies.pages import markdown
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.studies.markdown import markdown
 from fem_snh.studies.tradeoff.errors import told
 
 #: Of the displacement, relative: what advice is given for.

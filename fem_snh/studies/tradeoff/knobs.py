@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.choices import EIGENSOLVERS, SEARCHED
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
-from fem_snh.studies.direct import DIRECT
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.linalg.direct_solver import DIRECT
 
 #: Incomplete factors, blocks of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
@@ -48,7 +48,7 @@ class Choice:
     """One way to solve a scene. Raises BadInput for what there is not.
 
     Attributes:
-        element: see `fem_snh.elements`.
+        element: see `fem_snh.fem.elements`.
         cells: of a built-in geometry; None: of a mesh file.
         mesh: the file; empty for a built-in geometry.
         hessian: exact, clamp, abs or adaptive.

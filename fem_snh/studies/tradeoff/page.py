@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fem_snh.atomic_files import put
 from fem_snh.choices import SEARCHED
-from fem_snh.elements import ELEMENTS
 from fem_snh.errors import BadInput, choose
-from fem_snh.files import put
-from fem_snh.studies.pages import markdown
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.studies.markdown import markdown
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import differs
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice

@@ -18,12 +18,12 @@ from typing import Any
 import pandas as pd
 
 from fem_snh import scenes
-from fem_snh.elements import ELEMENTS
+from fem_snh.atomic_files import put
 from fem_snh.errors import BadInput, choose
-from fem_snh.files import put
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.campaign import Campaign, Limits
-from fem_snh.studies.points import arguments, digests
 from fem_snh.studies.processes import environment, program
+from fem_snh.studies.scene_points import arguments, digests
 from fem_snh.studies.table import ASKED, FOUND
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
@@ -152,11 +152,11 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
     files = [mesh for mesh in meshes if isinstance(mesh, str)]
     if not files and not isinstance(own.mesh, Path):
         return list(ELEMENTS)
-    from fem_snh import _gmsh
+    from fem_snh.fem import gmsh_input
 
     path = files[0] if files else str(own.mesh)
     try:
-        cell = _gmsh.read(path).kind
+        cell = gmsh_input.read(path).kind
     except OSError as error:
         raise BadInput(f"mesh '{path}' cannot be read: {error.strerror or error}") from None
     return [name for name, element in ELEMENTS.items() if element.cell == cell]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_snh.runs import checkpoint, nodal
+from fem_snh.runs import checkpoint, nodal_values
 from fem_snh.studies.extremes.faults.disturbed import DONE
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import found, read_record
@@ -145,6 +145,6 @@ _kept: list[tempfile.TemporaryDirectory[str]] = []
 def difference(one: Path, other: Path) -> float:
     """max |u - u'| over the body's extent, at the last steps of two runs."""
     (_, a), (_, b) = checkpoint.load(one), checkpoint.load(other)
-    order = nodal.partners(a["u_nodes"], b["u_nodes"])
+    order = nodal_values.partners(a["u_nodes"], b["u_nodes"])
     extent = float(np.ptp(a["u_nodes"], axis=0).max())
     return float(np.abs(a["u"] - b["u"][order]).max()) / extent

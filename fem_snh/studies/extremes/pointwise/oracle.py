@@ -18,8 +18,8 @@ import numpy as np
 import sympy
 from mpmath import mpf
 
-from fem_snh.materials._functions import fractions
 from fem_snh.materials.energy import Energy
+from fem_snh.materials.functions import fractions
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 #: (i, j, k): twist and flip i couple the stretches j and k (paper, eq. 46-48).

@@ -1,0 +1,53 @@
+"""Linear iterations a Newton step, against the mesh and against nu, by linear solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from benchmarks import Row, words
+from fem_snh.errors import choose
+from fem_snh.runs import run
+from fem_snh.studies.tradeoff.knobs import SOLVERS
+
+#: Those of a displacement alone.
+_SOLVERS = SOLVERS[False]
+
+
+def rows(
+    cells: str = "6,12,24,48",
+    nus: str = "0.3,0.4,0.45,0.49,0.499,0.4999",
+    solvers: str = "",
+    element: str = "Q1",
+    tolerance: float = 1e-3,
+    most: int = 24,
+) -> Iterator[Row]:
+    """One row per mesh and solver at nu = 0.49; then one per nu and solver on the second mesh.
+
+    The stretch's first frame: 20 % in one step, every linear solve to ``tolerance``. Direct solves
+    on at most ``most`` cells. seconds : of the step, a Newton step.
+    """
+    chosen = [choose("solver", name, _SOLVERS) for name in words(solvers)] or list(_SOLVERS)
+    meshes = [int(number) for number in words(str(cells))]
+    plan = [(number, 0.49) for number in meshes]
+    plan += [(meshes[min(1, len(meshes) - 1)], float(nu)) for nu in words(str(nus))]
+    for number, nu in dict.fromkeys(plan):
+        for name in chosen:
+            if name == "direct" and number > most:
+                continue
+            petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} | _SOLVERS[name]
+            settings: dict[str, Any] = {"cells": number, "nu": nu, "element": element}
+            result = run("stretch", steps=1, stretch=1.2, **settings, petsc=petsc, progress=False)
+            newton = sum(step["newton"] for step in result.steps)
+            linear = sum(step["linear"] for step in result.steps)
+            seconds = sum(step["seconds"] for step in result.steps)
+            yield {
+                "solver": name,
+                **settings,
+                "dofs": result.record["dofs"],
+                "ranks": result.record["ranks"],
+                "converged": result.converged,
+                "newton": newton,
+                "linear": round(linear / newton, 1),
+                "seconds": round(seconds / newton, 4),
+            }

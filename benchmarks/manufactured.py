@@ -1,0 +1,207 @@
+"""A problem whose exact solution is known: large shears, a small change of volume, a load to match.
+
+x is moved along z, y along x and z along y by waves: shears, so that J = 1 exactly; then a smooth
+field of size mu/lam changes the volume, so that the pressure lam (J - 1) is neither constant nor
+unbounded as nu -> 1/2. The load is the virtual work of the exact stress, b(v) = int P : grad v,
+which holds whatever part of the boundary is free. Here each face is free to slide along one axis,
+as at nu = 1/2 no displacement would be left to decide the pressure of a tetrahedron in a corner;
+and the top along its normal, as an incompressible body in a closed box has no solution but by
+chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isinf
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+
+from fem_snh import _dolfinx, solver
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import Element
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+from fem_snh.linalg.direct_solver import factorise
+
+#: Integrates waves on cells as small as one half well enough for any element here.
+DEGREE = 7
+FACES = {
+    "left": ("x", "y"),
+    "right": ("x", "y"),
+    "front": ("y", "z"),
+    "back": ("y", "z"),
+    "bottom": ("z", "x"),
+    "top": ("x",),
+}
+
+
+def exact(X: Any, sin: Callable[[Any], Any], shear: Any, swell: Any) -> tuple[Any, Any, Any]:
+    """The displacement at X = (x, y, z), numbers or UFL; swell = 0 keeps every volume."""
+    x = X[0] + shear * sin(2 * X[1] + 3 * X[2])
+    y = X[1] + shear * sin(3 * X[2] - 2 * x)
+    z = X[2] + shear * sin(2 * x + 3 * y)
+    waves = (sin(3 * X[0] + X[1]), sin(4 * X[1] - X[2]), sin(3 * X[2] + 2 * X[0]))
+    return tuple(a + swell * w - b for a, w, b in zip((x, y, z), waves, X, strict=True))
+
+
+def bent_cube(comm: MPI.Comm, cell: str, cells: int, bend: float) -> mesh.Mesh:
+    """The unit cube; ``bend`` moves inner nodes, so that cells are neither equal nor affine."""
+    made = mesh.generate(comm, "cube", cell, cells=cells)
+    x = _dolfinx.geometry_x(made.domain)
+    inside = 64 * (x * (1 - x)).prod(axis=1, keepdims=True)
+    x += bend * inside * np.sin(x @ np.array([[1.0, 5, 2], [4, 2, 3], [3, 1, 7]]))
+    return made
+
+
+def settle(problem: Problem, tolerance: float = 1e-9) -> int:
+    """Bring ``problem.x`` to equilibrium by direct solvers; the number of Newton iterations.
+
+    First as far as the energy can be told from its rounding, then, undamped, until nothing but
+    rounding is left of the residual. Raises BadInput if that is more than ``tolerance`` E V^(2/3).
+    """
+    snes, most = solver.create(problem), 30
+    snes.getPythonContext().options |= {"snes_scaled_tol": 1e-7, "snes_forcing_max": 0.0}
+    ksp = snes.getKSP()
+    factorise(ksp)
+    x, r, d = problem.x, problem.x.duplicate(), problem.x.duplicate()
+    its = 0
+    if not problem.saddle:
+        snes.solve(None, x)
+        if snes.getConvergedReason() <= 0:
+            raise BadInput(f"{problem.element.name}: {solver.reason(snes)}")
+        its = int(snes.getIterationNumber())
+    problem.residual(x, r)
+    norm, bound = r.norm(), tolerance * problem.force_scale
+    for more in range(1, most):
+        problem.jacobian(x, "exact")
+        ksp.setOperators(problem.A)
+        ksp.solve(r, d)
+        x.axpy(-1.0, d)
+        before = norm
+        problem.residual(x, r)
+        norm = r.norm()
+        if norm <= bound and norm > before / 4:
+            return its + more
+    raise BadInput(f"{problem.element.name}: no equilibrium in {most} Newton iterations")
+
+
+@dataclass
+class _Boundary:
+    group: str
+    components: tuple[str, ...]
+    displacement: Callable[[Any, float], Any]
+
+
+class Load:
+    """The virtual work of a stress field as an energy term, -f . u."""
+
+    name = "load"
+
+    def __init__(self, V: Any, P: Any) -> None:
+        self._force = _dolfinx.create_vector(V)
+        dx = ufl.dx(metadata={"quadrature_degree": DEGREE})
+        form = ufl.inner(P, ufl.grad(ufl.TestFunction(V))) * dx
+        _dolfinx.assemble_vector(self._force, _dolfinx.form(form))
+
+    def energy(self, u: PETSc.Vec) -> float:
+        """-f . u [J]."""
+        return -float(self._force.dot(u))
+
+    def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """r -= f [N], at owned nodes."""
+        r.array[:] -= self._force.array_r
+
+
+class Manufactured:
+    """The exact solution above on a cube of ``element`` and Stable Neo-Hookean, E = 1. Collective.
+
+    Parameters
+    ----------
+    shear : amplitude of the waves; at 0.1 stretches are from 0.7 to 1.4.
+    swell : size of the change of volume, in mu/lam.
+    bend : how far inner nodes of the mesh are moved.
+    """
+
+    def __init__(
+        self,
+        element: Element,
+        cells: int,
+        nu: float = 0.3,
+        shear: float = 0.1,
+        swell: float = 0.1,
+        bend: float = 0.02,
+        comm: MPI.Comm = MPI.COMM_SELF,
+    ) -> None:
+        self.element, self.nu = element, nu
+        law = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
+        mu, lam = law.law.values
+        self.shear, self.swell = shear, 0.0 if isinf(lam) else swell * mu / lam
+        faces = [_Boundary(face, axes, self._displacement) for face, axes in FACES.items()]
+        body = bent_cube(comm, element.cell, cells, bend)
+        self.problem = Problem(body, element, law, move=faces)
+        numbers = {"shear": shear, "swell": self.swell, "mu": mu, "lam": 0.0, "volume": 0.0}
+        if isinf(lam):
+            numbers["push"] = mu / 2
+        else:
+            numbers |= {"lam": lam, "volume": self.problem.elastic.law.stiffness, "push": 0.0}
+        self._constants = {
+            name: _dolfinx.constant(body.domain, np.array(v)) for name, v in numbers.items()
+        }
+        self.u = self._exact()
+        F, c = ufl.Identity(3) + ufl.grad(self.u), self._constants
+        self._J = ufl.det(F)
+        # lam (J - 1) - mu stands before cof F; at nu = 0.5 some wave - mu.
+        cofactor = self._J * ufl.inv(F).T
+        push = c["lam"] * (self._J - 1) - c["mu"] + self._wave()
+        self.problem.terms.append(Load(self.problem.V, c["mu"] * F + push * cofactor))
+
+    def _displacement(self, X: Any, load: float) -> Any:
+        return np.stack(exact(X.T, np.sin, self.shear, self.swell), axis=1)
+
+    def _exact(self) -> Any:
+        c = self._constants
+        X = _dolfinx.coordinates(self.problem.mesh.domain)
+        return ufl.as_vector(exact(X, ufl.sin, c["shear"], c["swell"]))
+
+    def _wave(self) -> Any:
+        X = _dolfinx.coordinates(self.problem.mesh.domain)
+        return self._constants["push"] * ufl.sin(2 * X[0] - X[1] + 3 * X[2])
+
+    def pressure(self) -> Any:
+        """In UFL, of Taylor-Hood elements: U'(J) (`materials.volume_split`), or the wave."""
+        return self._constants["volume"] * (self._J - 1) + self._wave()
+
+    def solve(self) -> int:
+        """From the nodal values of the exact solution; the number of Newton iterations.
+
+        Raises BadInput where it does not converge.
+        """
+        p = self.problem
+        u = self._displacement(p.places, 1.0)
+        p.x.array[: u.size] = u.ravel()
+        p.set_load(1.0)
+        p.prescribe(p.x)
+        return settle(p)
+
+    def errors(self) -> list[float]:
+        """||u - u_h||, ||grad (u - u_h)|| and, if p_h is unknown, ||p - p_h||; in L2, V = 1."""
+        wrong = self.problem.u - self.u
+        found = [self._norm(wrong), self._norm(ufl.grad(wrong))]
+        if self.problem.saddle:
+            Q, values = self.problem.saddle.Q, self.problem.saddle.pressure()
+            p = _dolfinx.function(Q, "p")
+            p.x.array[:] = values
+            found.append(self._norm(p - self.pressure()))
+        return found
+
+    def _norm(self, field: Any) -> float:
+        dx = ufl.dx(metadata={"quadrature_degree": DEGREE})
+        form = _dolfinx.form(ufl.inner(field, field) * dx)
+        return float(np.sqrt(_dolfinx.assemble_scalar(form)))

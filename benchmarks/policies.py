@@ -1,0 +1,172 @@
+"""Newton's method by what it does with negative curvature, on loads that come in one step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import pi
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from benchmarks import Row, words
+from fem_snh import solver
+from fem_snh._petsc import defaults
+from fem_snh.errors import choose
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+from fem_snh.scenes import Hold, Move, Rotate, Traction
+from fem_snh.studies.tradeoff.knobs import ICC
+
+#: Linear solves are tight, as the scene twist's: rounding has less of a say.
+TIGHT = {"snes_forcing_max": 5e-3}
+#: How far from 1 `Ratio` trusts a clamped Hessian.
+_TRUSTED = 0.01
+
+
+class Ratio(solver.Directions):
+    """Chen, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
+
+    clamp after a step whose gain was within 1 % of what the exact quadratic model had promised;
+    abs after any other one, and at first.
+    """
+
+    _promise: tuple[float, float] | None = None
+
+    def find(self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: solver.Iteration) -> float | None:
+        self.options["snes_hessian"] = "abs"
+        if self._promise and len(self.history) > 1:
+            before, (slope, curvature) = self.history[-2], self._promise
+            promised = -before.step * (slope + before.step / 2 * curvature)
+            if abs(before.energy - now.energy - promised) <= _TRUSTED * abs(promised):
+                self.options["snes_hessian"] = "clamp"
+        slope_here = super().find(x, f, d, now)
+        if slope_here is not None:
+            self.fill(x, "exact")
+            Ad = d.duplicate()
+            self.snes.getJacobian()[0].mult(d, Ad)
+            self._promise = slope_here, Ad.dot(d)
+        return slope_here
+
+
+def _turn(angle: float) -> dict[str, Any]:
+    """A cube, its top turned by an angle."""
+    turn = Rotate(axis=(0, 0, 1), through=(0.5, 0.5, 0.5), angle=angle)
+    return {"hold": [Hold(group="bottom")], "move": [Move(group="top", rotate=turn)]}
+
+
+#: Mesh, material and conditions of a case; what its nodes' random displacement is, in sizes of a
+#: cell, if that is more than rounding.
+CASES: dict[str, tuple[str, dict[str, float], dict[str, Any], float]] = {
+    "half turn": ("cube", {}, _turn(pi), 0.0),
+    "quarter turn": ("cube", {}, _turn(pi / 2), 0.0),
+    "stretch": (
+        "cylinder",
+        {"radius": 0.5, "length": 1.0},
+        {"hold": [Hold(group="left")], "move": [Move(group="right", translate=(2.4, 0, 0))]},
+        0.0,
+    ),
+    "column": (
+        "cylinder",
+        {"radius": 0.5, "length": 6.0},
+        {"hold": [Hold(group="left")], "move": [Move(group="right", translate=(-1.8, 0, 0))]},
+        0.0,
+    ),
+    "cook": (
+        "cook",
+        {},
+        {
+            "hold": [Hold(group="left"), Hold(group="faces", components=("z",))],
+            "traction": [Traction(group="right", vector=(0, 0.026, 0))],
+        },
+        0.0,
+    ),
+    "scramble": ("cube", {}, {"hold": [Hold(group="bottom")]}, 1.0),
+}
+
+
+def rows(
+    cases: str = "half turn",
+    nus: str = "0.3",
+    cells: str = "8,10,12,15",
+    hessians: str = "trust",
+    corrections: str = "0,20",
+    seeds: int = 3,
+    noise: float = 1e-10,
+    tolerance: float = 1e-7,
+    most: int = 200,
+    factors: bool = False,
+) -> Iterator[Row]:
+    """One row per case, nu, mesh, policy and number of corrections: lists have a value per seed.
+
+    Every node starts off by a random displacement of ``noise`` lengths, as rounding would have it.
+    hessians : of the solver's policies; "ratio": see `Ratio`.
+    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 640. They
+        need a good preconditioner: ``factors`` gives every policy trust's, for its own.
+    newton : None where a seed was given up after ``most``.
+    """
+    for case in words(cases):
+        for nu in words(nus):
+            for n in words(cells):
+                p = create(case, float(nu), int(n))
+                for hessian in words(hessians):
+                    for extra in words(corrections):
+                        row: Row = {"case": case, "nu": float(nu), "cells": int(n)}
+                        row |= {"ranks": p.comm.size, "hessian": hessian, "allowed": int(extra)}
+                        settings: dict[str, Any] = TIGHT | (ICC if factors else {})
+                        settings |= {"snes_corrections": int(extra), "snes_max_it": most}
+                        settings["snes_scaled_tol"] = tolerance
+                        runs = [
+                            solve(p, case, int(n), hessian, noise, seed, settings)
+                            for seed in range(seeds)
+                        ]
+                        row |= {key: [run[key] for run in runs] for key in runs[0]}
+                        row["seconds"] = round(median(row["seconds"]), 2)
+                        yield row
+
+
+def create(case: str, nu: float, cells: int) -> Problem:
+    """The problem of a case, of Q1 hexahedra and E = 1, on all ranks."""
+    source, sizes, conditions, _ = CASES[choose("case", case, CASES)]
+    body = mesh.generate(MPI.COMM_WORLD, source, "hexahedron", cells=cells, **sizes)
+    law = material("stable_neo_hookean", E=1.0, nu=nu)
+    return Problem(body, ELEMENTS["Q1"], law, **conditions)
+
+
+def solve(
+    p: Problem,
+    case: str,
+    cells: int,
+    hessian: str,
+    noise: float,
+    seed: int,
+    settings: dict[str, Any],
+) -> Row:
+    """One start: its counts, energy and seconds."""
+    size = CASES[case][3] / cells or noise
+    random = np.random.default_rng([seed, p.comm.rank])
+    p.x.array[:] = size * random.uniform(-1, 1, p.x.getLocalSize())
+    p.set_load(1.0)
+    p.prescribe(p.x)
+    with defaults(solver.PREFIX, settings):
+        snes = solver.create(p, "abs" if hessian == "ratio" else hessian)
+        context = snes.getPythonContext()
+    if hessian == "ratio":
+        context.directions = Ratio
+    began = perf_counter()
+    snes.solve(None, p.x)
+    took = perf_counter() - began
+    history = context.history
+    return {
+        "newton": len(history) if snes.getConvergedReason() > 0 else None,
+        "corrections": sum(i.corrections for i in history),
+        "linear": sum(i.linear for i in history),
+        "energy": round(p.energy(p.x), 6),
+        "seconds": took,
+    }

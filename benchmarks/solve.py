@@ -1,0 +1,131 @@
+"""The whole stretch three ways: the paper's recipe, FEniCSx's tutorial, this library's defaults.
+
+Each in processes of its own, one after another, within limits of time and memory.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from benchmarks import Row, words
+from fem_snh.errors import choose
+from fem_snh.runs.interrupts import Interrupts
+from fem_snh.studies.processes import Child, program
+from fem_snh.studies.scene_points import arguments
+from fem_snh.studies.table import read_record
+
+#: What `fem-snh run` is given (None: `benchmarks.tutorial` instead), and of the load steps
+#: that are asked for one in how many is taken.
+WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
+    "ours": ({}, 1),
+    "ours, a third of the steps": ({}, 3),
+    "paper": (
+        {
+            "hessian": "clamp",
+            "petsc": {"pc_type": "jacobi", "snes_forcing_max": 0.0, "ksp_rtol": 1e-5},
+        },
+        1,
+    ),
+    "tutorial": (None, 1),
+}
+#: Ours is faster than these by so much, from so many degrees of freedom on.
+LIMITS = {"paper": (6.0, 20_000), "tutorial": (10.0, 40_000)}
+
+
+def rows(
+    cells: str = "20,25,40",
+    ways: str = "",
+    nu: float = 0.49,
+    steps: int = 12,
+    ranks: int = 2,
+    timeout: float = 3600.0,
+    memory: float = 12.0,
+) -> Iterator[Row]:
+    """A row for each mesh and way; one is given up after ``timeout`` s, or above ``memory`` GiB.
+
+    cells : along the diameter, comma list: 20, 25, 40 and 72 have 2e4, 4e4, 1.6e5, 9.8e5 unknowns.
+    to_ours : its seconds over ours, as far as both have come. Seconds are those of the load steps,
+    without meshing and compilation. Residuals are in E V^(2/3).
+    """
+    for number in words(str(cells)):
+        ours: dict[str, Any] | None = None
+        for way in [choose("way", w, WAYS) for w in words(ways)] or WAYS:
+            given, one_in = WAYS[way]
+            settings = {"cells": int(number), "nu": nu, "steps": max(steps // one_in, 1)}
+            record, ended = _run(given, settings, int(ranks), timeout, memory)
+            row: Row = {"way": way, "nu": nu, "ranks": ranks} | _summary(record, ended)
+            ours = ours or record
+            if record is not ours and row["load"] > 0:
+                row["to_ours"] = round(_until(record, row["load"]) / _until(ours, row["load"]), 2)
+            if way in LIMITS and row.get("dofs", 0) >= LIMITS[way][1]:
+                row["limit"] = LIMITS[way][0]
+                row["ok"] = not row["converged"] or row.get("to_ours", 0) >= row["limit"]
+            yield row
+
+
+def _run(
+    way: dict[str, Any] | None, settings: dict[str, Any], ranks: int, timeout: float, memory: float
+) -> tuple[dict[str, Any], str]:
+    """run.json of a run in processes of its own, and what became of it."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if way is None:
+            start = program(ranks, "benchmarks.tutorial")
+            command = [*start, str(folder), json.dumps({"scene": "stretch"} | settings)]
+        else:
+            values = {key: value for key, value in way.items() if key != "petsc"}
+            petsc = way.get("petsc", {})
+            command = [
+                *program(ranks),
+                *arguments("stretch", folder / "out", settings | values, petsc),
+            ]
+            folder = folder / "out"
+        with Interrupts() as interrupts:  # Ctrl-C does not reach a child: it has its own session
+            with interrupts.undivided():
+                child = Child(command, Path(name, "log.txt"), timeout, memory)
+            try:
+                while child.poll() is None:
+                    time.sleep(0.1)
+            finally:
+                child.end()
+        record = read_record(folder)
+        said = Path(name, "log.txt").read_text().strip().splitlines()
+    ended = child.given_up or ("converged" if record.get("converged") else "")
+    return record, ended or record.get("status") or (said[-1] if said else "failed")
+
+
+def _summary(record: dict[str, Any], ended: str) -> Row:
+    good = [step for step in record.get("steps", ()) if step["converged"]]
+    every = record.get("steps", ())
+    return {
+        "dofs": record.get("dofs", 0),
+        "converged": bool(record.get("converged")),
+        "status": ended,
+        "load": good[-1]["load"] if good else 0.0,
+        "steps": len(good),
+        "failed_steps": len(every) - len(good),
+        "newton": sum(step["newton"] for step in every),
+        "linear": sum(step["linear"] for step in every),
+        "residual": good[-1]["residual"] if good else None,
+        "seconds": round(sum(step["seconds"] for step in every), 2),
+        "peak_memory_mb": round(record.get("peak_memory_mb", 0)),
+    }
+
+
+def _until(record: dict[str, Any], load: float) -> float:
+    """The seconds up to ``load``; of the step that goes beyond it, its share."""
+    seconds, reached = 0.0, 0.0
+    for step in record["steps"]:
+        if reached >= load - 1e-9:
+            break
+        part = 1.0
+        if step["converged"]:
+            part = min(1.0, (load - reached) / (step["load"] - reached))
+            reached = step["load"]
+        seconds += part * step["seconds"]
+    return seconds

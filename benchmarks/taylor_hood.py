@@ -1,0 +1,55 @@
+"""Linear iterations a Newton step of Taylor-Hood elements, by nu, mesh and scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from benchmarks import Row, words
+from fem_snh.errors import choose
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.runs import run
+
+#: Each scene's meshes, and what keeps it short.
+SCENES: dict[str, tuple[list[int], dict[str, Any]]] = {
+    "cook": ([8, 16, 32], {"steps": 1, "force": 25.0}),
+    "block": ([4, 8], {}),
+    "stretch": ([4, 6], {"steps": 1, "stretch": 1.3}),
+}
+#: Iterations at the largest nu over those at the smallest are at most this.
+LIMIT = 1.5
+
+
+def rows(
+    elements: str = "",
+    scenes: str = "cook,block,stretch",
+    nus: str = "0.3,0.45,0.49,0.4999,0.5",
+    tolerance: float = 0.0,
+) -> Iterator[Row]:
+    """One row per scene, mesh and element; ``tolerance`` of linear solves, 0: as Newton asks.
+
+    linear : iterations a Newton step, by nu; growth : the last one over the first one.
+    """
+    names = words(elements) or [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
+    petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} if tolerance else {}
+    for scene in words(scenes):
+        meshes, settings = SCENES[choose("scene", scene, SCENES)]
+        for element in names:
+            for cells in meshes:
+                row: Row = {"scene": scene, "element": element, "cells": cells}
+                row |= {"tolerance": tolerance, "newton": {}, "linear": {}}
+                good = True
+                for nu in words(nus):
+                    options: dict[str, Any] = {
+                        "element": element,
+                        "cells": cells,
+                        "nu": float(nu),
+                    } | settings
+                    result = run(scene, **options, petsc=petsc, progress=False)
+                    newton = sum(step["newton"] for step in result.steps)
+                    linear = sum(step["linear"] for step in result.steps)
+                    row["newton"][nu], row["linear"][nu] = newton, round(linear / newton, 1)
+                    good &= result.converged
+                few = list(row["linear"].values())
+                row["growth"] = round(few[-1] / few[0], 2)
+                yield row | {"limit": LIMIT, "ok": good and row["growth"] <= LIMIT}

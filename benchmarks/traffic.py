@@ -1,0 +1,115 @@
+"""Where a Newton step's time goes, beside what its memory traffic alone would take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from benchmarks import Row
+from fem_snh import scenes, solver
+from fem_snh.fem.elements import element as element_of
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.runs import make_mesh
+
+#: Values in the copy that measures the bandwidth: beyond every cache.
+_COPIED = 20_000_000
+#: Krylov steps that are timed together: fewer than any solver here needs.
+_STEPS = 10
+
+
+def rows(cells: int = 38, nu: float = 0.49, repeat: int = 5) -> Iterator[Row]:
+    """A row for the memory's bandwidth, and for each part of a Newton step on the stretch.
+
+    All ranks work at once; times are the best of ``repeat``, the slowest rank's. bytes : that must
+    move, each value once. limit_ms : they take at the bandwidth of a copy in this run. share :
+    limit_ms over ms.
+    """
+    comm = MPI.COMM_WORLD
+    speed = _bandwidth(comm, repeat)
+    yield {"part": "copy", "ranks": comm.size, "GB_per_s": round(speed / 1e9, 2)}
+    p = _stretched(comm, cells, nu)
+    for name, call, moved in _parts(p):
+        took, most = _best(comm, call, repeat), comm.allreduce(moved)
+        yield {
+            "part": name,
+            "ranks": comm.size,
+            "dofs": p.dofs,
+            "ms": round(1e3 * took, 3),
+            "us_per_cell": round(1e6 * took * comm.size / p.mesh.num_cells, 3),
+            "bytes_per_cell": round(most / p.mesh.num_cells),
+            "limit_ms": round(1e3 * most / speed, 3),
+            "share": round(most / speed / took, 3),
+        }
+
+
+def _best(comm: MPI.Comm, call: Callable[[], Any], repeat: int) -> float:
+    """The best of some times [s], of the slowest rank each."""
+    best = float("inf")
+    for _ in range(repeat + 1):  # the first one warms up
+        comm.barrier()
+        start = perf_counter()
+        call()
+        best = min(best, comm.allreduce(perf_counter() - start, op=MPI.MAX))
+    return best
+
+
+def _bandwidth(comm: MPI.Comm, repeat: int) -> float:
+    """Bytes a second that all ranks together read and write in a copy."""
+    source, target = np.ones(_COPIED), np.zeros(_COPIED)
+    seconds = _best(comm, lambda: np.copyto(target, source), repeat)
+    return comm.size * 2 * source.nbytes / seconds
+
+
+def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
+    """The stretch, a step of 20 % linearised: filtered points and a residual to solve for."""
+    scene = scenes.load("stretch", cells=cells, nu=nu)
+    element = element_of(scene.element)
+    law = material("stable_neo_hookean", E=1.0, nu=nu)
+    p = Problem(make_mesh(comm, scene, element), element, law, scene.hold, scene.move)
+    solver.Predictor(p, solver.create(p), "tangent").predict(1 / 12)
+    return p
+
+
+def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
+    """(name, what to do, bytes that this rank must move)."""
+    r, d = p.x.duplicate(), p.x.duplicate()
+    nodes, shape = p.x.getLocalSize() / 3, p.elastic.shape
+    # Read: the cells' node numbers of displacement and geometry, u and x.
+    read = 2 * 4 * shape[0] * shape[1] + 2 * 24 * nodes
+    yield "energy", lambda: p.energy(p.x), read
+    yield "residual", lambda: p.residual(p.x, r), read + 2 * 24 * nodes
+    values = p.A.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"]
+    fill = read + 4 * shape[0] * shape[1] ** 2 + 2 * 8 * values  # where blocks go; read, write
+    yield "jacobian, exact", lambda: p.jacobian(p.x, "exact"), fill
+    yield "jacobian, clamp", lambda: p.jacobian(p.x, "clamp"), fill
+    # AIJ: a value and a column each; CG with Jacobi: 12 vectors a step besides the product's two.
+    yield "product, AIJ", lambda: p.A.mult(r, d), 12 * values + 2 * 24 * nodes
+    jacobi = _ksp(p, "cg", "jacobi")
+    yield f"{_STEPS} CG + Jacobi", lambda: jacobi.solve(r, d), _STEPS * (12 * values + 336 * nodes)
+    for name, places in (("CG + SSOR", None), ("ours, deflated", p.places)):
+        ksp, ours = _ksp(p, "python", "none"), EisenstatCG(places)
+        ksp.setPythonContext(ours)
+        ksp.solve(r, d)
+        kept = ours.bytes
+        yield f"{name}, set-up", partial(ours.take, p.A, anew=True), 8 * values + kept
+        # Half of the matrix twice, and 20 vectors in single precision.
+        yield f"{_STEPS} {name}", partial(ksp.solve, r, d), _STEPS * (2 * kept + 240 * nodes)
+
+
+def _ksp(p: Problem, kind: str, preconditioner: str) -> PETSc.KSP:
+    """A solver that takes so many steps and no more."""
+    ksp = PETSc.KSP().create(p.comm)
+    ksp.setOperators(p.A)
+    ksp.setType(kind)
+    ksp.getPC().setType(preconditioner)
+    ksp.setTolerances(rtol=1e-30, atol=0.0, max_it=_STEPS)
+    return ksp

@@ -1,0 +1,105 @@
+"""A scene as FEniCSx's tutorial on hyperelasticity solves it: what `bench solve` compares with.
+
+dolfinx's NewtonSolver on UFL forms: exact tangent, full steps, MUMPS. A load step that fails is
+halved, as a careful user would; after one that succeeds the next is twice as large. Factors that
+take too much memory end it: a smaller step has as many.
+
+    python -m benchmarks.tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+
+from benchmarks.assembly import JIT
+from fem_snh import _dolfinx, scenes
+from fem_snh._petsc import mumps_out_of_memory
+from fem_snh.atomic_files import put
+from fem_snh.fem import elements, ufl_forms
+from fem_snh.fem import mesh as meshes
+from fem_snh.kernels.pointwise import material
+from fem_snh.runs import make_mesh
+
+#: A step is halved at most so often; Newton takes at most so many steps.
+HALVINGS, MOST = 6, 50
+PETSC = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "ksp_error_if_not_converged": None,  # else Newton's method goes on with what is no number
+}
+
+
+def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[str, Any]:
+    """Solve a scene without tractions; ``folder``/run.json after every step. Collective.
+
+    Residuals are in N; the ``tolerance`` is of E V^(2/3), as that of our own solver.
+    """
+    comm = MPI.COMM_WORLD
+    element = elements.element(scene.element, scene.quadrature)
+    domain = make_mesh(comm, scene, element)
+    law = material(scene.material.name, scene.material.E, scene.material.nu).law
+    V = _dolfinx.function_space(domain.domain, element.degree, (3,))
+    u, v = _dolfinx.function(V, "displacement"), ufl.TestFunction(V)
+    dx = ufl.Measure("dx", domain=domain.domain, metadata={"quadrature_degree": element.quadrature})
+    parts = []
+    conditions: list[scenes.Hold | scenes.Move] = [*scene.hold, *scene.move]
+    for condition in conditions:
+        group = domain.group(condition.group)
+        nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
+        parts.append((condition, nodes, _dolfinx.function(V, "prescribed")))
+    solver = _dolfinx.newton_solver(
+        ufl_forms.residual(law, u, v, dx), u, [_dolfinx.prescribed(g, n) for _, n, g in parts], JIT,
+        PETSC,
+    )  # fmt: skip
+    solver.rtol, solver.max_it = 0.0, MOST
+    solver.atol = tolerance * law.E * meshes.volume(domain.domain) ** (2 / 3)
+    points = V.tabulate_dof_coordinates()
+    dofs = 3 * V.dofmap.index_map.size_global
+    record: dict[str, Any] = {"dofs": dofs, "ranks": comm.size, "steps": [], "converged": False}
+    load, size = 0.0, 1.0 / scene.steps
+    while load < 1 and "status" not in record and size > 2.0**-HALVINGS / scene.steps * 0.75:
+        to = min(load + size, 1.0) if load + size < 1 - 1e-12 else 1.0
+        for condition, nodes, values in parts:
+            array = values.x.array.reshape(-1, 3)
+            array[nodes] = condition.displacement(points[nodes], to)
+        kept, start = u.x.array.copy(), perf_counter()
+        try:
+            newton, good = solver.solve(u)
+        except RuntimeError:  # a factorisation failed
+            newton, good = 0, False
+            pc = solver.krylov_solver.getPC()
+            if mumps_out_of_memory(pc):
+                code, detail = (pc.getFactorMatrix().getMumpsInfog(k) for k in (1, 2))
+                record["status"] = f"MUMPS cannot factorise the matrix: INFOG = {code}, {detail}"
+        residual = solver.b.norm()
+        good = bool(good and np.isfinite(residual))
+        if not good:
+            u.x.array[:] = kept
+        record["steps"].append(
+            {"load": to, "converged": good, "newton": newton, "linear": newton,
+             "residual": residual, "seconds": perf_counter() - start}
+        )  # fmt: skip
+        load, size = (to, 2 * size) if good else (load, size / 2)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        record["peak_memory_mb"] = comm.allreduce(peak)
+        record["converged"] = load == 1.0
+        if comm.rank == 0:
+            put(folder / "run.json", json.dumps(record))
+    return record
+
+
+if __name__ == "__main__":
+    given = json.loads(sys.argv[2])
+    done = solve(scenes.load(given.pop("scene"), **given), Path(sys.argv[1]))
+    sys.exit(0 if done["converged"] else 1)

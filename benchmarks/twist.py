@@ -1,0 +1,47 @@
+"""Newton and linear iterations on the twist, beside the paper's (section 6, "Twist Test")."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from benchmarks import Row, words
+from fem_snh.runs import run
+
+#: The paper's iterations for the two quarter turns, to a looser tolerance.
+PAPER = {"newton": [12, 16], "linear": [3278, 4956]}
+#: At 15^3 no more Newton iterations than these, and fewer linear ones in all than the paper's.
+LIMITS = {"clamp": [20, 34], "adaptive": [18, 18]}
+
+
+def rows(
+    cells: int = 15,
+    hessians: str = "clamp,adaptive",
+    tolerance: float = 1e-7,
+    nu: float = 0.49,
+    steps: int = 2,
+    most: int = 200,
+) -> Iterator[Row]:
+    """One row per Hessian policy; residual norms are in E L^2.
+
+    steps : of equal angles to half a turn; one fails after ``most`` Newton iterations.
+    """
+    for hessian in words(hessians):
+        options = {"snes_scaled_tol": tolerance, "snes_max_it": most}
+        settings: dict[str, Any] = {"cells": cells, "nu": nu, "steps": steps, "hessian": hessian}
+        result = run("twist", **settings, petsc=options, progress=False)
+        row: Row = {"hessian": hessian, "cells": cells, "ranks": result.record["ranks"]}
+        row |= {"nu": nu, "filtered": [step["clamped"] for step in result.steps]}
+        for key in ("newton", "linear", "residual", "energy", "seconds"):
+            row[key] = [step[key] for step in result.steps]
+        row |= {"converged": result.converged, "min_J": [step["min_J"] for step in result.steps]}
+        row["paper"] = PAPER
+        if hessian in LIMITS and (cells, tolerance, nu, steps) == (15, 1e-7, 0.49, 2):
+            limit = LIMITS[hessian]
+            few = len(row["newton"]) == 2 and all(
+                n <= most for n, most in zip(row["newton"], limit, strict=True)
+            )
+            small = all(r <= 1e-7 for r in row["residual"])
+            fewer = sum(row["linear"]) < sum(PAPER["linear"])
+            row |= {"limit": limit, "ok": result.converged and few and small and fewer}
+        yield row

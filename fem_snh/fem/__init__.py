@@ -1,0 +1,1 @@
+"""Everything finite element: meshes, elements, numbering, assembly, the problem and its terms."""

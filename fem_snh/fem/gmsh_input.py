@@ -1,0 +1,148 @@
+"""What rank 0 does with gmsh: meshes a source or reads a file, and takes cells and groups out.
+
+Silent, always finalised, and Ctrl-C stays Python's. Only `mesh` uses this; it turns whatever is
+raised here into BadInput on every rank.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput, choose
+
+# gmsh's number of a volume element: our cell, the degree of the geometry, its nodes.
+_CELLS = {
+    4: ("tetrahedron", 1, 4),
+    5: ("hexahedron", 1, 8),
+    11: ("tetrahedron", 2, 10),
+    12: ("hexahedron", 2, 27),
+}
+KINDS = sorted({kind for kind, *_ in _CELLS.values()})
+
+
+class Physical(NamedTuple):
+    """What rank 0 tells every rank about a group.
+
+    `entities` holds input numbers: of cells (dimension 3), or (n, corners) of corner nodes.
+    """
+
+    name: str
+    dim: int
+    tag: int
+    entities: np.ndarray
+
+
+class Input(NamedTuple):
+    """What rank 0 takes from gmsh. Input numbers are rows of `cells` and of `x`."""
+
+    cells: np.ndarray  # (cells, nodes per cell), nodes in dolfinx's order
+    x: np.ndarray  # (nodes, 3)
+    kind: str
+    degree: int
+    groups: list[Physical]
+
+
+@contextmanager
+def _session() -> Iterator[Any]:
+    """The gmsh module, initialised, silent, and finalised whatever happens."""
+    handler = signal.getsignal(signal.SIGINT)  # gmsh takes it: 4.8 on import, later on initialize
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:
+        raise BadInput(f"gmsh's Python module cannot be used: {error}") from None
+    gmsh.initialize(readConfigFiles=False)
+    try:
+        signal.signal(signal.SIGINT, handler)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.onelab.clear()  # parameters outlive finalize
+        yield gmsh
+    finally:
+        gmsh.finalize()
+        signal.signal(signal.SIGINT, handler)
+
+
+def source_path(source: str) -> Path:
+    """The file meshes/<source>.geo, in the package or beside it. Raises BadInput if unknown."""
+    here = Path(__file__).resolve().parents[1]
+    folders = [here / "meshes", here.parent / "meshes"]
+    known = {p.stem: p for folder in folders for p in sorted(folder.glob("*.geo"))}
+    return known[choose("geometry", source, sorted(known))]
+
+
+def generate(path: Path, cell: str, parameters: dict[str, float]) -> Input:
+    """Mesh a gmsh source with these values of its parameters, in cells of this kind."""
+    with _session() as gmsh:
+        gmsh.open(str(path))  # once for the names of the parameters, once with their values
+        known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != "tets"]
+        gmsh.onelab.setNumber("tets", [float(cell == "tetrahedron")])
+        for name, value in parameters.items():
+            choose("parameter", name, known)
+            if not isfinite(value):
+                raise BadInput(f"{name} = {value}: must be a finite number")
+            gmsh.onelab.setNumber(name, [float(value)])
+        gmsh.clear()
+        gmsh.open(str(path))
+        gmsh.model.mesh.generate(3)
+        return _extract(gmsh)
+
+
+def read(path: str) -> Input:
+    """Read a .msh file."""
+    # gmsh would take any other text for a script of its own and run it.
+    with open(path, "rb") as file:
+        if not file.read(11).startswith((b"$MeshFormat", b"$Comments")):
+            raise BadInput("this is not a gmsh .msh file")
+    with _session() as gmsh:
+        gmsh.merge(path)
+        return _extract(gmsh)
+
+
+def _extract(gmsh: Any) -> Input:
+    """The volume cells and the physical groups of gmsh's current model."""
+    mesh = gmsh.model.mesh
+    types, cell_tags, cell_nodes = mesh.getElements(3)
+    if not len(types):
+        raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
+    if len(types) > 1 or types[0] not in _CELLS:
+        names = " and ".join(mesh.getElementProperties(t)[0] for t in types)
+        raise BadInput(f"it has cells {names}: all must be tetrahedra, or all hexahedra, order 1-2")
+    kind, degree, size = _CELLS[types[0]]
+    # Only nodes of cells count (not centres of arcs), and gmsh's numbers may have gaps.
+    used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)
+    cells = cells.reshape(-1, size)
+    # Format 2.2 repeats a cell for each of its physical groups.
+    _, first, row = np.unique(np.sort(cells), axis=0, return_index=True, return_inverse=True)
+    row_of_tag = dict(zip(cell_tags[0].tolist(), row.ravel().tolist(), strict=True))
+    cells = cells[first]
+
+    groups = []
+    for dim, tag in gmsh.model.getPhysicalGroups():
+        corners = dim + 1 if kind == "tetrahedron" else 2**dim
+        parts: list[np.ndarray] = []
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            for kind_number, tags, nodes in zip(*mesh.getElements(dim, entity), strict=True):
+                if dim == 3:
+                    parts.append(np.array([row_of_tag[t] for t in tags.tolist()], dtype=np.int64))
+                    continue
+                _, _, _, count, _, primary = mesh.getElementProperties(kind_number)
+                if primary == corners:  # other shapes cannot be faces of these cells
+                    nodes = np.asarray(nodes, dtype=np.int64).reshape(-1, count)[:, :corners]
+                    nodes = nodes[np.isin(nodes, used).all(axis=1)]
+                    parts.append(np.searchsorted(used, nodes))
+        empty = np.empty(0 if dim == 3 else (0, corners), dtype=np.int64)
+        name = gmsh.model.getPhysicalName(dim, tag) or str(tag)
+        groups.append(Physical(name, dim, tag, np.concatenate([empty, *parts])))
+
+    tags, x, _ = mesh.getNodes()
+    order = np.argsort(tags)
+    x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
+    cells = cells[:, _dolfinx.gmsh_permutation(kind, size)]
+    return Input(cells, x, kind, degree, groups)

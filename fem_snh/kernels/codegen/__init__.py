@@ -1,0 +1,1 @@
+"""From a material's expression to C: derivatives, divided differences, small strains, printing."""

@@ -1,0 +1,36 @@
+"""An energy as an element takes it: whole, or with its volume term apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fem_snh.errors import BadInput
+from fem_snh.kernels.codegen import source
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.volume_split import BOUNDS, split
+
+
+class Law(NamedTuple):
+    """What the kernels evaluate: an energy, and C functions for its volume term if it is apart."""
+
+    energy: Energy
+    functions: tuple[str, ...] = ()
+    stiffness: float = 0.0  # U''(1) [Pa]
+    local: float = 0.0  # lambda_local [Pa], what is left of lambda
+
+
+def law_for(energy: Energy, volume: str) -> Law:
+    """The energy as an element with this volume treatment takes it.
+
+    Raises BadInput for an energy that it cannot take.
+    """
+    if volume == "pointwise":
+        if energy.incompressible:
+            raise BadInput(
+                f"nu = 0.5: material '{energy.name}' is incompressible, which takes a Taylor-Hood "
+                "element (P2P1, Q2Q1)"
+            )
+        return Law(energy)
+    parts = split(energy, BOUNDS[volume])
+    curve = source.volume_curve if volume == "mean" else source.volume_dual
+    return Law(parts.law, (curve(parts),), parts.stiffness, parts.local)

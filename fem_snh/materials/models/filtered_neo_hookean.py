@@ -1,0 +1,65 @@
+"""Neo-Hookean with a filtered stress: no energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from sympy import Float, Rational, log, sqrt
+
+from fem_snh.errors import choose
+from fem_snh.materials.functions import PrincipalStress, where
+
+
+def filtered_neo_hookean(
+    s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, sigma_f: float = 0.25, bound: str = "stretch"
+) -> Any:
+    """Neo-Hookean, its stress filtered (Irving et al. 2004, Teran et al. 2005): no energy.
+
+    psi = none;  P_i = mu s_i - p / s_i' [+ p e_i / s_i'^2 + lam / s_i' sum_j e_j / s_j'],
+    p = mu - lam log J',  J' = s0' s1' s2',  e_i = s_i - s_i',  s' = max(s, t)
+
+    The stress of eq. 5, continued below the threshold sigma_f. bound: what is kept above it.
+    "stretch": every stretch, t = sigma_f; what is singular stays constant (without the [...]).
+    "J": the volume, t such that J' = max(J, sigma_f), and the continuation is linear (with the
+    [...]): what PhysBAM does by default, with 0.25, and so what Smith et al. compared with.
+
+    It is no gradient where one stretch is filtered and another is not, so the line search is on the
+    residual, and the tangent is the symmetric part of its exact derivative (PhysBAM's is that of
+    eq. 5 at s'). The papers' threshold for the Hessian's eigenvalues (-1e-4) is not needed: the
+    library's filters take its place. mu = mu_lame, lam = lambda_lame.
+    """
+    stress = _BOUNDS[choose("bound", bound, list(_BOUNDS))]
+    return PrincipalStress(*stress((s0, s1, s2), mu, lam, Float(sigma_f)))
+
+
+def _by_stretch(s: tuple[Any, ...], mu: Any, lam: Any, limit: Any) -> list[Any]:
+    kept = [where(x - limit, x, limit) for x in s]
+    p = mu - lam * sum(log(k) for k in kept)
+    return [mu * x - p / k for x, k in zip(s, kept, strict=True)]
+
+
+def _by_volume(s: tuple[Any, ...], mu: Any, lam: Any, limit: Any) -> list[Any]:
+    J = s[0] * s[1] * s[2]
+    # t raises the smallest stretch, then the two smallest, then all, until their product is limit.
+    larger, smaller = where(s[0] - s[1], s[0], s[1]), where(s[0] - s[1], s[1], s[0])
+    first = where(larger - s[2], larger, s[2])
+    rest = where(larger - s[2], s[2], larger)
+    second = where(rest - smaller, rest, smaller)
+    all_three = limit ** Rational(1, 3)
+    one_or_two = where(
+        first * second**2 - limit, limit / (first * second), sqrt(limit) / sqrt(first)
+    )
+    t = where(first - all_three, one_or_two, all_three)
+    kept = [where(x - t, x, t) for x in s]
+    beyond = [x - k for x, k in zip(s, kept, strict=True)]
+    log_J = log(where(J - limit, J, limit))
+    sheared = sum(e / k for e, k in zip(beyond, kept, strict=True))
+    parts = [
+        (x - 1 / k + e / k**2, (log_J + sheared) / k - log_J * e / k**2)
+        for x, k, e in zip(s, kept, beyond, strict=True)
+    ]
+    return [mu * own + lam * other for own, other in parts]
+
+
+_BOUNDS: dict[str, Callable[..., list[Any]]] = {"stretch": _by_stretch, "J": _by_volume}

@@ -1,0 +1,33 @@
+"""The general model of I_C and J: one's own energy in two expressions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fem_snh.materials.parsing import parse
+
+
+def gamma_model(
+    I_C: Any,
+    J: Any,
+    mu: Any,
+    lam: Any,
+    *,
+    length: str = "(I_C - 3) / 2",
+    volume: str = "(J - 1)**2 / 2",
+) -> Any:
+    """Any energy of I_C and J (the general model of Smith et al. 2018, eq. 52), stable at rest.
+
+    psi = mu length(I_C) + lam volume(J) - p (J - 1),  p such that P(I) = 0 (section 3.2)
+
+    The documented way to write one's own: in eq. 52, A = gamma_I I + gamma_F f f^T + gamma_G g g^T
+    + gamma_H H with gamma_I = 2 dpsi/dI_C, gamma_F = 4 d2psi/dI_C2, gamma_G = d2psi/dJ2,
+    gamma_H = dpsi/dJ; the eigenvalues are gamma_I +- gamma_H s_i and those of a 3x3 block.
+
+    length, volume: expressions in I_C and in J, of numbers, + - * / ** ( ), log, exp, sqrt.
+    The defaults are eq. 13.
+    """
+    f = parse(length, {"I_C": I_C})
+    g = parse(volume, {"J": J})
+    slope = 2 * mu * f.diff(I_C).subs(I_C, 3) + lam * g.diff(J).subs(J, 1)
+    return mu * f + lam * g - slope * (J - 1)

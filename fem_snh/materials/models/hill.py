@@ -1,0 +1,28 @@
+"""Hill's family: any strain function."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sympy import Symbol, simplify
+
+from fem_snh.errors import BadInput
+from fem_snh.materials.functions import positive
+from fem_snh.materials.models._quadratic_strain import quadratic
+from fem_snh.materials.parsing import parse
+
+
+def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)") -> Any:
+    """Hill's family (Hill 1968; Chen & Barbic, Table 1): quadratic in a strain of one's own.
+
+    psi = mu sum f(s_i)^2 + lam/2 (sum f(s_i))^2
+
+    strain: f as an expression in s with f(1) = 0 and f'(1) = 1, of numbers, + - * / ** ( ), log,
+    exp, sqrt; infinite for J <= 0. The default log(s) is `hencky`. mu = mu_lame, lam = lambda_lame.
+    """
+    s = Symbol("s", real=True)
+    f = parse(strain, {"s": s})
+    if simplify(f.subs(s, 1)) != 0 or simplify(f.diff(s).subs(s, 1) - 1) != 0:
+        raise BadInput(f"strain = {strain!r}: a strain function has f(1) = 0 and f'(1) = 1")
+    strains = [f.subs(s, positive(x)) for x in (s0, s1, s2)]
+    return quadratic(strains, mu, lam)

@@ -1,0 +1,28 @@
+"""Stable Neo-Hookean with polynomial hardening."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fem_snh.materials.functions import exact
+
+
+def stable_arruda_boyce(
+    I_C: Any, J: Any, mu: Any, lam: Any, *, betas: tuple[float, ...] = (0.025, 11 / 11200)
+) -> Any:
+    """Stable Arruda-Boyce (Smith et al. 2018, eq. 58; any number of terms, eq. 57).
+
+    Finite for every F.
+
+    psi = mu/2 (I_C - 3) + mu beta_1/4 (I_C^2 - 9) + mu beta_2/6 (I_C^3 - 27) + ...
+          + lam/2 (J - alpha)^2,  alpha = 1 + mu/lam (1 + 3 beta_1 + 9 beta_2 + ...)
+
+    betas: (beta_1, beta_2, ...), as many as wanted; term k is mu beta_k/(2 (k+1)) (I_C^(k+1) -
+    3^(k+1)). The default is Arruda & Boyce 1993's expansion 1/(5 N), 11/(175 N^2) for chains of N =
+    8 links; () is eq. 13.
+    """
+    length, pressure = mu / 2 * (I_C - 3), mu
+    for k, beta in enumerate(map(exact, betas), start=1):  # P(I) = 0 to the last digit
+        length += mu * beta / (2 * (k + 1)) * (I_C ** (k + 1) - 3 ** (k + 1))
+        pressure += mu * beta * 3**k
+    return length - pressure * (J - 1) + lam / 2 * (J - 1) ** 2

@@ -1,0 +1,28 @@
+"""Stable Neo-Hookean with exponential hardening."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sympy import exp
+
+from fem_snh.materials.functions import exact
+
+
+def stable_fung(
+    I_C: Any, J: Any, mu: Any, lam: Any, *, gamma: float = 0.1, mu_1: float = 1.0
+) -> Any:
+    """Stable Fung (Smith et al. 2018, eq. 53, with its constants made consistent).
+
+    Finite for every F.
+
+    psi = mu/2 (I_C - 3) + gamma mu/2 (exp(mu_1/2 (I_C - 3)) - 1) + lam/2 (J - alpha)^2,
+    alpha = 1 + (mu + gamma mu mu_1/2)/lam  (printed: mu_0 + gamma mu_1, stressed at rest)
+
+    gamma: the hardening in units of mu; mu_1: how fast it sets in. In eq. 52
+    gamma_I = mu + (gamma mu mu_1/2) e^(...), gamma_F = (gamma mu mu_1^2/2) e^(...).
+    """
+    g, rate = exact(gamma), exact(mu_1)  # P(I) = 0 to the last digit
+    hardening = g * mu / 2 * (exp(rate / 2 * (I_C - 3)) - 1)
+    pressure = mu + g * mu * rate / 2
+    return mu / 2 * (I_C - 3) + hardening - pressure * (J - 1) + lam / 2 * (J - 1) ** 2

@@ -1,0 +1,25 @@
+"""The STS material for soft tissue."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fem_snh.materials.models.neo_hookean import neo_hookean
+
+
+def sts(I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, mu_4: float = 1.0) -> Any:
+    """STS material of Pai et al. 2018 (Chen & Barbic, Table 1).
+
+    Neo-Hookean that stiffens, infinite for J <= 0.
+
+    psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2 + mu_4 mu/8 sum (s_i^2 - 1)^4
+
+    mu_4: in units of mu. The sum is a polynomial of the invariants (Newton's identities), so no
+    stretches are needed. mu = mu_lame, lam = lambda_lame.
+    """
+    p1, III = I_C, J**2
+    p2 = I_C * p1 - 2 * II_C
+    p3 = I_C * p2 - II_C * p1 + 3 * III
+    p4 = I_C * p3 - II_C * p2 + III * p1
+    quartic = p4 - 4 * p3 + 6 * p2 - 4 * p1 + 3
+    return neo_hookean(I_C, J, mu, lam) + mu_4 * mu / 8 * quartic

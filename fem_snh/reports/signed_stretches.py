@@ -1,0 +1,72 @@
+"""An energy of signed stretches as they are given: no SVD decides which one carries the sign."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy
+
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import INVARIANTS, SIGMA
+from fem_snh.reports.evaluate import Array
+
+_PAIRS = ((1, 2), (0, 2), (0, 1))  # that twist and flip couple
+
+
+class Signed:
+    """Energy, principal stresses and the nine eigenvalues, of stretches (..., 3) of any signs.
+
+    NaN outside the domain. From the material's expression, not from the kernels: these have an SVD
+    of their own, and so one convention.
+    """
+
+    def __init__(self, law: Energy) -> None:
+        self._values = law.values
+        psi = law.psi_sigma
+        slopes = law.slopes
+        second = [[sympy.diff(p, s) for s in SIGMA] for p in slopes]
+        self._psi = self._function(law, [sympy.Integer(0) if psi is None else psi])
+        self._slopes = self._function(law, list(slopes))
+        self._second = self._function(law, [a for row in second for a in row])
+        self._domain = self._function(law, [d.subs(INVARIANTS) for d in law.domain])
+
+    @staticmethod
+    def _function(law: Energy, expressions: list[sympy.Expr]) -> Any:
+        modules = [{"where": lambda x, a, b: np.where(x > 0, a, b)}, "numpy"]
+        return sympy.lambdify((*SIGMA, *law.constants), expressions, modules=modules, cse=True)
+
+    def _call(self, function: Any, s: Array) -> Array:
+        """(..., number of expressions); what is complex is outside the domain."""
+        with np.errstate(all="ignore"):
+            found = function(*np.moveaxis(s, -1, 0), *self._values)
+        outside = np.zeros(s.shape[:-1], dtype=bool)
+        with np.errstate(all="ignore"):
+            for d in self._domain(*np.moveaxis(s, -1, 0), *self._values):
+                outside |= ~(np.asarray(d) > 0)
+        out = np.stack([np.broadcast_to(f, s.shape[:-1]) for f in found], axis=-1).astype(float)
+        return np.where(outside[..., None], np.nan, out)
+
+    def energy(self, s: Array) -> Array:
+        """psi [Pa], (...); 0 for a material that has none."""
+        return self._call(self._psi, s)[..., 0]
+
+    def stress(self, s: Array) -> Array:
+        """dpsi/ds_i [Pa], (..., 3)."""
+        return self._call(self._slopes, s)
+
+    def eigenvalues(self, s: Array) -> Array:
+        """The nine eigenvalues [Pa] of the Hessian, ascending, (..., 9); of unequal stretches.
+
+        Where two stretches are opposite the twist is a division by zero, and infinite.
+        """
+        p, A = self.stress(s), self._call(self._second, s).reshape(*s.shape[:-1], 3, 3)
+        finite = np.asarray(np.isfinite(A).all(axis=(-1, -2), keepdims=True))
+        block = np.linalg.eigvalsh(np.where(finite, (A + np.swapaxes(A, -1, -2)) / 2, 0))
+        pairs = []
+        with np.errstate(all="ignore"):
+            for j, k in _PAIRS:
+                pairs.append((p[..., j] + p[..., k]) / (s[..., j] + s[..., k]))
+                pairs.append((p[..., j] - p[..., k]) / (s[..., j] - s[..., k]))
+        values = np.concatenate([block, np.stack(pairs, axis=-1)], axis=-1)
+        return np.where(finite[..., 0], np.sort(values, axis=-1), np.nan)

@@ -1,0 +1,30 @@
+"""The pulled cube of Chen & Barbič's Figure 3."""
+
+from pydantic import PositiveFloat
+
+from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Scene
+
+
+def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:
+    """A cube of 1 m held at two opposite faces and pulled apart: the force against the distance.
+
+    The total force [N] on the right face is in each step's "reactions". The figure is for several
+    ``alpha``: ``--set material.alpha=1.5``. It states neither E nor nu.
+
+    Args:
+        cells: hexahedra along an edge (tetrahedra: each cut into several).
+        stretch: the distance between the two faces at load 1 [m].
+    """
+    return Scene(
+        name="pull",
+        mesh=Geometry(source="cube"),
+        cells=cells,
+        element="Q1",
+        steps=10,
+        material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        hold=[Hold(group="left")],
+        move=[Move(group="right", translate=(stretch - 1, 0, 0))],
+        reactions=["right"],
+        load_name="distance",
+        load_range=(1, stretch),
+    )
