@@ -16,6 +16,7 @@ import fem_snh
 from fem_snh import materials
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen.source import source
+from fem_snh.materials import models
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.tuning import EPSILON, TUNING, stretch_power
 
@@ -285,11 +286,11 @@ COUNTS = {
 def counts(monkeypatch, tmp_path):
     for name, text in COUNTS.items():
         (tmp_path / f"{name}.py").write_text(text)
-    monkeypatch.setattr(materials, "__path__", [*materials.__path__, str(tmp_path)])
+    monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
     importlib.invalidate_caches()
     yield
     for name in COUNTS:
-        sys.modules.pop(f"fem_snh.materials.{name}", None)
+        sys.modules.pop(f"fem_snh.materials.models.{name}", None)
 
 
 def test_too_few_or_too_many_constants(counts):
