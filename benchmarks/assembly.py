@@ -124,7 +124,7 @@ def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     domain, u = deformed(name, cells)
     V, x = u.function_space, _dolfinx.petsc_vec(u)
     chosen = make_material(material)
-    law, elastic = chosen.law, elastic_term(u, name, chosen)
+    law, elastic = chosen.expression, elastic_term(u, name, chosen)
     filtered = elastic.jacobian(x, "clamp")
     ways: dict[str, Callable[[], Any]] = {
         kind: lambda kind=kind: elastic.jacobian(x, kind)  # type: ignore[misc]

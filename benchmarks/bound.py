@@ -73,7 +73,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
         ],
         move=[Move(group="right", translate=(stretch - 1, 0, 0), components=("x",))],
     )
-    mu, lam = chosen.law.values
+    mu, lam = chosen.expression.values
     J = 1 + mu / lam * (1 - 1 / stretch)
     X = p.places
     lateral = (J / stretch) ** 0.5

@@ -85,9 +85,9 @@ def paper_terms(m: Material, s: Any) -> tuple[Any, Any, Any, Any]:
 
     Its block is gamma_I I + gamma_H (H + rho g g^T + eta f f^T), in the paper's terms.
     """
-    mu, lam = m.law.values
+    mu, lam = m.expression.values
     J, I_C = s[0] * s[1] * s[2], s[0] ** 2 + s[1] ** 2 + s[2] ** 2
-    if "I_C + 1" in str(m.law.psi):  # with the barrier, eq. 14
+    if "I_C + 1" in str(m.expression.psi):  # with the barrier, eq. 14
         gamma_H = lam * (J - 1) - 3 * mu / 4
         return mu * (1 - 1 / (I_C + 1)), gamma_H, 2 * mu / ((I_C + 1) ** 2 * gamma_H), lam / gamma_H
     gamma_H = lam * (J - 1) - mu

@@ -141,7 +141,7 @@ class Manufactured:
     ) -> None:
         self.element, self.nu = element, nu
         law = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
-        mu, lam = law.law.values
+        mu, lam = law.expression.values
         self.shear, self.swell = shear, 0.0 if isinf(lam) else swell * mu / lam
         faces = [_Boundary(face, axes, self._displacement) for face, axes in FACES.items()]
         body = bent_cube(comm, element.cell, cells, bend)

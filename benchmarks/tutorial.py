@@ -48,7 +48,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     comm = MPI.COMM_WORLD
     element = elements.element(scene.element, scene.quadrature)
     domain = make_mesh(comm, scene, element)
-    law = material(scene.material.name, scene.material.E, scene.material.nu).law
+    law = material(scene.material.name, scene.material.E, scene.material.nu).expression
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))
     u, v = _dolfinx.function(V, "displacement"), ufl.TestFunction(V)
     dx = ufl.Measure("dx", domain=domain.domain, metadata={"quadrature_degree": element.quadrature})

@@ -103,7 +103,7 @@ def test_affine_patch(comm, element, nu):
     At nu = 0.5 a prescribed boundary would not say what the pressure is: most of it is left to the
     tractions of an affine state.
     """
-    mu, lam = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False).law.values
+    mu, lam = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False).expression.values
     F, pressure = SHEARS * (1 + 0.3 * mu / lam), 0.3
     if nu == 0.5:
         stress = mu * F + (pressure - mu) * np.linalg.inv(F).T  # cof F, as J = 1
@@ -178,7 +178,7 @@ def test_uniaxial_stretch(comm, element, nu, stretch):
         move=[Condition("right", pull, ("x",))],
         reactions=["right", "left"],
     )
-    mu, lam = p.material.law.values
+    mu, lam = p.material.expression.values
     J = 1 + mu / lam * (1 - 1 / stretch)
     lateral = np.sqrt(J / stretch)
     solve(p, lambda X: X * (np.array([stretch, lateral, lateral]) - 1) + wave(0.005)(X))

@@ -45,17 +45,19 @@ DIGITS = {True: 1e-9, False: 1e-12}
 
 def states(m: Material) -> np.ndarray:
     """The stretches that are in the domain of m."""
-    return np.array(UPRIGHT + (INVERTED if m.law.inversion_safe else []))
+    return np.array(UPRIGHT + (INVERTED if m.expression.inversion_safe else []))
 
 
 def exact(m: Material, s: np.ndarray) -> tuple[list, list]:
     """Principal stresses and their derivatives at s (50 digits), from the expression."""
-    rows = [[sympy.diff(p, t) for t in SIGMA] for p in m.law.slopes]
-    call = sympy.lambdify((*SIGMA, *m.law.constants), (list(m.law.slopes), rows), "mpmath")
+    rows = [[sympy.diff(p, t) for t in SIGMA] for p in m.expression.slopes]
+    call = sympy.lambdify(
+        (*SIGMA, *m.expression.constants), (list(m.expression.slopes), rows), "mpmath"
+    )
     with mpmath.workdps(60):
         # Equal stretches are told apart by 1e-25: a divided difference is then its limit.
         apart = [mpmath.mpf(float(x)) + k * mpmath.mpf(10) ** -25 for k, x in enumerate(s)]
-        first, second = call(*apart, *m.law.values)
+        first, second = call(*apart, *m.expression.values)
         pairs = [(apart[j] + apart[k], apart[j] - apart[k]) for j, k in PAIRS]
         twist = [(first[j] + first[k]) / p for (j, k), (p, _) in zip(PAIRS, pairs, strict=True)]
         flip = [(first[j] - first[k]) / d for (j, k), (_, d) in zip(PAIRS, pairs, strict=True)]
@@ -68,13 +70,13 @@ def exact(m: Material, s: np.ndarray) -> tuple[list, list]:
 def test_it_is_what_it_says(name):
     """Where it is finite, whether it rests, whether it has an energy."""
     m = law(name, NU)
-    assert m.law.inversion_safe == (name in FINITE)
-    assert m.law.has_energy == (name not in NO_ENERGY)
-    assert (abs(m.law.rest_stress) > 1e-3 * m.law.E) == (name in NO_REST)
+    assert m.expression.inversion_safe == (name in FINITE)
+    assert m.expression.has_energy == (name not in NO_ENERGY)
+    assert (abs(m.expression.rest_stress) > 1e-3 * m.expression.E) == (name in NO_REST)
     rest = m.pk1(np.eye(3))
-    assert rest == pytest.approx(m.law.rest_stress * np.eye(3), abs=1e-14 * m.law.E)
-    if m.law.has_energy:
-        assert m.energy(np.eye(3)) == pytest.approx(0, abs=1e-15 * m.law.E)
+    assert rest == pytest.approx(m.expression.rest_stress * np.eye(3), abs=1e-14 * m.expression.E)
+    if m.expression.has_energy:
+        assert m.energy(np.eye(3)) == pytest.approx(0, abs=1e-15 * m.expression.E)
     else:
         with pytest.raises(BadInput, match="has no energy"):
             m.energy(np.eye(3))
@@ -84,17 +86,17 @@ def test_it_is_what_it_says(name):
 def test_derivatives_by_order_of_convergence(name):
     """Central differences of psi tend to P, and of P to the Hessian, as h^2 until rounding."""
     m = law(name, NU)
-    chosen = ["random", "stretched", *(["inverted"] if m.law.inversion_safe else [])]
+    chosen = ["random", "stretched", *(["inverted"] if m.expression.inversion_safe else [])]
     h = 0.02 * 2.0 ** -np.arange(9)
     for state in chosen:
         F = deformations(STATES[state], seed=7)
         D = np.random.default_rng(8).standard_normal((3, 3))
         D /= np.linalg.norm(D)
         points = F + h[:, None, None] * D, F - h[:, None, None] * D
-        if m.law.has_energy:
+        if m.expression.has_energy:
             up, down = (m.energy(x) for x in points)
             error = abs((up - down) / (2 * h) - (m.pk1(F) * D).sum())
-            size = abs(m.energy(F)) + np.linalg.norm(m.pk1(F)) * np.linalg.norm(F) + m.law.E
+            size = abs(m.energy(F)) + np.linalg.norm(m.pk1(F)) * np.linalg.norm(F) + m.expression.E
             assert observed_order(h, error, 1e-16 * size / h) == pytest.approx(2, abs=0.2)
         elif state == "inverted":
             continue  # the derivative of its stress is not symmetric: see below
@@ -112,7 +114,7 @@ def test_stress_and_eigenvalues_against_fifty_digits(name):
         s = svd(F)[1]
         first, expected = exact(m, s)
         values, _ = m.eigensystem(F)
-        bound = DIGITS[m.law.of_stretches]
+        bound = DIGITS[m.expression.of_stretches]
         assert abs(values - expected).max() <= bound * abs(np.array(expected)).max()
         P = np.linalg.svd(m.pk1(F), compute_uv=False)
         assert P == pytest.approx(
@@ -146,11 +148,13 @@ def test_outside_the_domain(name):
     )
     parts = [m.pk1(F), m.hessian(F), m.hessian(F, "clamp"), m.eigensystem(F)[0]]
     assert all(np.isfinite(part).all() for part in parts)
-    if not m.law.has_energy:
+    if not m.expression.has_energy:
         return
     psi = m.energy(F)
     assert not np.isnan(psi).any() and psi[-1] == np.inf
-    assert np.isfinite(psi[:-1]).all() if m.law.inversion_safe else (psi[:-1] == np.inf).all()
+    assert (
+        np.isfinite(psi[:-1]).all() if m.expression.inversion_safe else (psi[:-1] == np.inf).all()
+    )
     outside = np.isinf(psi)
     assert not any(part[outside].any() for part in parts)
 
@@ -162,10 +166,10 @@ WITH_UFL = [n for n in materials.names() if not materials.energy(n, nu=NU).needs
 def test_ufl_agrees(name):
     """psi, P and the Hessian of the UFL form, differentiated by UFL and evaluated at one F."""
     m = law(name, NU)
-    for state in ["random", *(["inverted"] if m.law.inversion_safe else [])]:
+    for state in ["random", *(["inverted"] if m.expression.inversion_safe else [])]:
         F = deformations(STATES[state], seed=5)
         variable = ufl.variable(ufl.as_matrix(F.tolist()))
-        psi = ufl_forms.energy_density(m.law, variable)
+        psi = ufl_forms.energy_density(m.expression, variable)
         P = ufl.diff(psi, variable)
         assert m.energy(F) == pytest.approx(psi(()), rel=1e-12)
         stress = np.array([[P[i, j](()) for j in range(3)] for i in range(3)])
@@ -187,5 +191,5 @@ def test_a_stress_that_is_no_gradient():
             for D in np.swapaxes(np.eye(9).reshape(9, 3, 3), 1, 2)
         ]
     ).T
-    assert abs(jacobian - jacobian.T).max() > 0.1 * m.law.E
+    assert abs(jacobian - jacobian.T).max() > 0.1 * m.expression.E
     assert m.hessian(F) == pytest.approx((jacobian + jacobian.T) / 2, abs=1e-7)

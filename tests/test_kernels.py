@@ -96,14 +96,16 @@ def test_against_fifty_digits(m, state):
     P, H = m.pk1(F), m.hessian(F)
     with mpmath.workdps(80):
         f, h = exactly(F), mpmath.mpf(10) ** -18
-        energy = psi_exactly(m.law, f)
+        energy = psi_exactly(m.expression, f)
         scale = abs(m.energy(F)) + np.linalg.norm(P) * np.linalg.norm(F)
         assert abs(m.energy(F) - energy) <= 1e-14 * scale
         rng = np.random.default_rng(4)
         entry = np.eye(9).reshape(9, 3, 3)
         for A, B in [*rng.standard_normal((3, 2, 3, 3)), *zip(entry[:3], entry[[0, 5, 8]])]:
             a, b = exactly(A), exactly(B)
-            corner = [psi_exactly(m.law, f + h * (x * a + y * b)) for x in (1, -1) for y in (1, -1)]
+            corner = [
+                psi_exactly(m.expression, f + h * (x * a + y * b)) for x in (1, -1) for y in (1, -1)
+            ]
             slope = (corner[0] + corner[1] - corner[2] - corner[3]) / (4 * h)
             curvature = (corner[0] - corner[1] - corner[2] + corner[3]) / (4 * h**2)
             assert abs((P * A).sum() - float(slope)) <= 1e-13 * np.linalg.norm(P)
@@ -143,7 +145,7 @@ def assert_eigenvalues(m: Material, s: np.ndarray, values: np.ndarray, bound: fl
         s = [mpmath.mpf(float(x)) for x in s]
         # Equal stretches are told apart by 1e-25: the divided difference is then the limit.
         s = [x + k * mpmath.mpf(10) ** -25 for k, x in enumerate(s)]
-        first, second = principal(m.law)(*s, *m.law.values)
+        first, second = principal(m.expression)(*s, *m.expression.values)
         scaling = sorted(mpmath.eigsy(mpmath.matrix(second), eigvals_only=True), reverse=True)
         twist = [(first[j] + first[k]) / (s[j] + s[k]) for j, k in PAIRS]
         flip = [(first[j] - first[k]) / (s[j] - s[k]) for j, k in PAIRS]
@@ -162,7 +164,7 @@ def rounding(m: Material, F: np.ndarray) -> tuple[float, float, float]:
     """What rounding F may change in psi, P and the Hessian."""
     size = np.linalg.norm(F) + 1e-30
     P, H = np.linalg.norm(m.pk1(F)), np.linalg.norm(m.hessian(F))
-    E = m.law.E / (1 - 2 * m.law.nu)
+    E = m.expression.E / (1 - 2 * m.expression.nu)
     return 1e-13 * (E + m.energy(F) + P * size), 1e-13 * (E + P + H * size), 1e-13 * (E + H)
 
 
@@ -178,7 +180,7 @@ def test_frame_invariance_and_isotropy(m, F, Q):
         assert np.isinf(m.energy(F @ Q))
         return
     s = svd(F)[1]
-    assume(not m.law.needs_stretches or s[1] + s[2] > 1e-3)  # where the polar rotation jumps
+    assume(not m.expression.needs_stretches or s[1] + s[2] > 1e-3)  # where the polar rotation jumps
     of_psi, of_P, _ = rounding(m, F)
     for turned in (Q @ F, F @ Q):
         assert abs(m.energy(turned) - psi) <= of_psi
@@ -213,9 +215,9 @@ def test_no_convention_of_the_svd_matters(nu, F, order, mirror):
 def scaled_terms(m: Material, s: np.ndarray) -> tuple[float, float, float, float]:
     """gamma_I, gamma_H, gamma_H eta, gamma_H rho: finite also where gamma_H is 0."""
     gamma_I, gamma_H, _, _ = paper_terms(m, s.astype(object) + sympy.Rational(0))
-    mu, lam = m.law.values
+    mu, lam = m.expression.values
     I_C = (s**2).sum()
-    eta_H = 2 * mu / (I_C + 1) ** 2 if m.law.nu < 0.4 else 0.0
+    eta_H = 2 * mu / (I_C + 1) ** 2 if m.expression.nu < 0.4 else 0.0
     return float(gamma_I), float(gamma_H), eta_H, lam
 
 

@@ -150,7 +150,7 @@ STATES = pytest.mark.parametrize("to", ["plane", "line", "point", "inverted"])
 def test_what_is_said_of_crushed_states(to: str, nu: float) -> None:
     """The forces and the curvatures that docs and page of the crushed states tell."""
     m = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
-    mu, lam = m.law.values
+    mu, lam = m.expression.values
     alpha = 1 + 3 * mu / (4 * lam)
     F = np.array(scenes.load("crush", to=to).start.map, dtype=float)
     P = m.pk1(F)

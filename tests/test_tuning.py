@@ -116,7 +116,7 @@ def test_inverted_elements(name, alpha):
     """Finite; energy, stress and Hessian of one another; no stationary state but rest."""
     m = law(name, NU, alpha=alpha)
     F = deformations(INVERTED, seed=4)
-    assert m.law.inversion_safe
+    assert m.expression.inversion_safe
     assert np.isfinite(m.energy(F)).all()
     h = 1e-3 * 2.0 ** -np.arange(6)
     for f in F:
@@ -203,7 +203,7 @@ def test_parts_make_the_whole(name):
     F = deformations(UPRIGHT)
     same = law(name, NU, lambda_part=name)
     assert same.energy(F) == pytest.approx(law(name, NU).energy(F), rel=1e-11)
-    assert same.law.values == same.law.lame == pytest.approx(law(name, NU).lame)
+    assert same.expression.values == same.expression.lame == pytest.approx(law(name, NU).lame)
 
 
 def test_corotational_with_the_volume_of_another():
@@ -211,7 +211,7 @@ def test_corotational_with_the_volume_of_another():
     F = deformations(np.concatenate([UPRIGHT, INVERTED]))
     mixed = law("corotational", NU, lambda_part="stable_neo_hookean")
     assert mixed.energy(F) == pytest.approx(law("fixed_corotational", NU).energy(F), rel=1e-11)
-    assert mixed.law.inversion_safe
+    assert mixed.expression.inversion_safe
     logs = law("corotational", NU, lambda_part="neo_hookean")
     mu, lam = logs.lame
     expected = mu * ((UPRIGHT - 1) ** 2).sum(1) + lam / 2 * np.log(UPRIGHT.prod(1)) ** 2
@@ -252,7 +252,7 @@ def test_what_is_no_sum_of_two_parts():
 def test_three_constants_move_least():
     """Of all constants with the wanted stiffness those nearest to the defaults, by projection."""
     E, nu = 2.0, 0.3
-    found = np.array(fem_snh.material("mooney_rivlin", E=E, nu=nu).law.values)
+    found = np.array(fem_snh.material("mooney_rivlin", E=E, nu=nu).expression.values)
     mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
     M = np.array([[2, 2, 0], [-4 / 3, -4 / 3, 1]])
     start = E * np.array([0.125, 0.0417, 1.0])
@@ -263,7 +263,7 @@ def test_three_constants_move_least():
 
 def test_a_constant_can_be_pinned():
     m = fem_snh.material("mooney_rivlin", E=2.0, nu=0.3, C2=0.05)
-    C1, C2, _ = m.law.values
+    C1, C2, _ = m.expression.values
     assert C2 == 0.05
     assert 2 * (C1 + C2) == pytest.approx(m.lame[0], rel=1e-12)
     with pytest.raises(BadInput):
@@ -305,7 +305,7 @@ def test_too_few_or_too_many_constants(counts):
         fem_snh.material("none")
     with pytest.raises(BadInput, match=r"C1, C2, lam, to be fitted to E and nu: pin C1, C2, lam"):
         fem_snh.material("many", nu=0.3)
-    assert fem_snh.material("many", nu=0.3, C2=0.01).law.values[1] == 0.01
+    assert fem_snh.material("many", nu=0.3, C2=0.01).expression.values[1] == 0.01
 
 
 def test_tuning_is_documented():

@@ -194,7 +194,7 @@ def block_by_hand(p, volume, keep):
 def test_filters_are_numpys_eigh_at_every_point(element, law, choice):
     """One cell that is no unit cell, inverted at some points."""
     p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, law)
-    wild(p, p.material.law.inversion_safe)
+    wild(p, p.material.expression.inversion_safe)
     p.jacobian(p.x, choice)
     found = dense(p.A)
     n = 3 * _dolfinx.num_nodes(p.V)[0]
@@ -297,7 +297,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, law, nu):
     L = (volume.rest(F, mu, local) + pressure * ufl.det(F) - dual) * dx
     assert energy == pytest.approx(_dolfinx.assemble_scalar(_dolfinx.form(L)), rel=1e-12)
 
-    n, scale = 3 * _dolfinx.num_nodes(p.V)[0], p.material.law.E / p.length
+    n, scale = 3 * _dolfinx.num_nodes(p.V)[0], p.material.expression.E / p.length
     tests, trials = [[f(V) for V in (p.V, Q)] for f in (ufl.TestFunction, ufl.TrialFunction)]
     first = [ufl.derivative(L, w, v) for w, v in zip((u, pressure), tests, strict=True)]
     parts = [r.array_r[:n], r.array_r[n:] / scale]

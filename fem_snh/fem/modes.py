@@ -112,7 +112,7 @@ class _Pencil:
 
     def __init__(self, problem: Problem, density: float, prefix: str) -> None:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
-        self.scale = problem.material.law.E / (density * problem.length**2)
+        self.scale = problem.material.expression.E / (density * problem.length**2)
         owned = problem.x.getLocalSize()
         self._free = np.flatnonzero(problem.elastic.free.ravel()[:owned])
         first = problem.x.getOwnershipRange()[0]

@@ -101,7 +101,7 @@ class Problem:
         self.nonfinite = 0
         self.saddle: Saddle | None = None
         if isinstance(self._unknowns, DisplacementPressure):
-            scale = material.law.E / self.length
+            scale = material.expression.E / self.length
             self.elastic = Elastic(self.V, element, material, self._unknowns.Q, scale)
             self.saddle = Saddle(self._unknowns, self.elastic, scale, material.lame[0])
         else:
@@ -117,12 +117,12 @@ class Problem:
             free = self.elastic.free[: len(self.places)]
             self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.places, free))
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
-        self.force_scale = material.law.E * self.length**2
+        self.force_scale = material.expression.E * self.length**2
 
     @property
     def has_energy(self) -> bool:
         """Whether the material's stress is the gradient of an energy."""
-        return self.material.law.has_energy
+        return self.material.expression.has_energy
 
     @property
     def places(self) -> Array:
@@ -191,7 +191,9 @@ class Problem:
         Raises BadInput for a material that has stresses and no energy.
         """
         if not self.has_energy:
-            raise BadInput(f"material '{self.material.law.name}' has no energy, only a stress")
+            raise BadInput(
+                f"material '{self.material.expression.name}' has no energy, only a stress"
+            )
         u = self._unknowns.displacement(x)
         energy = sum(term.energy(u) for term in self.terms)
         self.nonfinite += not isfinite(energy)

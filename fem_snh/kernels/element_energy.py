@@ -33,4 +33,4 @@ def law_for(energy: Energy, volume: str) -> Law:
         return Law(energy)
     parts = split(energy, BOUNDS[volume])
     curve = source.volume_curve if volume == "mean" else source.volume_dual
-    return Law(parts.law, (curve(parts),), parts.stiffness, parts.local)
+    return Law(parts.energy, (curve(parts),), parts.stiffness, parts.local)

@@ -35,30 +35,30 @@ class Material:
     """A hyperelastic material with its numbers; every F is (..., 3, 3), vectorised over the rest.
 
     ``m.energy(F)``, ``m.pk1(F)``, ``m.hessian(F, filter)``, ``m.eigensystem(F)`` call the kernels
-    that the assembly uses. ``m.law`` is the expression behind them.
+    that the assembly uses. ``m.expression`` is the expression behind them.
     """
 
     def __init__(self, law: Energy) -> None:
-        self.law = law
+        self.expression = law
         self.constants = np.array(law.values)
 
     def __repr__(self) -> str:
-        law = self.law
+        law = self.expression
         numbers = ", ".join(f"{c}={v:g}" for c, v in zip(law.constants, law.values, strict=True))
         return f"<{law.name}: E={law.E:g}, nu={law.nu:g}; {numbers}>"
 
     @property
     def name(self) -> str:
-        return self.law.name
+        return self.expression.name
 
     @property
     def lame(self) -> tuple[float, float]:
         """(mu_lame, lambda_lame) [Pa] from the energy itself (Chen & Barbic eq. 3, 4)."""
-        return self.law.lame
+        return self.expression.lame
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
-        law = law_for(self.law, "pointwise")  # refuses nu = 0.5
+        law = law_for(self.expression, "pointwise")  # refuses nu = 0.5
         return build.load(build.library(source.source(law.energy)), DECLARATIONS)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
@@ -85,7 +85,7 @@ class Material:
 
         Raises BadInput for a material that has stresses and no energy.
         """
-        if not self.law.has_energy:
+        if not self.expression.has_energy:
             raise BadInput(f"material '{self.name}' has no energy, only a stress")
         return self._call("energy_points", F, sizes=(1,))[0][..., 0]
 

@@ -38,30 +38,30 @@ _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
 class Split:
     """A material's energy in two parts.
 
-    law : psi' + pressure J, an energy with ``pressure`` (the symbol PRESSURE) beside its constants
-        mu_lame, lambda_lame and lambda_local.
+    energy : psi' + pressure J, an energy with ``pressure`` (the symbol PRESSURE) beside its
+        constants mu_lame, lambda_lame and lambda_local.
     volume : U(J) [Pa] in J and the constants; at nu = 0.5 J = 1 takes its place.
     """
 
-    law: Energy
+    energy: Energy
     volume: sympy.Expr
 
     @property
     def stiffness(self) -> float:
         """U''(1) [Pa], lambda_lame - lambda_local; infinite at nu = 0.5."""
-        return self.law.values[1] - self.local
+        return self.energy.values[1] - self.local
 
     @property
     def local(self) -> float:
         """lambda_local [Pa]."""
-        return self.law.values[2]
+        return self.energy.values[2]
 
     @property
     def volume_curve(self) -> _Curve:
         """(U, U', U'') in J. Raises BadInput at nu = 0.5."""
         if math.isinf(self.stiffness):
             raise BadInput(
-                f"nu = 0.5: material '{self.law.name}' is incompressible, which takes a "
+                f"nu = 0.5: material '{self.energy.name}' is incompressible, which takes a "
                 "Taylor-Hood element (P2P1, Q2Q1)"
             )
         first = sympy.factor(sympy.diff(self.volume, J))
@@ -77,7 +77,7 @@ class Split:
             return PRESSURE, sympy.Integer(1), sympy.Integer(0)
         if not self.stiffness > 0:
             raise BadInput(
-                f"nu = {self.law.nu:g}: Taylor-Hood elements need a volume that resists, nu > 0"
+                f"nu = {self.energy.nu:g}: Taylor-Hood elements need a volume that resists, nu > 0"
             )
         slope = sympy.diff(self.volume, J)
         try:
@@ -85,12 +85,14 @@ class Split:
         except NotImplementedError:
             found = []
         # Of several branches, the one through the state at rest.
-        numbers = dict(zip(self.law.constants, self.law.values, strict=True)) | {PRESSURE: 0.0}
+        numbers = dict(zip(self.energy.constants, self.energy.values, strict=True)) | {
+            PRESSURE: 0.0
+        }
         at_rest = [g for g in found if (v := g.subs(numbers)).is_finite and abs(v - 1) < 1e-9]
         if len(at_rest) != 1 or at_rest[0].has(sympy.LambertW):
             raise BadInput(
-                f"material '{self.law.name}': the pressure of its volume term {self.volume} cannot "
-                "be inverted in closed form, which Taylor-Hood elements need: take Q1P0 or P2P0, "
+                f"material '{self.energy.name}': the pressure of its volume term {self.volume} "
+                "cannot be inverted in closed form, which Taylor-Hood elements need: take Q1P0 or P2P0, "
                 "or a material with another volume term"
             )
         volume = sympy.simplify(at_rest[0])

@@ -44,7 +44,7 @@ def collapse(m: Material, path: str) -> Collapse:
     def along(s: Array) -> tuple[Array, Array]:
         stretches = np.where(moves > 0, s[:, None], 1.0)
         F = diagonal(stretches)
-        psi = m.energy(F) if m.law.has_energy else np.full(len(s), np.nan)
+        psi = m.energy(F) if m.expression.has_energy else np.full(len(s), np.nan)
         return np.where(np.isfinite(psi), psi, np.nan), stress(m, stretches)[:, 2]
 
     s = np.linspace(-1.5, 2, 281)

@@ -87,7 +87,7 @@ def interval(m: Material, curve: Curve) -> Interval:
     if not len(x):
         return Interval(curve.name, (1.0, 1.0), None, None)
     pieces = [
-        _around_rest(m, curve.name, x, s, values >= -TOLERANCE * m.law.E, which)
+        _around_rest(m, curve.name, x, s, values >= -TOLERANCE * m.expression.E, which)
         for which, values in enumerate(smallest(m, s))
     ]
     return Interval(curve.name, (float(x[0]), float(x[-1])), *pieces)
@@ -112,7 +112,7 @@ def _edge(m: Material, path: str, x: Array, s: Array, a: int, b: int, which: int
     for _ in range(26):
         middle = (good + bad) / 2
         here = _stretches(m, path, middle, float(s[a, 2]))
-        if smallest(m, here)[which] >= -TOLERANCE * m.law.E:
+        if smallest(m, here)[which] >= -TOLERANCE * m.expression.E:
             good = middle
         else:
             bad = middle

@@ -20,7 +20,9 @@ def diagonal(s: npt.ArrayLike) -> Array:
 
 def inside(m: Material, F: Array) -> npt.NDArray[np.bool_]:
     """Whether the energy is finite at F (..., 3, 3); everywhere for a material without one."""
-    finite = np.isfinite(m.energy(F)) if m.law.has_energy else np.isfinite(F).all(axis=(-1, -2))
+    finite = (
+        np.isfinite(m.energy(F)) if m.expression.has_energy else np.isfinite(F).all(axis=(-1, -2))
+    )
     return np.asarray(finite)
 
 

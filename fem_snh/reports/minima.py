@@ -80,10 +80,10 @@ def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
         kicked = left[flat]
         moved = F[kicked] + 0.1 * rng.normal(size=(len(kicked), 3, 3))
         F[kicked] = np.where(inside(m, moved)[:, None, None], moved, F[kicked])
-    s, E = svd(F)[1], m.law.E
+    s, E = svd(F)[1], m.expression.E
     still = done & inside(m, F) & _stable(m.eigensystem(F)[0], E) & (s[:, 0] < _FAR)
     away = ~still & ((np.abs(s[:, 2]) < 1e-3) | (s[:, 0] > _FAR))
-    away &= m.energy(F) < -_FLAT * E if m.law.has_energy else False
+    away &= m.energy(F) < -_FLAT * E if m.expression.has_energy else False
     stretches, hits = _distinct(s[still])
     return Minima(stretches, hits, len(F), int(away.sum()), int((~away & ~still).sum()))
 
@@ -93,7 +93,7 @@ def _starts(m: Material, n: int, rng: np.random.Generator) -> Array:
     F = rng.normal(size=(6 * n, 3, 3))
     F *= np.where(rng.random(6 * n) < 0.5, 1.0, 10 ** rng.uniform(-3, 0.3, 6 * n))[:, None, None]
     F = F[inside(m, F)][:n]
-    if not m.law.domain:  # the basin of a stable point may be as small as 1/2 - nu
+    if not m.expression.domain:  # the basin of a stable point may be as small as 1/2 - nu
         F[0] *= 1e-8
     return F
 
@@ -111,7 +111,7 @@ def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDAr
 
     Returns the next F, who has arrived (at a minimum, or too far away), and who is on flat ground.
     """
-    E, (mu, lam) = m.law.E, lame(m.law.E, m.law.nu)
+    E, (mu, lam) = m.expression.E, lame(m.expression.E, m.expression.nu)
     g = np.swapaxes(m.pk1(F), -1, -2).reshape(-1, 9)
     values, vectors = m.eigensystem(F)
     along = np.einsum("nij,ni->nj", vectors, g)
@@ -128,7 +128,7 @@ def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDAr
     stable = _stable(values, E)
     near = stable & (length[:, 0] < 1e-5)
     arrived = (calm & near) | (np.abs(F).max(axis=(-1, -2)) > 10 * _FAR)
-    if not m.law.has_energy:
+    if not m.expression.has_energy:
         return np.where(arrived[:, None, None], F, F + 0.5 * step), arrived, calm & ~stable
     psi, t = m.energy(F), np.ones((len(F), 1, 1))
     for _ in range(30):

@@ -76,16 +76,18 @@ def report(m: Material) -> Report:
     tests = curves.curves(m)
     return Report(
         name=m.name,
-        E=m.law.E,
-        nu=m.law.nu,
-        shape=dict(m.law.shape),
-        constants={str(c): v for c, v in zip(m.law.constants, m.law.values, strict=True)},
+        E=m.expression.E,
+        nu=m.expression.nu,
+        shape=dict(m.expression.shape),
+        constants={
+            str(c): v for c, v in zip(m.expression.constants, m.expression.values, strict=True)
+        },
         mu_lame=m.lame[0],
         lambda_lame=m.lame[1],
-        rest_stress=m.law.rest_stress,
-        has_energy=m.law.has_energy,
-        domain=tuple(map(str, m.law.domain)),
-        needs_stretches=m.law.needs_stretches,
+        rest_stress=m.expression.rest_stress,
+        has_energy=m.expression.has_energy,
+        domain=tuple(map(str, m.expression.domain)),
+        needs_stretches=m.expression.needs_stretches,
         inversion=stability.inversion(m, found),
         reflection=stability.reflection(m),
         rest=stability.rest(m),

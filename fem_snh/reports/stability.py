@@ -76,7 +76,7 @@ def inversion(m: Material, minima: Minima) -> Stability:
         return Stability("inversion", FAILS, f"infinite for {where}", numbers)
     force, inverted = restoring(m), sum(s[2] < -1e-6 for s in minima.stretches)
     numbers |= {
-        "growth": growth(m), "force": force / m.law.E, "inverted minima": float(inverted)
+        "growth": growth(m), "force": force / m.expression.E, "inverted minima": float(inverted)
     }  # fmt: skip
     faults = []
     if numbers["growth"] > 1e3:
@@ -108,7 +108,7 @@ def growth(m: Material) -> float:
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
         sizes.append(np.abs(eigenvalues(m, np.array(near))).max(axis=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = sizes[1] / np.maximum(sizes[0], _SMALL * m.law.E)
+        ratio = sizes[1] / np.maximum(sizes[0], _SMALL * m.expression.E)
     return float(ratio.max()) if np.isfinite(ratio).all() else float("inf")
 
 
@@ -137,7 +137,7 @@ def reflection(m: Material) -> Stability:
     element: ``energy``, ``stress``, ``eigenvalues``; and ``order``, between the six orders of the
     stretches of one choice.
     """
-    signed = Signed(m.law)
+    signed = Signed(m.expression)
     sizes = np.random.default_rng(7).uniform(0.3, 2.0, (24, 3))
     choices = sizes[:, None] * FLIPS
     psi, p, e = signed.energy(choices), signed.stress(choices), signed.eigenvalues(choices)
@@ -165,13 +165,13 @@ def rest(m: Material) -> Stability:
     Numbers: ``energy`` and ``stress`` at rest, ``Hooke`` (difference of the Hessians relative to
     Hooke's).
     """
-    E, eye = m.law.E, np.eye(3)
-    mu, lam = lame(E, m.law.nu)
+    E, eye = m.expression.E, np.eye(3)
+    mu, lam = lame(E, m.expression.nu)
     C = lam * np.einsum("ij,kl->ijkl", eye, eye)
     C += mu * (np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye))
     hooke = C.reshape(9, 9)
     numbers = {
-        "energy": abs(float(m.energy(eye))) / E if m.law.has_energy else 0.0,
+        "energy": abs(float(m.energy(eye))) / E if m.expression.has_energy else 0.0,
         "stress": float(np.abs(m.pk1(eye)).max()) / E,
         "Hooke": float(np.abs(m.hessian(eye) - hooke).max() / np.abs(hooke).max()),
     }
@@ -196,7 +196,7 @@ def degeneracy(m: Material) -> Stability:
     ``point force`` and ``point curvature`` (smallest eigenvalue at F = 0: positive would be a
     stable minimum) with its ``point basin`` (the uniform stretch below which it attracts).
     """
-    E = m.law.E
+    E = m.expression.E
     crushed = diagonal(np.array([(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]))
     if not inside(m, crushed).all():
         return Stability("degeneracy", NOT_APPLICABLE, "outside its domain")

@@ -58,9 +58,9 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
         | {f"{s.name}_why": s.why for s in four}
         | {
             "minima": str(found),
-            "domain": domain(tuple(map(str, m.law.domain))),
-            "stretches": m.law.needs_stretches,
-            "note": "" if m.law.has_energy else "no energy",
+            "domain": domain(tuple(map(str, m.expression.domain))),
+            "stretches": m.expression.needs_stretches,
+            "note": "" if m.expression.has_energy else "no energy",
         }
     )
 

@@ -32,7 +32,7 @@ MODE_COLUMNS = ("mode", "frequency", "residual")
 
 def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
     """run.json's content before the first step. Collective."""
-    law = problem.material.law
+    law = problem.material.expression
     mu, lam = problem.material.lame
     own = {str(c): v for c, v in zip(law.constants, law.values, strict=True)}
     return {

@@ -46,7 +46,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     Raises BadInput for an option's bad value.
     """
     energy_scale = problem.force_scale * problem.length
-    has_energy = problem.material.law.has_energy
+    has_energy = problem.material.expression.has_energy
     database = PETSc.Options(prefix)
     policy = database.getString("snes_hessian", hessian)
     context = ProjectedNewton(

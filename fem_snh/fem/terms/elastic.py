@@ -72,7 +72,9 @@ class Elastic:
         self.V, self.comm = V, V.mesh.comm
         made = tables(V, element, Q, scale)
         start = perf_counter()
-        self.law = law = law_for(material.law, element.volume)  # codegen, compilation's share
+        self.law = law = law_for(
+            material.expression, element.volume
+        )  # codegen, compilation's share
         path = on_root(self.comm, build.library, c_source(law, made))  # compiled once
         self.jit_seconds = perf_counter() - start
         self.loops = CellLoops(path, law, made)

@@ -20,13 +20,13 @@ def volume_curve(split: Split) -> str:
     """C for U(J), U', U'' of a material (volume_mean.h)."""
     head = f"volume_curve(Law p, real J, real {VOLUME_CHANGE}, real *U)"
     curve = split.volume_curve
-    return Functions(split.law).curve_function(head, J, curve, "U", volume_near_rest(curve))
+    return Functions(split.energy).curve_function(head, J, curve, "U", volume_near_rest(curve))
 
 
 def volume_dual(split: Split) -> str:
     """C for U*(p), J(p), dJ/dp of a material (volume_pressure.h)."""
     head = "volume_dual(Law p, real *dual)"
-    return Functions(split.law).curve_function(head, PRESSURE, split.dual_curve, "dual")
+    return Functions(split.energy).curve_function(head, PRESSURE, split.dual_curve, "dual")
 
 
 def tools() -> str:

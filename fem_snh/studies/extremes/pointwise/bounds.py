@@ -95,12 +95,12 @@ def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:
 
 def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]:
     """Every quantity of the material at F, a (3, 3) array of doubles."""
-    oracle = Oracle(m.law)
+    oracle = Oracle(m.expression)
     with mpmath.workdps(digits(F)):
         exact = oracle(exactly(F))
         near = [oracle(f) for f in shaken(F, rng)]
         same = all(p.inside == exact.inside for p in near)
-        if m.law.has_energy:
+        if m.expression.has_energy:
             yield _energy(m, F, exact, near, same)
         true = exact.hessian() if exact.blocks is not None else None
         change = _change([p.hessian() if p.blocks is not None else None for p in near], true)
@@ -129,10 +129,10 @@ def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) ->
         return Compared("energy", mpf(0), mpf(0))
     size = exact.terms
     if is_near_rest(F):
-        mu, lam = map(mpf, m.law.lame)
+        mu, lam = map(mpf, m.expression.lame)
         H = exactly(F - np.eye(3))  # exact: the entries are near 1
         size = abs(exact.energy) + mu * norm(H) + abs(lam * np.trace(H))
-        size += abs(mpf(m.law.rest_stress)) * norm(H)
+        size += abs(mpf(m.expression.rest_stress)) * norm(H)
     bound = max(abs(p.energy - exact.energy) for p in near) + _R * size
     return Compared("energy", abs(mpf(found) - exact.energy), bound, abs(exact.energy))
 
