@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
-    from fem_snh.reports import material
+    from fem_snh.kernels.pointwise import material
     from fem_snh.runs import Result, run
 
 __all__ = ["BadInput", "Result", "material", "materials", "run"]
 
 # Loaded when first asked for: a typing mistake on the command line need not wait for dolfinx.
-_WHERE = {"material": "reports", "run": "runs", "Result": "runs"}
+_WHERE = {"material": "kernels.pointwise", "run": "runs", "Result": "runs"}
 
 
 def __getattr__(name: str) -> Any:

@@ -12,8 +12,9 @@ import sympy
 
 from fem_snh import materials
 from fem_snh.errors import BadInput
+from fem_snh.kernels.pointwise import Material, material
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.reports import Material, curves, drucker, material, stability
+from fem_snh.reports import curves, drucker, stability
 from fem_snh.reports import table as tables
 from fem_snh.reports.collapse import collapses
 from fem_snh.reports.evaluate import diagonal, eigenvalues, inside, stress

@@ -99,7 +99,7 @@ def _describe(name: str) -> int:
 
 
 def _measure(args: Namespace, numbers: dict[str, Any]) -> int:
-    from fem_snh.reports import material
+    from fem_snh.kernels.pointwise import material
 
     found = material(args.name, **numbers).report()
     if args.report:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,9 @@ from fem_snh.kernels import build
 from fem_snh.kernels.codegen import source
 from fem_snh.kernels.element_energy import law_for
 from fem_snh.materials.energy import Energy
+
+if TYPE_CHECKING:
+    from fem_snh.reports.report import Report
 
 Array = npt.NDArray[np.float64]
 
@@ -117,6 +120,30 @@ class Material:
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
         return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
+
+    def ufl(self, F: Any) -> Any:
+        """Return psi(F) [Pa] as a UFL expression of the deformation gradient ``F``.
+
+        Parameters
+        ----------
+        F : ufl.core.expr.Expr
+            Deformation gradient, shape (3, 3); `ufl.variable` to differentiate by it.
+
+        Raises
+        ------
+        BadInput
+            If the energy is written in the principal stretches, whose derivatives UFL cannot
+            evaluate where two stretches are equal.
+        """
+        from fem_snh.fem.ufl_forms import energy_density  # imports UFL
+
+        return energy_density(self.expression, F)
+
+    def report(self) -> Report:
+        """Return the stress curves, the stability and the admissible region of this material."""
+        from fem_snh.reports.report import report  # imports scipy
+
+        return report(self)
 
 
 @lru_cache

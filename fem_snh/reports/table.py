@@ -41,7 +41,7 @@ def rows(E: float = 1.0, nu: float = 0.49, **keywords: Any) -> Iterator[dict[str
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
     """One material's row. Raises BadInput if there is no such material with these numbers."""
-    from fem_snh.reports import material
+    from fem_snh.kernels.pointwise import material
 
     m = material(name, E, nu, **keywords)
     found = minima(m)
