@@ -15,7 +15,7 @@ from points import deformations, every_name, law, observed_order, vec
 import fem_snh
 from fem_snh import materials
 from fem_snh.errors import BadInput
-from fem_snh.kernels.codegen.source import source
+from fem_snh.kernels.codegen.source import material_source
 from fem_snh.materials import models
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.tuning import EPSILON, TUNING, stretch_power
@@ -188,7 +188,7 @@ def test_mistakes(given, words):
 def test_every_material_becomes_c(name):
     """What the printer makes of an energy knows lanes alone, also where powers of powers meet."""
     m = materials.energy(name, nu=NU, alpha=2)
-    text = source(m).partition("/* generated")[2].partition("One quadrature point")[0]
+    text = material_source(m).partition("/* generated")[2].partition("One quadrature point")[0]
     assert not re.search(
         r"(?<!lane_)\b(pow|fabs|log|exp|sqrt)\(|\bNAN\b|\?", text.partition("*/")[2]
     )

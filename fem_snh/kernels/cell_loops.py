@@ -64,7 +64,7 @@ class Tables:
 def c_source(law: Law, tables: Tables) -> str:
     """The C source of ``law`` on an element with these tables."""
     after = ("cell.h", f"volume_{tables.volume}.h", "cell_loops.h")
-    return source.source(law.energy, tables.sizes, after, law.functions)
+    return source.kernel_source(law.energy, tables.sizes, after, law.functions)
 
 
 class CellLoops:

@@ -62,7 +62,7 @@ class Material:
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
         law = law_for(self.expression, "pointwise")  # refuses nu = 0.5
-        return build.load(build.library(source.source(law.energy)), DECLARATIONS)
+        return build.load(build.library(source.material_source(law.energy)), DECLARATIONS)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Run kernel ``name`` at every F; one array of each size per point."""
@@ -149,7 +149,7 @@ class Material:
 @lru_cache
 def _tools() -> tuple[Any, Any]:
     """The kernels that know no material."""
-    return build.load(build.library(source.tools()), TOOLS)
+    return build.load(build.library(source.svd_eigen_source()), TOOLS)
 
 
 def _columns(A: Array) -> Array:

@@ -29,13 +29,24 @@ def volume_dual(split: Split) -> str:
     return Functions(split.energy).curve_function(head, PRESSURE, split.dual_curve, "dual")
 
 
-def tools() -> str:
-    """The C source of what knows no material: the SVD and the eigensolvers."""
+def svd_eigen_source() -> str:
+    """Return the C source of the 3x3 SVD and eigensolvers, which depend on no material."""
     folder = files("fem_snh.kernels") / "include"
     return "\n".join(["#include <math.h>", *((folder / name).read_text() for name in _TOOLS)])
 
 
-def source(
+def material_source(energy: Energy) -> str:
+    """Return the C source of a material's pointwise kernels: energy, stress, Hessian, eigensystem.
+
+    Parameters
+    ----------
+    energy : Energy
+        A normalised energy; ``fem_snh.materials.energy(name, E, nu)`` makes one.
+    """
+    return kernel_source(energy)
+
+
+def kernel_source(
     energy: Energy,
     before: Sequence[str] = (),
     after: Sequence[str] = (),
