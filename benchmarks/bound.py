@@ -75,7 +75,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     )
     mu, lam = chosen.expression.values
     J = 1 + mu / lam * (1 - 1 / stretch)
-    X = p.places
+    X = p.coordinates
     lateral = (J / stretch) ** 0.5
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
     if p.saddle:

@@ -184,7 +184,7 @@ class Manufactured:
         Raises BadInput where it does not converge.
         """
         p = self.problem
-        u = self._displacement(p.places, 1.0)
+        u = self._displacement(p.coordinates, 1.0)
         p.x.array[: u.size] = u.ravel()
         p.set_load(1.0)
         p.prescribe(p.x)

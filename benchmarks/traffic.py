@@ -95,7 +95,7 @@ def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
     yield "product, AIJ", lambda: p.A.mult(r, d), 12 * values + 2 * 24 * nodes
     jacobi = _ksp(p, "cg", "jacobi")
     yield f"{_STEPS} CG + Jacobi", lambda: jacobi.solve(r, d), _STEPS * (12 * values + 336 * nodes)
-    for name, places in (("CG + SSOR", None), ("ours, deflated", p.places)):
+    for name, places in (("CG + SSOR", None), ("ours, deflated", p.coordinates)):
         ksp, ours = _ksp(p, "python", "none"), EisenstatCG(places)
         ksp.setPythonContext(ours)
         ksp.solve(r, d)

@@ -75,7 +75,7 @@ def test_functions_are_orthonormal_and_span_what_is_linear(shape, functions):
 @some(6)
 def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
     p = body(comm)
-    ours = EisenstatCG(p.places)
+    ours = EisenstatCG(p.coordinates)
     ksp = PETSc.KSP().create(comm)
     ksp.setOperators(p.A)
     ours.create(ksp)
@@ -83,7 +83,7 @@ def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
     ours.take(p.A)
     deflation = ours._deflation
     coarse, A = deflation._coarse, dense(p.A) * ours._scale
-    rows = len(p.places)
+    rows = len(p.coordinates)
     Z = np.zeros((rows, 3, parts, 3, 4))
     for k in range(3):
         Z[np.arange(rows), k, coarse.part, k] = coarse.modes[:, k]
@@ -131,7 +131,7 @@ def test_motions_that_nothing_holds(comm, parts, hold):
     """The matrix is singular, and so is the coarse one; forces that do not excite them are met."""
     p = body(comm, hold=hold, size=0.0)
     b, x = p.x.duplicate(), p.x.duplicate()
-    x.array[:] = np.sin(7.0 * p.places).ravel()
+    x.array[:] = np.sin(7.0 * p.coordinates).ravel()
     p.prescribe(x)
     p.A.mult(x, b)
     ksp, y, residual = solve(p, b, rtol=1e-5)
@@ -145,7 +145,7 @@ def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, parts):
     """Rotations of a part are downhill where it is pressed; the solve need not begin."""
     p = body(comm, size=0.0, hold=())
     x = p.x.duplicate()
-    x.array[:] = (-0.4 * p.places).ravel()
+    x.array[:] = (-0.4 * p.coordinates).ravel()
     p.jacobian(x, "exact")
     p.x.set(1.0)
     ksp, y, _ = solve(p, p.x)
@@ -190,7 +190,7 @@ def test_what_the_coarse_space_has_takes_no_iterations(comm, parts):
     """A stretch of a body that nothing holds is one of its functions, on any number of ranks."""
     p = body(comm, size=0.0, hold=())
     x, b = p.x.duplicate(), p.x.duplicate()
-    x.array[:] = (p.places * (0.3, -0.1, 0.0)).ravel()
+    x.array[:] = (p.coordinates * (0.3, -0.1, 0.0)).ravel()
     p.A.mult(x, b)
     ksp, _, residual = solve(p, b)
     if comm.size == 1:

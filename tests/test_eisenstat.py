@@ -47,7 +47,7 @@ def solver(p, rtol=1e-3, kind="ours"):
     ksp.setOperators(p.A)
     if kind == "ours":
         ksp.setType("python")
-        ksp.setPythonContext(EisenstatCG(p.places))
+        ksp.setPythonContext(EisenstatCG(p.coordinates))
         ksp.getPC().setType("none")
         ksp.setFromOptions()
     else:
@@ -180,4 +180,4 @@ def test_other_blocks_are_refused(comm):
     indptr = np.arange(5, dtype=PETSc.IntType)
     A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
     with pytest.raises(BadInput, match="3x3 blocks"), own_errors():
-        solve(SimpleNamespace(A=A, places=None), A.createVecLeft())
+        solve(SimpleNamespace(A=A, coordinates=None), A.createVecLeft())

@@ -136,7 +136,7 @@ def torque_at(problem: Problem, x: float) -> float:
     """The torque about the x axis [N m] that holds the nodes at X_0 = ``x``. Collective."""
     gradient = problem.x.duplicate()
     problem.gradient(problem.x, gradient)
-    X = problem.places
+    X = problem.coordinates
     there = X + problem.u.x.array[: X.size].reshape(-1, 3)
     forces = gradient.array_r[: X.size].reshape(-1, 3)
     held = np.isclose(X[:, 0], x)

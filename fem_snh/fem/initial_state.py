@@ -23,7 +23,7 @@ def begin(problem: Problem, start: Any) -> None:
     what is prescribed at the present load stays. A pressure stays zero. The state is the same on
     any number of ranks. Collective.
     """
-    X = problem.places
+    X = problem.coordinates
     low, high = _box(problem.comm, X)
     centre, places = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()

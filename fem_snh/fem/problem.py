@@ -114,8 +114,8 @@ class Problem:
         self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
         self.A = self.elastic.create_matrix(self._unknowns.layout())
         if not self.saddle:
-            free = self.elastic.free[: len(self.places)]
-            self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.places, free))
+            free = self.elastic.free[: len(self.coordinates)]
+            self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.coordinates, free))
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.expression.E * self.length**2
 
@@ -125,8 +125,8 @@ class Problem:
         return self.material.expression.has_energy
 
     @property
-    def places(self) -> Array:
-        """(n, 3) where this rank's own nodes are in the body at rest [m]."""
+    def coordinates(self) -> Array:
+        """(n, 3) reference coordinates of the nodes that this rank owns [m]."""
         return self.V.tabulate_dof_coordinates()[: self._unknowns.owned]
 
     @property
@@ -136,7 +136,7 @@ class Problem:
 
     def _condition(self, hold: Sequence[Any], move: Sequence[Any]) -> None:
         """Find the prescribed degrees of freedom."""
-        points = self.places
+        points = self.coordinates
         self._moved = []
         for condition in hold:
             self._fix(condition)

@@ -70,7 +70,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
         saddle_point.configure(ksp, problem.A, problem.saddle)
     elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
         ksp.setType(PETSc.KSP.Type.PYTHON)
-        ksp.setPythonContext(EisenstatCG(problem.places))
+        ksp.setPythonContext(EisenstatCG(problem.coordinates))
         ksp.getPC().setType(PETSc.PC.Type.NONE)
     else:
         ksp.setType(PETSc.KSP.Type.CG)
