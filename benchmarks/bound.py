@@ -15,7 +15,7 @@ from benchmarks.quadrature import dense, spurious_modes
 from fem_snh.fem.elements import ELEMENTS, Element, element
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.linalg.direct_solver import DIRECT
+from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.materials.volume_split import BOUNDS
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
@@ -79,7 +79,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     lateral = (J / stretch) ** 0.5
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
     if p.saddle:
-        p.saddle.pressures(p.x)[:] = p.elastic.law.stiffness * (J - 1) * p.length
+        p.saddle.pressures(p.x)[:] = p.elastic.law.volume_stiffness * (J - 1) * p.length
     p.jacobian(p.x, "exact")
     A = dense(p.A)
     n = X.size
@@ -96,7 +96,7 @@ def twist(kind: Element, cells: int, hessian: str) -> Row:
         nu=0.49,
         cells=cells,
         hessian=hessian,
-        petsc=DIRECT,
+        petsc=DIRECT_SOLVER,
         progress=False,
     )
     row: Row = {key: [step[key] for step in result.steps] for key in ("newton", "energy", "min_J")}

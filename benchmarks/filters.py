@@ -17,7 +17,7 @@ from fem_snh.fem import mesh
 from fem_snh.fem.elements import ELEMENTS, element
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.linalg.direct_solver import factorise
+from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.scenes import Hold, Move, Rotate
 
 #: What becomes of the unit cube's right face, in one step: stretched to twice the length, pressed
@@ -96,7 +96,7 @@ def solve(
     p.prescribe(p.x)
     snes = solver.create(p, hessian)
     snes.setTolerances(max_it=MOST)
-    factorise(snes.getKSP())
+    set_direct_solver(snes.getKSP())
     snes.solve(None, p.x)
     good = snes.getConvergedReason() > 0
     return (snes.getIterationNumber() if good else float("inf")), p.energy(p.x)

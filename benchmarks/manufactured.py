@@ -28,7 +28,7 @@ from fem_snh.fem import mesh
 from fem_snh.fem.elements import Element
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
-from fem_snh.linalg.direct_solver import factorise
+from fem_snh.linalg.direct_solver import set_direct_solver
 
 #: Integrates waves on cells as small as one half well enough for any element here.
 DEGREE = 7
@@ -69,7 +69,7 @@ def settle(problem: Problem, tolerance: float = 1e-9) -> int:
     snes, most = solver.create(problem), 30
     snes.getPythonContext().options |= {"snes_scaled_tol": 1e-7, "snes_forcing_max": 0.0}
     ksp = snes.getKSP()
-    factorise(ksp)
+    set_direct_solver(ksp)
     x, r, d = problem.x, problem.x.duplicate(), problem.x.duplicate()
     its = 0
     if not problem.saddle:
@@ -150,7 +150,11 @@ class Manufactured:
         if isinf(lam):
             numbers["push"] = mu / 2
         else:
-            numbers |= {"lam": lam, "volume": self.problem.elastic.law.stiffness, "push": 0.0}
+            numbers |= {
+                "lam": lam,
+                "volume": self.problem.elastic.law.volume_stiffness,
+                "push": 0.0,
+            }
         self._constants = {
             name: _dolfinx.constant(body.domain, np.array(v)) for name, v in numbers.items()
         }

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks import Row, words
 from fem_snh import solver
-from fem_snh._petsc import defaults
+from fem_snh._petsc import default_options
 from fem_snh.errors import choose
 from fem_snh.fem import mesh
 from fem_snh.fem.elements import ELEMENTS
@@ -154,7 +154,7 @@ def solve(
     p.x.array[:] = size * random.uniform(-1, 1, p.x.getLocalSize())
     p.set_load(1.0)
     p.prescribe(p.x)
-    with defaults(solver.PREFIX, settings):
+    with default_options(solver.PREFIX, settings):
         snes = solver.create(p, "abs" if hessian == "ratio" else hessian)
         context = snes.getPythonContext()
     if hessian == "ratio":

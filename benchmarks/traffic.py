@@ -99,8 +99,8 @@ def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
         ksp, ours = _ksp(p, "python", "none"), EisenstatCG(places)
         ksp.setPythonContext(ours)
         ksp.solve(r, d)
-        kept = ours.bytes
-        yield f"{name}, set-up", partial(ours.take, p.A, anew=True), 8 * values + kept
+        kept = ours.nbytes
+        yield f"{name}, set-up", partial(ours.update_matrix, p.A, force=True), 8 * values + kept
         # Half of the matrix twice, and 20 vectors in single precision.
         yield f"{_STEPS} {name}", partial(ksp.solve, r, d), _STEPS * (2 * kept + 240 * nodes)
 

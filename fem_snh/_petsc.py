@@ -79,7 +79,7 @@ def option_used(name: str) -> bool:
 
 
 @contextmanager
-def defaults(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
+def default_options(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
     """Meanwhile these are options under a prefix, where nothing else was given. Lends their names.
 
     A flag has the value None.
@@ -96,7 +96,7 @@ def defaults(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
 
 
 @dataclass
-class Part:
+class AIJBlock:
     """A sequential AIJ matrix: its handle, the address of its values.
 
     Of other ranks' columns also ``ghosts``, their global numbers in ascending order; the matrix has
@@ -121,7 +121,7 @@ class Part:
 
 
 @contextmanager
-def aij(A: PETSc.Mat) -> Iterator[list[Part]]:
+def aij_blocks(A: PETSc.Mat) -> Iterator[list[AIJBlock]]:
     """An AIJ matrix: its own columns and, where there are other ranks, theirs; to be written to."""
     handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
     ghosts: list[np.ndarray] = [np.empty(0, np.int32)] * 2
@@ -137,7 +137,7 @@ def aij(A: PETSc.Mat) -> Iterator[list[Part]]:
     for k in present:
         call("MatSeqAIJGetArray", parts[k], arrays + k)
     try:
-        yield [Part(parts[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present]
+        yield [AIJBlock(parts[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present]
     finally:
         for k in present:
             call("MatSeqAIJRestoreArray", parts[k], arrays + k)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_eisenstat import Reason, body, right_side, solve
 
-from fem_snh._petsc import defaults
+from fem_snh._petsc import default_options
 from fem_snh.linalg.coarse_space import MODES, bisect, linear
 from fem_snh.solver import EisenstatCG
 
@@ -24,7 +24,7 @@ mpi = pytest.mark.mpi
 @pytest.fixture
 def parts(request):
     """The option that says how many parts there are."""
-    with defaults("", {"ksp_deflation_parts": request.param}):
+    with default_options("", {"ksp_deflation_subdomains": request.param}):
         yield request.param
 
 
@@ -80,7 +80,7 @@ def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
     ksp.setOperators(p.A)
     ours.create(ksp)
     ours.setFromOptions(ksp)
-    ours.take(p.A)
+    ours.update_matrix(p.A)
     deflation = ours._deflation
     coarse, A = deflation._coarse, dense(p.A) * ours._scale
     rows = len(p.coordinates)
@@ -106,7 +106,7 @@ def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
 def test_iterations_are_a_part_of_those_without(comm, parts):
     p = body(comm, cells=12)
     ksp, x, residual = solve(p, right_side(p), rtol=1e-6)
-    PETSc.Options()["ksp_deflation_parts"] = 0
+    PETSc.Options()["ksp_deflation_subdomains"] = 0
     plain, y, _ = solve(p, right_side(p), rtol=1e-6)
     assert ksp.getIterationNumber() < 0.5 * plain.getIterationNumber()
     assert residual < 1e-5
@@ -120,7 +120,7 @@ def test_small_bodies_have_no_parts(comm, parts):
     """By default, and 0 says so of any."""
     p = body(comm)
     default = solve(p, right_side(p))[0].getIterationNumber()
-    PETSc.Options()["ksp_deflation_parts"] = 0
+    PETSc.Options()["ksp_deflation_subdomains"] = 0
     assert solve(p, right_side(p))[0].getIterationNumber() == default
 
 

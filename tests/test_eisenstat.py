@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bodies import MINIMISING, Hold, cube, problem, put, wave
 
-from fem_snh._petsc import defaults
+from fem_snh._petsc import default_options
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.solver import EisenstatCG, own_errors
@@ -38,7 +38,7 @@ def right_side(p):
 @pytest.fixture(autouse=True, params=[0, 5], ids=["plain", "deflated"])
 def parts(request):
     """How many parts the coarse space has: none, or some."""
-    with defaults("", {"ksp_deflation_parts": request.param}):
+    with default_options("", {"ksp_deflation_subdomains": request.param}):
         yield request.param
 
 

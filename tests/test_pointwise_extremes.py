@@ -11,10 +11,10 @@ import sympy
 from points import every_name, law, vec
 
 from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, Tables, c_source
+from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
 from fem_snh.kernels.codegen.divided_differences import Divided
 from fem_snh.kernels.codegen.increments import AboutRest
-from fem_snh.kernels.element_energy import law_for
+from fem_snh.kernels.element_energy import element_energy
 from fem_snh.kernels.pointwise import Material, material
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
@@ -248,9 +248,9 @@ def tetrahedron(name: str, volume: str, nu: float):
     nodes = np.arange(4, dtype=np.int32)[None]
     corners = np.maximum(g, 0)
     corners[0] = 0
-    t = Tables(nodes, nodes, corners, g[None], g[None], np.array([1 / 6]), volume)
-    chosen = law_for(m.expression, volume)
-    return CellLoops(build.library(c_source(chosen, t)), chosen, t), m
+    t = ElementTables(nodes, nodes, corners, g[None], g[None], np.array([1 / 6]), volume)
+    chosen = element_energy(m.expression, volume)
+    return CellLoops(build.library(cell_loops_source(chosen, t)), chosen, t), m
 
 
 @pytest.mark.parametrize("volume", ["pointwise", "mean"])

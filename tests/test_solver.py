@@ -169,7 +169,7 @@ def test_the_trust_region_alone_needs_more_steps_than_with_corrections(comm):
 def test_a_filtered_step_that_converges_calls_no_trust_region(monkeypatch):
     """The third of them gains 0.4 % of all, and leaves a fortieth of the residual."""
     monkeypatch.setattr(TrustRegion, "step", None)
-    case = {"cells": 25, "steps": 1, "stretch": 1.2, "petsc": {"ksp_deflation_parts": 0}}
+    case = {"cells": 25, "steps": 1, "stretch": 1.2, "petsc": {"ksp_deflation_subdomains": 0}}
     result = run("stretch", **case, hessian="trust", progress=False)
     assert result.converged and result.steps[0]["clamped"] >= 3
 

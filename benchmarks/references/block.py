@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from benchmarks import Row
 from benchmarks.references.compare import compare, solve
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.linalg.direct_solver import DIRECT
+from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
 SOURCE = "Schröder et al. 2021, table 3.{}"
 #: Table 3.3 by the cells along an edge: displacement element and mean dilatation.
@@ -31,7 +31,9 @@ def block(finest: int = 16) -> Iterator[Row]:
     for element, cells, published, source, limit in cases:
         if cells <= finest:
             mixed = ELEMENTS[element].volume == "pressure"
-            _, step = solve("block", element=element, cells=cells, petsc=DIRECT if mixed else {})
+            _, step = solve(
+                "block", element=element, cells=cells, petsc=DIRECT_SOLVER if mixed else {}
+            )
             ours = step and -float(step["probes"]["middle"][2])
             what = f"-u_z (0, 0, 50) [mm], {element}, {cells} x {cells} x {cells}"
             yield compare(what, source, published, ours, limit)

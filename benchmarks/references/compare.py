@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks import Row
-from fem_snh.linalg.direct_solver import DIRECT
+from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.runs import Result, run
 from fem_snh.scenes import Scene
 
 #: Residuals far below the differences that are looked for.
-TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT}
+TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT_SOLVER}
 
 
 def solve(scene: str | Scene, **overrides: Any) -> tuple[Result, Any]:
     """A run and its last step, None if it did not get there. Collective."""
-    options = {"hessian": "adaptive", "petsc": DIRECT} | overrides
+    options = {"hessian": "adaptive", "petsc": DIRECT_SOLVER} | overrides
     result = run(scene, progress=False, **options)
     return result, result.steps[-1] if result.converged else None
 

@@ -12,7 +12,7 @@ from dolfinx.nls.petsc import NewtonSolver
 
 from fem_snh._dolfinx.common import _quiet
 from fem_snh._dolfinx.forms import _jit
-from fem_snh._petsc import defaults
+from fem_snh._petsc import default_options
 
 
 def prescribed(values: Any, nodes: np.ndarray) -> Any:
@@ -37,6 +37,6 @@ def newton_solver(
     solver.error_on_nonconvergence = False
     solver.report = False
     ksp = solver.krylov_solver
-    with defaults(ksp.getOptionsPrefix(), petsc):
+    with default_options(ksp.getOptionsPrefix(), petsc):
         ksp.setFromOptions()
     return solver

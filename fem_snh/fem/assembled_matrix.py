@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from fem_snh._petsc import aij, call, ffi
+from fem_snh._petsc import aij_blocks, call, ffi
 from fem_snh.errors import BadInput
 from fem_snh.fem.numbering import Layout
 
@@ -151,7 +151,7 @@ class BlockMatrix:
         A.zeroEntries()
         self._sent_values[:] = 0
         sent = self._sent_values.ctypes.data
-        with aij(A) as parts:
+        with aij_blocks(A) as parts:
             addresses = [part.values for part in parts]
             yield [*addresses, *[0] * (2 - len(addresses)), sent]
         self._send(ffi.cast("void *", A.handle))

@@ -31,8 +31,8 @@ class Saddle:
         self._unknowns, self._scale = unknowns, scale
         self.fields, self.Q = unknowns.fields, unknowns.Q
         elastic.pressure, elastic.residual_pressure = unknowns.pressure, unknowns.residual_pressure
-        self._shear, self._compliance = 1 / mu_lame, 1 / elastic.law.stiffness
-        self._local = elastic.law.local / mu_lame
+        self._shear, self._compliance = 1 / mu_lame, 1 / elastic.law.volume_stiffness
+        self._local = elastic.law.lambda_local / mu_lame
         self._B: PETSc.Mat | None = None
 
     def pressures(self, x: PETSc.Vec) -> np.ndarray:

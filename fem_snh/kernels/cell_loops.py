@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from fem_snh.kernels import build
 from fem_snh.kernels.codegen import source
-from fem_snh.kernels.element_energy import Law
+from fem_snh.kernels.element_energy import ElementEnergy
 
 DECLARATIONS = """
 typedef struct {
@@ -36,7 +36,7 @@ Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Tables:
+class ElementTables:
     """What an element is on one rank's cells (shapes as in cell.h)."""
 
     nodes: Array  # (cells, NODES) int32
@@ -61,7 +61,7 @@ class Tables:
         ]
 
 
-def c_source(law: Law, tables: Tables) -> str:
+def cell_loops_source(law: ElementEnergy, tables: ElementTables) -> str:
     """The C source of ``law`` on an element with these tables."""
     after = ("cell.h", f"volume_{tables.volume}.h", "cell_loops.h")
     return source.kernel_source(law.energy, tables.sizes, after, law.functions)
@@ -73,7 +73,7 @@ class CellLoops:
     ``pressure`` is that of an element that has one unknown, (nodes,), and otherwise None.
     """
 
-    def __init__(self, path: Any, law: Law, tables: Tables) -> None:
+    def __init__(self, path: Any, law: ElementEnergy, tables: ElementTables) -> None:
         self._ffi, self._lib = build.load(path, DECLARATIONS)
         t, floats, ints = tables, np.float64, np.int32
         arrays = [

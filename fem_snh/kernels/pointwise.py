@@ -13,7 +13,7 @@ from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
 from fem_snh.kernels.codegen import source
-from fem_snh.kernels.element_energy import law_for
+from fem_snh.kernels.element_energy import element_energy
 from fem_snh.materials.energy import Energy
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Material:
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
-        law = law_for(self.expression, "pointwise")  # refuses nu = 0.5
+        law = element_energy(self.expression, "pointwise")  # refuses nu = 0.5
         return build.load(build.library(source.material_source(law.energy)), DECLARATIONS)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:

@@ -83,7 +83,7 @@ class Blocks:
         if far is not None:
             pattern = [np.ascontiguousarray(a, np.int32) for a in far]
             self._kept += [*pattern, np.zeros(9 * len(far[1]), np.float32)]
-        self.bytes = sum(array.nbytes for array in self._kept)
+        self.nbytes = sum(array.nbytes for array in self._kept)
         pointers = [self.pointer(array) for array in self._kept]
         pointers += [self.ffi.NULL] * (11 - len(pointers))  # no columns of other ranks
         self.struct = self.ffi.new("Blocks *", [self.rows, *pointers])

@@ -93,7 +93,7 @@ class Coarse:
         ints = [part, pattern[1], start, near]
         part, column, start, near = (np.ascontiguousarray(a, np.int32) for a in ints)
         self._kept = [part, self.modes, column, start, near, image]
-        self.bytes = image.nbytes + start.nbytes + near.nbytes
+        self.nbytes = image.nbytes + start.nbytes + near.nbytes
         self.struct = blocks.ffi.new("Coarse *", [rows, *map(blocks.pointer, self._kept)])
 
     def coupled(self, values: int, far: int) -> Array:

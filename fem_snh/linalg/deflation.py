@@ -69,9 +69,9 @@ class Deflation:
         self._at_y, self._at_single = blocks.pointer(self._y), blocks.pointer(self._single)
 
     @property
-    def bytes(self) -> int:
+    def nbytes(self) -> int:
         """What this rank keeps of A Z, and reads twice in an iteration."""
-        return self._coarse.bytes
+        return self._coarse.nbytes
 
     def take(self, values: int, far: int, scale: float) -> int:
         """Take an AIJ matrix's values, at these addresses, times ``scale``.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 #: As PETSc options: of a symmetric matrix, definite or not.
-DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+DIRECT_SOLVER = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 
 
-def factorise(ksp: Any) -> None:
+def set_direct_solver(ksp: Any) -> None:
     """Have a PETSc KSP that is there already solve so."""
-    ksp.setType(DIRECT["ksp_type"])
-    ksp.getPC().setType(DIRECT["pc_type"])
-    ksp.getPC().setFactorSolverType(DIRECT["pc_factor_mat_solver_type"])
+    ksp.setType(DIRECT_SOLVER["ksp_type"])
+    ksp.getPC().setType(DIRECT_SOLVER["pc_type"])
+    ksp.getPC().setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])

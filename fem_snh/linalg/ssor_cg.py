@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import aij
+from fem_snh._petsc import aij_blocks
 from fem_snh.errors import BadInput, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg.block_matrix import Blocks, source
@@ -61,18 +61,20 @@ class EisenstatCG:
         self._blocks: Blocks
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
-        """Read ``ksp_deflation_parts``: 0 for none; by default as many as pay."""
-        self._asked = PETSc.Options(ksp.getOptionsPrefix()).getInt("ksp_deflation_parts", _BY_SIZE)
+        """Read ``ksp_deflation_subdomains``: 0 for none; by default as many as pay."""
+        self._asked = PETSc.Options(ksp.getOptionsPrefix()).getInt(
+            "ksp_deflation_subdomains", _BY_SIZE
+        )
 
     @property
-    def bytes(self) -> int:
+    def nbytes(self) -> int:
         """What this rank keeps of the matrix it last solved with, and an iteration reads twice."""
-        return self._blocks.bytes + (self._deflation.bytes if self._deflation else 0)
+        return self._blocks.nbytes + (self._deflation.nbytes if self._deflation else 0)
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Put an approximate A^-1 b into ``x``, whatever was there."""
         A = ksp.getOperators()[0]
-        self.take(A)
+        self.update_matrix(A)
         x.set(0.0)
         residual, its, earlier = b.copy(), 0, inf
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
@@ -175,14 +177,14 @@ class EisenstatCG:
     def _sum(self, mine: float) -> float:
         return mine if self._comm.size == 1 else float(self._comm.allreduce(mine))
 
-    def take(self, A: PETSc.Mat, anew: bool = False) -> None:
-        """Take the matrix's values, if new or ``anew``; its pattern, if it is another matrix."""
+    def update_matrix(self, A: PETSc.Mat, force: bool = False) -> None:
+        """Take the matrix's values, if new or ``force``; its pattern, if it is another matrix."""
         if self._matrix != A.handle:
             self._prepare(A)
-        if self._state == A.stateGet() and not anew:
+        if self._state == A.stateGet() and not force:
             return
         self._state = A.stateGet()
-        with aij(A) as (near, *far):
+        with aij_blocks(A) as (near, *far):
             largest = self._comm.allreduce(self._blocks.largest(near.values), op=MPI.MAX)
             if not isfinite(largest):
                 self._bad = _Reason.DIVERGED_NANORINF
@@ -200,7 +202,7 @@ class EisenstatCG:
         self._matrix, self._state, self._comm = A.handle, -1, A.comm.tompi4py()
         self._unknowns = A.getSize()[0]
         path = on_root(self._comm, build.library, source())
-        with aij(A) as (near, *far):
+        with aij_blocks(A) as (near, *far):
             patterns = near.blocks(3), far[0].blocks(3) if far else None
             self._blocks = Blocks(path, *patterns)
             nodes = far[0].ghosts[::3] // 3 if far else None

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
-from fem_snh._petsc import defaults, option_used
+from fem_snh._petsc import default_options, option_used
 from fem_snh.errors import BadInput
 from fem_snh.fem import elements, modes
 from fem_snh.fem import mesh as meshes
@@ -190,5 +190,5 @@ def petsc_options(
     before ``otherwise``. Lends a function that lists the options nothing has asked for: PETSc
     is silent about a mistyped one.
     """
-    with defaults(prefix, options) as mine, defaults(prefix, otherwise):
+    with default_options(prefix, options) as mine, default_options(prefix, otherwise):
         yield lambda: [key for key in mine if not option_used(prefix + key)]

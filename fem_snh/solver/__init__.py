@@ -14,7 +14,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import OUT_OF_MEMORY, defaults, factors_out_of_memory
+from fem_snh._petsc import OUT_OF_MEMORY, default_options, factors_out_of_memory
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, Failed, choose
 from fem_snh.linalg.ssor_cg import EisenstatCG
@@ -79,7 +79,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
         saddle_point.BLOCKS if problem.saddle else trust_region.OPTIONS if policy == "trust" else {}
     )
     try:
-        with own_errors(), defaults(prefix, ours):
+        with own_errors(), default_options(prefix, ours):
             snes.setFromOptions()
             if problem.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the parts read their options, once

@@ -21,14 +21,14 @@ from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.elements import Element
 from fem_snh.fem.numbering import Layout
 from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, Tables, c_source
-from fem_snh.kernels.element_energy import law_for
+from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
+from fem_snh.kernels.element_energy import element_energy
 from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
 
 
-def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> Tables:
+def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> ElementTables:
     """Basis, geometry and quadrature of ``element`` on this rank's cells of the space V.
 
     Q is the pressure's space if it has one, its basis functions multiplied by ``scale``.
@@ -45,9 +45,9 @@ def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> Table
         element.volume,
     )
     if Q is None:
-        return Tables(*made)
+        return ElementTables(*made)
     basis = _dolfinx.tabulate_values(Q, points)
-    return Tables(*made, _dolfinx.node_dofs(Q), scale * basis)
+    return ElementTables(*made, _dolfinx.node_dofs(Q), scale * basis)
 
 
 class Elastic:
@@ -72,10 +72,10 @@ class Elastic:
         self.V, self.comm = V, V.mesh.comm
         made = tables(V, element, Q, scale)
         start = perf_counter()
-        self.law = law = law_for(
+        self.law = law = element_energy(
             material.expression, element.volume
         )  # codegen, compilation's share
-        path = on_root(self.comm, build.library, c_source(law, made))  # compiled once
+        path = on_root(self.comm, build.library, cell_loops_source(law, made))  # compiled once
         self.jit_seconds = perf_counter() - start
         self.loops = CellLoops(path, law, made)
         self._nodes = made.nodes

@@ -14,7 +14,7 @@ from typing import Any
 from fem_snh.choices import EIGENSOLVERS, SEARCHED
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.linalg.direct_solver import DIRECT
+from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
 #: Incomplete factors, blocks of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
@@ -28,13 +28,13 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
         "cg+icc": {"ksp_type": "cg", **ICC},
         "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
-        "direct": DIRECT,
+        "direct": DIRECT_SOLVER,
     },
     True: {
         "minres+hypre": {"fieldsplit_u_pc_type": "hypre"},
         "minres+gamg": {"fieldsplit_u_pc_type": "gamg"},
         "minres+icc": _U_ICC,
-        "direct": DIRECT,
+        "direct": DIRECT_SOLVER,
     },
 }
 #: Where a knob is turned to, one at a time.
