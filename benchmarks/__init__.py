@@ -34,7 +34,7 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any
 
-from fem_snh.errors import choose
+from fem_snh.errors import choose, unknown_name
 
 NAMES = (
     "assembly",
@@ -65,7 +65,8 @@ def main(name: str, options: dict[str, Any]) -> int:
     module = import_module(f"{__name__}.{choose('bench', name, NAMES)}")
     rows: Callable[..., Iterator[Row]] = module.rows
     for key in options:
-        choose(f"option of bench {name}", key, inspect.signature(rows).parameters)
+        if key not in (known := inspect.signature(rows).parameters):
+            raise unknown_name(f"option of bench {name}", key, known)
     from mpi4py import MPI
 
     good = True

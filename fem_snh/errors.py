@@ -1,4 +1,8 @@
-"""The one exception a user sees, and the way every rank sees it."""
+"""The exceptions a user sees, the form of their messages, and how every rank raises the same one.
+
+A message has one line: ``<key> = <value>: expected <what is accepted> (did you mean 'x'?)``.
+`bad_value`, `unknown_name` and `choose` write it.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +12,86 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+#: Characters of a value that a message shows; a longer one is cut. A line of a terminal has 80.
+_SHOWN = 60
+#: Similarity (difflib's ratio) from which a known name is suggested for a misspelt one.
+_SIMILAR = 0.5
+
 
 class BadInput(ValueError):
     """A mistake in the input or the environment: one line, exit code 2.
 
-    The message names what is wrong, where, and what would be accepted.
+    The message names the key, its value and what is accepted.
+    """
+
+
+class Failed(RuntimeError):
+    """The reason why a run ended although its input is valid: one line, exit code 1.
+
+    Examples are an exhausted memory and an error of PETSc's. The steps computed so far are kept.
     """
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``."""
-    match = get_close_matches(str(word), [str(k) for k in known], n=1, cutoff=0.5)
+    """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``."""
+    match = get_close_matches(str(word), [str(k) for k in known], n=1, cutoff=_SIMILAR)
     return f" (did you mean '{match[0]}'?)" if match else ""
 
 
-def choose(kind: str, word: str, known: Iterable[str]) -> str:
-    """``word`` if it is one of ``known``; otherwise BadInput with the list and the nearest."""
+def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ()) -> BadInput:
+    """Return the exception ``<key> = <value>: expected <accepted>``.
+
+    Parameters
+    ----------
+    key : str
+        The key or option that has the value.
+    value : object
+        The value, shown by its ``repr`` and cut if it is long.
+    accepted : str
+        What is accepted, e.g. "a number > 0".
+    known : iterable of str
+        Accepted words; the nearest to ``value`` is suggested.
+    """
+    shown = repr(value)
+    shown = shown if len(shown) <= _SHOWN else shown[: _SHOWN - 3] + "..."
+    return BadInput(f"{key} = {shown}: expected {accepted}{nearest(str(value), known)}")
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> BadInput:
+    """Return the exception ``unknown <kind> '<name>': expected one of ...``.
+
+    It is for names that have no value yet: keys, parameters, options.
+    """
+    known = list(known)
+    listed = f"one of {', '.join(known)}" if known else "none"
+    return BadInput(f"unknown {kind} '{name}': expected {listed}{nearest(name, known)}")
+
+
+def choose(key: str, word: str, known: Iterable[str]) -> str:
+    """Return ``word`` if it is one of the known words; otherwise raise `bad_value`'s BadInput."""
     known = list(known)
     if word not in known:
-        raise BadInput(
-            f"unknown {kind} '{word}'{nearest(word, known)}: choose from {', '.join(known)}"
-        )
+        raise bad_value(key, word, f"one of {', '.join(known)}", known)
     return word
 
 
 def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:
-    """Call ``function(*args)`` on rank 0 of ``comm`` and return its result on every rank.
+    """Call a function on rank 0 and return its result on every rank. Collective.
 
-    A BadInput (or OSError, told as one) on rank 0 is raised on every rank, so no rank waits in a
-    collective for one that has already failed. The result must pickle.
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    function : callable
+        Its result must be picklable.
+    *args
+        The function's arguments.
+
+    Raises
+    ------
+    BadInput
+        On every rank, with the message of the BadInput or OSError that rank 0 raised: no rank
+        waits in a collective call for one that has failed.
     """
     outcome: tuple[T | None, str | None] = (None, None)
     if comm.rank == 0:
@@ -51,9 +106,12 @@ def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:
 
 
 def on_every(comm: Any, function: Callable[..., None], *args: Any) -> None:
-    """Call ``function(*args)`` on every rank: what fails on one is a BadInput on all. Collective.
+    """Call a function on every rank; if one rank fails, all raise. Collective.
 
-    It is the lowest failing rank's BadInput or OSError.
+    Raises
+    ------
+    BadInput
+        On every rank, with the message of the lowest rank that raised a BadInput or an OSError.
     """
     message = None
     try:
@@ -63,10 +121,3 @@ def on_every(comm: Any, function: Callable[..., None], *args: Any) -> None:
     failed = [found for found in comm.allgather(message) if found is not None]
     if failed:
         raise BadInput(failed[0])
-
-
-class Failed(RuntimeError):
-    """What ended a run that nothing was wrong with: one line, exit code 1.
-
-    Memory that ran out, an error of PETSc's. The steps before it are kept.
-    """

@@ -17,7 +17,7 @@ PACKAGE = Path(fem_snh.__file__).parent
 #: A part is a folder or a file of the package; the files of ``fem`` are parts of their own.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices"),
-    ("atomic_files",),
+    ("atomic_files", "references"),
     ("_petsc", "materials", "fem.elements"),
     ("_dolfinx",),
     ("kernels", "fem.gmsh_input"),
@@ -42,7 +42,7 @@ LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 
 #: What a part may know where the layers alone would allow more.
 ONLY = {
-    "materials": {"errors"},
+    "materials": {"errors", "references"},
     "kernels": {"errors", "choices", "materials"},
     "linalg": {"errors", "_petsc", "kernels"},
     "_petsc": set(),
@@ -55,7 +55,7 @@ ONLY = {
     "fem.modes": {"errors", "_dolfinx", "fem.terms", "fem.problem"},
     "fem.probes": {"errors", "_dolfinx"},
     "fem.initial_state": {"_dolfinx", "fem.problem"},
-    "scenes": {"errors", "choices", "materials", "fem.elements", "fem.mesh"},
+    "scenes": {"errors", "choices", "references", "materials", "fem.elements", "fem.mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots when asked to draw

@@ -184,12 +184,12 @@ def test_what_does_not_hold_is_exit_code_1(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("--only scrambel", "unknown family 'scrambel' (did you mean 'scramble'?)"),
+        ("--only scrambel", "family = 'scrambel': expected one of ... (did you mean 'scramble'?)"),
         ("--seeds 0", "seeds = 0: expected a whole number, 1 or more"),
         ("--seeds many", "seeds = many"),
         ("--jobs 0", "jobs = 0"),
         ("--timeout soon", "timeout = soon"),
-        ("--quik", "unknown option --quik (did you mean '--quick'?)"),
+        ("--quik", "unknown option '--quik': expected one of ... (did you mean '--quick'?)"),
         ("here", "unexpected 'here'"),
     ],
 )
@@ -198,5 +198,5 @@ def test_mistakes(
 ) -> None:
     assert main(["extremes", "--out", str(tmp_path / "new"), *words.split()]) == 2
     said = capsys.readouterr().err
-    assert told in said and said.count("\n") == 1
+    assert all(part in said for part in told.split("...")) and said.count("\n") == 1
     assert not (tmp_path / "new").exists()

@@ -230,9 +230,9 @@ def test_groups_are_named_by_name_number_or_dimension(comm, folder):
 @pytest.mark.parametrize(
     ("source", "cell", "parameters", "message"),
     [
-        ("cylindre", "hexahedron", {}, "unknown geometry 'cylindre' .*'cylinder'.*cube, cylinder"),
-        ("cube", "prism", {}, "unknown cell 'prism'.* hexahedron, tetrahedron"),
-        ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels' .*'cells'"),
+        ("cylindre", "hexahedron", {}, "geometry = 'cylindre': .*cube, cylinder.*'cylinder'"),
+        ("cube", "prism", {}, "cell = 'prism': .* hexahedron, tetrahedron"),
+        ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels': .*'cells'"),
         ("cube", "hexahedron", {"tets": 1}, "unknown parameter 'tets'"),
         ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: must be a whole number"),
         ("cylinder", "hexahedron", {"cells": 2.5}, "cells = 2.5: must be a whole number, 3"),

@@ -202,7 +202,11 @@ def test_parameters_of_every_kind(parametrised: str) -> None:
         ("n", True, "n = True: expected float"),
         ("terms", 2.5, "terms = 2.5: expected int or None"),
         ("C2", "x", "C2 = 'x': expected float or None"),
-        ("C3", 1.0, "no shape parameter 'C3' .did you mean 'C[12]'.*C1, C2, kappa, alpha"),
+        (
+            "C3",
+            1.0,
+            "unknown parameter 'C3': expected .*C1, C2, kappa, alpha.*did you mean 'C[12]'",
+        ),
     ],
 )
 def test_mistakes_in_parameters(parametrised: str, key: str, value: Any, told: str) -> None:
@@ -271,40 +275,49 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"cells": 1.5}, "cells = 1.5: expected a whole number"),
     ({"cells": True}, "cells = True: expected a whole number"),
     ({"steps": 0}, "steps = 0: expected a whole number, 1 or more"),
-    ({"element": "Q3"}, "unknown element 'Q3' .did you mean 'Q.'.*P1"),
+    ({"element": "Q3"}, "element = 'Q3': expected .*P1.*did you mean 'Q.'"),
     ({"element": 3}, "element = 3: expected one of .*P1"),
     ({"quadrature": 0}, "quadrature = 0: expected a whole number, 1 or more"),
     ({"quadrature": 2.0}, "quadrature = 2.0: expected a whole number"),
-    ({"eigensolver": "cubik"}, "unknown eigensolver 'cubik' .did you mean 'cubic'.*jacobi"),
+    ({"eigensolver": "cubik"}, "eigensolver = 'cubik': expected .*jacobi.*did you mean 'cubic'"),
     ({"probe": [{"point": [0, 0, 0]}]}, "probe.0: missing key 'name': expected a name"),
     ({"probe": [{"name": "a"}]}, "probe.0: missing key 'point': expected three finite numbers"),
     ({"probe": [{"name": "a", "point": [0, 0]}]}, "probe.0.point = .*: expected three finite"),
     ({"probe": [{"name": "a", "point": [0, 0, 0]}] * 2}, "two probes are called 'a'"),
     ({"probe": {"name": "a"}}, "probe = .*: expected a list of tables"),
-    ({"hessian": "clmp"}, "unknown hessian 'clmp' .did you mean 'clamp'.*adaptive"),
-    ({"predictor": "tangnt"}, "unknown predictor 'tangnt' .did you mean 'tangent'"),
-    ({"material": "neo_hookan"}, "unknown material 'neo_hookan' .did you mean 'neo_hookean'"),
-    ({"material": {"nam": "neo_hookean"}}, "no shape parameter 'nam' .did you mean 'name'"),
-    ({"angel": 1.0}, "unknown parameter 'angel' .did you mean 'angle'.*steps"),
+    ({"hessian": "clmp"}, "hessian = 'clmp': expected .*adaptive.*did you mean 'clamp'"),
+    ({"predictor": "tangnt"}, "predictor = 'tangnt': expected .*did you mean 'tangent'"),
+    ({"material": "neo_hookan"}, "material = 'neo_hookan': expected .*did you mean 'neo_hookean'"),
+    (
+        {"material": {"nam": "neo_hookean"}},
+        "unknown parameter 'nam': expected .*did you mean 'name'",
+    ),
+    ({"angel": 1.0}, "unknown parameter 'angel': expected .*steps.*did you mean 'angle'"),
     ({"scene": "x"}, "unknown parameter 'scene'"),
     ({"angle": "x"}, "angle = 'x': expected a number"),
     ({"angle": float("inf")}, "angle = inf: expected a finite number"),
-    ({"material.barier": True}, "no shape parameter 'barier' .did you mean 'barrier'"),
-    ({"material.alpah": 2}, "no shape parameter 'alpah' .did you mean 'alpha'.*lambda_part"),
+    ({"material.barier": True}, "unknown parameter 'barier': expected .*did you mean 'barrier'"),
+    (
+        {"material.alpah": 2},
+        "unknown parameter 'alpah': expected .*lambda_part.*did you mean 'alpha'",
+    ),
     ({"material.alpha": 0}, "material: alpha = 0.0: expected a number > 0"),
     ({"material.alpha_mu": "x"}, "material: alpha_mu = 'x': expected float or None"),
     ({"material.alpha": float("inf")}, "material: alpha = inf: expected float or None"),
     ({"material.epsilon": -1}, "material: epsilon = -1.0: expected a number >= 0"),
     (
         {"material.lambda_part": "stbl_neo_hookean"},
-        "unknown lambda_part .* .did you mean 'stable_neo",
+        "lambda_part = .*: expected one of .*did you mean 'stable_neo",
     ),
     ({"material.lambda_part": 3}, "material: lambda_part = 3: expected str or None"),
-    ({"material.mu": 3}, "no shape parameter 'mu'"),
+    ({"material.mu": 3}, "unknown parameter 'mu'"),
     ({"reactions": "top"}, "reactions = 'top': expected a list of names or numbers"),
     ({"reactions": [1.5]}, r"reactions = \[1.5\]: expected a list of names or numbers"),
     ({"material.barrier": 3}, "material: barrier = 3: expected bool or None"),
-    ({"move.0.rotat": 1}, "move.0: unknown key 'rotat' .did you mean 'rotate'.*translate"),
+    (
+        {"move.0.rotat": 1},
+        "move.0: unknown key 'rotat': expected .*translate.*did you mean 'rotate'",
+    ),
     ({"move.0.rotate": {"axis": [0, 0, 1]}}, "move.0.rotate: missing key 'angle': expected a fin"),
     ({"move.0.rotate.axis": [0, 0, 0]}, "move.0.rotate.axis: .* has no direction"),
     ({"move.0.rotate.axis": [0, 1]}, r"move.0.rotate.axis = \[0, 1\]: expected three finite"),
@@ -318,7 +331,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"traction": [{"group": "top", "vector": [1, 2]}]}, "traction.0.vector = .* three finite"),
     ({"petsc.ksp": {}}, "petsc = .*: expected a table of"),
     ({"mesh": "x.msh"}, "cells = 15: only a built-in geometry has it.*x.msh"),
-    ({"mesh": {"sorce": "cube"}}, "mesh: unknown key 'sorce' .did you mean 'source'"),
+    ({"mesh": {"sorce": "cube"}}, "mesh: unknown key 'sorce': expected .*did you mean 'source'"),
     ({"load_range": [1]}, "load_range = .1.: expected two finite numbers"),
 ]
 
@@ -338,7 +351,7 @@ def test_held_and_moved_in_different_components_is_fine() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("steps = 4", "step = 4", "unknown key 'step' .did you mean 'steps'"),
+        ("steps = 4", "step = 4", "unknown key 'step': expected .*did you mean 'steps'"),
         ("steps = 4", "steps = 4 4", r"not valid TOML: .*line 4"),
         ("steps = 4", "cells = 4", "cells = 4: only a built-in geometry has it"),
         ('mesh = "block.msh"', "", "missing key 'mesh'"),
@@ -359,7 +372,7 @@ def test_mistake_in_a_scene_file(toml: Path, old: str, new: str, told: str) -> N
 
 
 def test_no_such_scene(toml: Path) -> None:
-    with pytest.raises(BadInput, match=r"unknown scene 'twst' .did you mean 'twist'.*toml"):
+    with pytest.raises(BadInput, match=r"scene = 'twst': expected .*toml.*did you mean 'twist'"):
         scenes.load("twst")
     with pytest.raises(BadInput, match=r"blok.toml: No such file.* .did you mean 'block.toml'"):
         scenes.load(toml.with_name("blok.toml"))

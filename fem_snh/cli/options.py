@@ -6,7 +6,7 @@ import argparse
 import tomllib
 from typing import Any, NoReturn
 
-from fem_snh.errors import BadInput, nearest
+from fem_snh.errors import BadInput, unknown_name
 from fem_snh.fem.elements import ELEMENTS
 
 # What a scene lets the command line say directly: key, placeholder, help.
@@ -51,10 +51,7 @@ class Parser(argparse.ArgumentParser):
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
-                self.error(
-                    f"unknown option {name}{nearest(name, options)}: "
-                    f"choose from {', '.join(sorted(options))}; PETSc's go after --"
-                )
+                self.error(f"{unknown_name('option', name, sorted(options))}; PETSc's go after --")
             self.error(f"unexpected '{word}': one {'scene' if 'scene' in args else 'name'} at most")
         return args
 

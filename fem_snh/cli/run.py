@@ -54,7 +54,7 @@ def run(argv: list[str]) -> int:
     args = parser.parse(words)
     if args.scene is None:
         raise BadInput(
-            f"which scene? choose from {', '.join(scenes.names())}, or give a .toml file"
+            f"missing SCENE: expected one of {', '.join(scenes.names())}, or a .toml file"
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}

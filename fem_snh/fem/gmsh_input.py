@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, choose, unknown_name
 
 # gmsh's number of a volume element: our cell, the degree of the geometry, its nodes.
 _CELLS = {
@@ -84,7 +84,8 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> Input:
         known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != "tets"]
         gmsh.onelab.setNumber("tets", [float(cell == "tetrahedron")])
         for name, value in parameters.items():
-            choose("parameter", name, known)
+            if name not in known:
+                raise unknown_name("parameter", name, known)
             if not isfinite(value):
                 raise BadInput(f"{name} = {value}: must be a finite number")
             gmsh.onelab.setNumber(name, [float(value)])

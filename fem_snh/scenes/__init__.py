@@ -22,7 +22,7 @@ from typing import Any
 
 from pydantic import ValidationError, validate_call
 
-from fem_snh.errors import BadInput, choose, nearest
+from fem_snh.errors import BadInput, bad_value, nearest, unknown_name
 from fem_snh.scenes import builtin
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import (
@@ -55,10 +55,7 @@ def names() -> list[str]:
 def function(name: str) -> Callable[..., Scene]:
     """The function that makes the scene ``name``. Raises BadInput for an unknown name."""
     if name not in names():
-        raise BadInput(
-            f"unknown scene '{name}'{nearest(name, names())}: choose from {', '.join(names())}, "
-            "or give a .toml file"
-        )
+        raise bad_value("scene", name, f"one of {', '.join(names())}, or a .toml file", names())
     made: Callable[..., Scene] = getattr(import_module(f"{builtin.__name__}.{name}"), name)
     return made
 
@@ -102,7 +99,8 @@ def load(scene: str | Path | Scene, /, **overrides: Any) -> Scene:
             data = validate_call(config={"strict": True})(make)(**mine).model_dump()
         for key in given:
             known = dict.fromkeys([*own, *_SHORT, *Scene.model_fields])
-            choose("parameter", key.partition(".")[0], known)
+            if (first := key.partition(".")[0]) not in known:
+                raise unknown_name("parameter", first, known)
         return Scene.model_validate(_replaced(data, given))
     except ValidationError as error:
         raise BadInput(f"{label}: {one_line(error)}") from None

@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from fem_snh.errors import BadInput, choose, nearest
+from fem_snh.errors import BadInput, choose, unknown_name
 from fem_snh.scenes._validation import Expect, Finite, Table
 
 _STRICT = ConfigDict(allow_inf_nan=False, strict=True)
@@ -63,10 +63,7 @@ class MaterialChoice(Table):
         given = self.model_extra or {}
         for key, value in given.items():
             if key not in known:
-                raise BadInput(
-                    f"{self.name} has no shape parameter '{key}'{nearest(key, known)}: "
-                    f"choose from {', '.join(known)}"
-                )
+                raise unknown_name("parameter", key, known)
             kind = kinds.get(key, Any)
             try:
                 given[key] = TypeAdapter(kind, config=_STRICT).validate_python(_tuples(value))

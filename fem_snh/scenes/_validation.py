@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from fem_snh.errors import BadInput, nearest
+from fem_snh.errors import BadInput, unknown_name
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -52,9 +52,7 @@ class Table(BaseModel):
         fields = cls.model_fields
         for key in data:
             if key not in fields and cls.model_config["extra"] == "forbid":
-                raise BadInput(
-                    f"unknown key '{key}'{nearest(key, fields)}: choose from {', '.join(fields)}"
-                )
+                raise unknown_name("key", key, fields)
         for key, field in fields.items():
             if field.is_required() and key not in data:
                 what = [f": expected {m.what}" for m in field.metadata if isinstance(m, Expect)]

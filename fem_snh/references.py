@@ -1,0 +1,155 @@
+"""Functions that live outside the package: in a Python file of the user, or in another package.
+
+A reference is the text ``FILE.py:NAME``; an entry point is a function that an installed package
+declares under ``fem_snh.materials`` or ``fem_snh.scenes``. Both give a callable, and each way to
+fail is one `BadInput` line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from functools import cache
+from importlib import metadata
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from fem_snh.errors import BadInput, nearest
+
+Function = Callable[..., Any]
+
+
+def is_reference(text: str) -> bool:
+    """Return whether a text refers to a Python file: ``FILE.py:NAME``, or ``FILE.py`` alone."""
+    return re.search(r"\.py(:|$)", text) is not None
+
+
+def absolute_reference(text: str, folder: Path) -> str:
+    """Return the reference ``text`` with its file made absolute, seen from ``folder``.
+
+    A text that is no reference, such as the name of a built-in material, is returned unchanged.
+    """
+    if not is_reference(text):
+        return text
+    file, colon, name = text.partition(".py")
+    return f"{(folder / f'{file}.py').resolve()}{name}" if colon else text
+
+
+def load_reference(reference: str, folder: Path | None = None) -> Function:
+    """Return the function that ``FILE.py:NAME`` refers to.
+
+    The file is executed once, and again only after it has changed. Meanwhile its folder is the
+    last entry of ``sys.path``, so that it can import its neighbours.
+
+    Parameters
+    ----------
+    reference : str
+        ``FILE.py:NAME``, the path of a Python file and the name of a function in it.
+    folder : Path, optional
+        The folder that a relative path starts from; default: the working directory.
+
+    Returns
+    -------
+    callable
+        The function.
+
+    Raises
+    ------
+    BadInput
+        The reference has no name, the file does not exist or does not import, or it holds no
+        function of that name.
+    """
+    file, _, name = reference.rpartition(":")
+    if not file.endswith(".py") or not name.isidentifier():
+        raise BadInput(f"'{reference}': expected FILE.py:NAME, a function in a Python file")
+    path = (folder or Path()) / file
+    try:
+        state = path.stat()
+    except OSError as error:
+        others = {other.name for other in path.parent.glob("*.py")}
+        raise BadInput(
+            f"'{reference}': cannot read {path}: {error.strerror}{nearest(path.name, others)}"
+        ) from None
+    module = _execute(path.resolve(), state.st_mtime_ns, state.st_size)
+    found = getattr(module, name, None)
+    if found is None:
+        functions = [key for key, v in vars(module).items() if callable(v) and key[0] != "_"]
+        raise BadInput(f"'{reference}': {path} has no function '{name}'{nearest(name, functions)}")
+    if not callable(found):
+        raise BadInput(
+            f"'{reference}': {name} is of type {type(found).__name__}: expected a function"
+        )
+    function: Function = found
+    return function
+
+
+@cache
+def entry_points(group: str) -> dict[str, Callable[[], Function]]:
+    """Return the entry points of a group: for each name, a call that loads its function.
+
+    Parameters
+    ----------
+    group : str
+        ``fem_snh.materials`` or ``fem_snh.scenes``.
+
+    Returns
+    -------
+    dict
+        Sorted names and, for each, a call without arguments. The call returns the function; it
+        raises `BadInput` with the entry point's name and package if that cannot be loaded.
+    """
+    found = metadata.entry_points(group=group)
+    return {
+        point.name: lambda point=point: _load_entry_point(point)  # type: ignore[misc]
+        for point in sorted(found, key=lambda point: point.name)
+    }
+
+
+def _load_entry_point(point: metadata.EntryPoint) -> Function:
+    """Load an entry point; raise BadInput if it does not import or is no function."""
+    package = f" of the package {point.dist.name}" if point.dist else ""
+    label = f"entry point {point.group}: {point.name} = {point.value}{package}"
+    try:
+        found = point.load()
+    except (Exception, SystemExit) as error:
+        raise BadInput(f"{label}: {_describe(error)}") from None
+    if not callable(found):
+        raise BadInput(f"{label}: it is of type {type(found).__name__}: expected a function")
+    function: Function = found
+    return function
+
+
+@cache
+def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
+    """Execute a Python file as a module; its time and size are part of the cache's key."""
+    # Two files of one name, in different folders, are two modules.
+    name = f"_fem_snh_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    spec = spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None  # the suffix is .py
+    module = module_from_spec(spec)
+    sys.modules[name] = module  # type hints and pickle look a function's module up there
+    sys.path.append(str(path.parent))
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise BadInput(f"{path} does not import: {_describe(error, path)}") from None
+    finally:
+        sys.path.remove(str(path.parent))
+    return module
+
+
+def _describe(error: BaseException, path: Path | None = None) -> str:
+    """Return an error in one line, with the line of the file where it arose if it is known."""
+    text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+    line = error.lineno if isinstance(error, SyntaxError) else None
+    if path is not None and line is None:
+        frames = traceback.extract_tb(error.__traceback__)
+        line = next((f.lineno for f in reversed(frames) if f.filename == str(path)), None)
+    where = f"line {line}: " if line is not None else ""
+    return f"{where}{type(error).__name__}{f': {text}' if text else ''}"
