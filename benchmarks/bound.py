@@ -78,8 +78,8 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     X = p.coordinates
     lateral = (J / stretch) ** 0.5
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
-    if p.saddle:
-        p.saddle.pressures(p.x)[:] = p.elastic.law.volume_stiffness * (J - 1) * p.length
+    if p.saddle_point:
+        p.saddle_point.pressure_dofs(p.x)[:] = p.elastic.law.volume_stiffness * (J - 1) * p.length
     p.jacobian(p.x, "exact")
     A = dense(p.A)
     n = X.size

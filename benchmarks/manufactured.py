@@ -72,7 +72,7 @@ def settle(problem: Problem, tolerance: float = 1e-9) -> int:
     set_direct_solver(ksp)
     x, r, d = problem.x, problem.x.duplicate(), problem.x.duplicate()
     its = 0
-    if not problem.saddle:
+    if not problem.saddle_point:
         snes.solve(None, x)
         if snes.getConvergedReason() <= 0:
             raise BadInput(f"{problem.element.name}: {solver.reason(snes)}")
@@ -198,8 +198,8 @@ class Manufactured:
         """||u - u_h||, ||grad (u - u_h)|| and, if p_h is unknown, ||p - p_h||; in L2, V = 1."""
         wrong = self.problem.u - self.u
         found = [self._norm(wrong), self._norm(ufl.grad(wrong))]
-        if self.problem.saddle:
-            Q, values = self.problem.saddle.Q, self.problem.saddle.pressure()
+        if self.problem.saddle_point:
+            Q, values = self.problem.saddle_point.Q, self.problem.saddle_point.pressure()
             p = _dolfinx.function(Q, "p")
             p.x.array[:] = values
             found.append(self._norm(p - self.pressure()))

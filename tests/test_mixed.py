@@ -95,9 +95,9 @@ def test_a_wrong_option_of_a_block_is_named():
 def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
     """In a wild state every direction of the clamped problem is found, and it is downhill."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, hold=[Hold("left")])
-    owned = p.x.getLocalSize() - len(p.saddle.pressures(p.x))
+    owned = p.x.getLocalSize() - len(p.saddle_point.pressure_dofs(p.x))
     p.x.array[:owned] = wave(0.4)(p.V.tabulate_dof_coordinates()[: owned // 3]).ravel()
-    p.saddle.pressures(p.x)[:] = 0.2
+    p.saddle_point.pressure_dofs(p.x)[:] = 0.2
     p.prescribe(p.x)
     snes = solver.create(p, hessian="exact")
     context, f, d = snes.getPythonContext(), p.x.duplicate(), p.x.duplicate()

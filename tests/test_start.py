@@ -14,7 +14,7 @@ import fem_snh
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.initial_state import begin
+from fem_snh.fem.initial_state import set_initial_state
 from fem_snh.scenes import Start
 
 mpi = pytest.mark.mpi
@@ -24,7 +24,7 @@ ELEMENT = pytest.mark.parametrize("element", ["Q1", "P2", "Q2Q1"])
 def begun(comm: MPI.Comm, element: str, start: Start, **conditions: Any) -> tuple[Any, Any, Any]:
     """A problem on a cube of 3 cells that has begun, and all its nodes in order: X, x."""
     p = problem(cube(comm, ELEMENTS[element].cell, 3), element, **conditions)
-    begin(p, start)
+    set_initial_state(p, start)
     owned = p.V.dofmap.index_map.size_local
     X = p.V.tabulate_dof_coordinates()[:owned]
     x = X + p.x.array_r[: 3 * owned].reshape(-1, 3)
@@ -52,8 +52,8 @@ def test_a_scatter_fills_its_volume(comm: MPI.Comm, element: str) -> None:
     assert x.max(axis=0) == pytest.approx(1.5, abs=0.3)
     assert x.mean(axis=0) == pytest.approx(0.5, abs=0.25)
     assert abs(np.corrcoef(x.T) - np.eye(3)).max() < 0.4
-    if p.saddle:
-        assert not p.saddle.pressures(p.x).any()
+    if p.saddle_point:
+        assert not p.saddle_point.pressure_dofs(p.x).any()
 
 
 @mpi
@@ -178,7 +178,7 @@ def test_a_crushed_body_has_the_same_deformation_everywhere(to: str) -> None:
     scene = scenes.load("crush", to=to, nu=0.3)
     p = problem(cube(MPI.COMM_SELF, "hexahedron", 2), "Q1", hold=scene.hold)
     assert scene.start is not None
-    begin(p, scene.start)
+    set_initial_state(p, scene.start)
     X = p.V.tabulate_dof_coordinates()
     expected = X @ (np.array(scene.start.map) - np.eye(3)).T
     assert p.x.array_r.reshape(-1, 3) == pytest.approx(expected, abs=1e-14)

@@ -84,7 +84,7 @@ def pairs(elements):
 def moduli(p):
     """(mu_lame, lambda_local, k) [Pa]: 1/lambda_local = 1/lambda + 1/(b mu)."""
     mu, lam = p.material.lame
-    b = 2 if p.saddle else 4
+    b = 2 if p.saddle_point else 4
     local = 1 / (1 / lam + 1 / (b * mu))
     return mu, local, lam - local
 
@@ -97,8 +97,8 @@ def put(p, field, push=0.0):
     """The displacement field((n, 3)) at this rank's nodes; waves of ``push`` for pressures."""
     n = 3 * _dolfinx.num_nodes(p.V)[0]
     p.x.array[:n] = field(p.V.tabulate_dof_coordinates()[: n // 3]).ravel()
-    if p.saddle:
-        Q, _ = p.saddle.Q, p.saddle.pressure()
+    if p.saddle_point:
+        Q, _ = p.saddle_point.Q, p.saddle_point.pressure()
         X = Q.tabulate_dof_coordinates()[: _dolfinx.num_nodes(Q)[0]]
         p.x.array[n:] = push * (np.sin(X @ [3.0, 5, 2]) - 0.7)
     return p
@@ -159,7 +159,7 @@ def pressures(p, volume, w, F, cell):
     if p.element.volume == "mean":
         mean = w @ np.linalg.det(F) / w.sum()
         return np.full(len(w), volume.curve(mean, moduli(p)[2])[1])
-    Q, values = p.saddle.Q, p.saddle.pressure()
+    Q, values = p.saddle_point.Q, p.saddle_point.pressure()
     points, _ = _dolfinx.quadrature(p.element.cell, p.element.quadrature)
     return _dolfinx.tabulate_values(Q, points) @ values[_dolfinx.node_dofs(Q)[cell]]
 
@@ -284,7 +284,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, law, nu):
     p.gradient(p.x, r)
     p.jacobian(p.x, "exact")
 
-    Q, values = p.saddle.Q, p.saddle.pressure()
+    Q, values = p.saddle_point.Q, p.saddle_point.pressure()
     u, pressure = p.u, _dolfinx.function(Q, "p")
     pressure.x.array[:] = values
     mu, local, k = moduli(p)

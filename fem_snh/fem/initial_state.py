@@ -16,7 +16,7 @@ _GRID = 1e-7
 _SHIFT = np.sqrt(2) / 4
 
 
-def begin(problem: Problem, start: Any) -> None:
+def set_initial_state(problem: Problem, start: Any) -> None:
     """Put a start into ``problem.x``: ``map``, ``through``, ``scatter``, ``noise``, ``seed``.
 
     They are those of `fem_snh.scenes.Start`. All nodes move, those in the middle of edges too;

@@ -94,7 +94,7 @@ def check(problem: Problem, count: int) -> None:
     Raises BadInput, on every rank, if there are fewer free degrees of freedom than modes, a
     pressure is unknown, or SLEPc is missing.
     """
-    if problem.saddle:
+    if problem.saddle_point:
         raise BadInput(
             f"modes: element '{problem.element.name}' has a pressure without mass: "
             "take one with the displacement alone, P2P0 or Q1P0 where nu is close to 0.5"

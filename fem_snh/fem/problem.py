@@ -24,7 +24,7 @@ from fem_snh.fem import mesh as meshes
 from fem_snh.fem import unknowns
 from fem_snh.fem.elements import Element
 from fem_snh.fem.mesh import Mesh
-from fem_snh.fem.taylor_hood import Saddle
+from fem_snh.fem.taylor_hood import SaddlePoint
 from fem_snh.fem.terms import Elastic, Traction
 from fem_snh.fem.unknowns import DisplacementPressure
 from fem_snh.kernels.pointwise import Material
@@ -66,7 +66,7 @@ class Problem:
     u : the displacement, a dolfinx Function, ghosts included that of the vector last evaluated.
     x : the vector of the unknowns: the displacement's own, or one that holds a pressure, too.
     A : the matrix that `jacobian` fills, its near null space the rigid motions.
-    saddle : None, or what a solver has to know of a Taylor-Hood element's pressure.
+    saddle_point : None, or what a solver has to know of a Taylor-Hood element's pressure.
     terms : the energy terms the scene needs, and no others.
     length : V^(1/3) [m], V the reference volume.
     nonfinite : how many of the energies evaluated so far were infinite or NaN.
@@ -99,11 +99,11 @@ class Problem:
         self.V, self.u, self.x = self._unknowns.V, self._unknowns.u, self._unknowns.x
         self.load = 0.0
         self.nonfinite = 0
-        self.saddle: Saddle | None = None
+        self.saddle_point: SaddlePoint | None = None
         if isinstance(self._unknowns, DisplacementPressure):
             scale = material.expression.E / self.length
             self.elastic = Elastic(self.V, element, material, self._unknowns.Q, scale)
-            self.saddle = Saddle(self._unknowns, self.elastic, scale, material.lame[0])
+            self.saddle_point = SaddlePoint(self._unknowns, self.elastic, scale, material.lame[0])
         else:
             self.elastic = Elastic(self.V, element, material)
         self._traction = None
@@ -113,7 +113,7 @@ class Problem:
         self._condition(hold, move)
         self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
         self.A = self.elastic.create_matrix(self._unknowns.layout())
-        if not self.saddle:
+        if not self.saddle_point:
             free = self.elastic.free[: len(self.coordinates)]
             self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.coordinates, free))
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
@@ -162,7 +162,7 @@ class Problem:
         return nodes[nodes < self._unknowns.owned]
 
     @property
-    def loaded(self) -> bool:
+    def depends_on_load(self) -> bool:
         """Whether anything depends on the load."""
         return bool(self._moved or self._traction)
 
@@ -172,7 +172,7 @@ class Problem:
         if self._traction:
             self._traction.load = load
 
-    def refresh(self) -> None:
+    def update_functions(self) -> None:
         """Bring ``u``, and the pressure, up to date with ``x``. Collective."""
         self._unknowns.displacement(self.x)
 

@@ -14,30 +14,30 @@ from fem_snh.fem.terms import Elastic
 from fem_snh.fem.unknowns import DisplacementPressure
 
 
-class Saddle:
+class SaddlePoint:
     """Which unknowns are the pressure's, and the matrix that its Schur complement resembles.
 
     Attributes
     ----------
-    fields : {"u": IS, "p": IS}, the unknowns of each.
+    index_sets : {"u": IS, "p": IS}, the unknowns of each.
     Q : the pressure's space.
-    weights : (owned pressures,) 1/(each one's share of the volume), in the units of x and residual:
-        the square of the residual's other half, so weighted, is that of a volume's error [m^3].
+    inverse_lumped_mass : (owned pressures,) in the units of x and residual. The pressure residual's
+        square, so weighted, is the square of a volume error [m^3].
     """
 
     def __init__(
         self, unknowns: DisplacementPressure, elastic: Elastic, scale: float, mu_lame: float
     ) -> None:
         self._unknowns, self._scale = unknowns, scale
-        self.fields, self.Q = unknowns.fields, unknowns.Q
+        self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         elastic.pressure, elastic.residual_pressure = unknowns.pressure, unknowns.residual_pressure
         self._shear, self._compliance = 1 / mu_lame, 1 / elastic.law.volume_stiffness
         self._local = elastic.law.lambda_local / mu_lame
         self._B: PETSc.Mat | None = None
 
-    def pressures(self, x: PETSc.Vec) -> np.ndarray:
+    def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
         """The owned pressures' part of a vector, in units of E/L [Pa/m]."""
-        return self._unknowns.pressures(x)
+        return self._unknowns.pressure_dofs(x)
 
     def pressure(self) -> np.ndarray:
         """The pressure's nodal values [Pa], ghosts included, of the vector last evaluated.
@@ -49,25 +49,25 @@ class Saddle:
             return self._scale * np.asarray(local.array_r)
 
     @cached_property
-    def schur(self) -> PETSc.Mat:
+    def schur_approximation(self) -> PETSc.Mat:
         """-(1/mu + 1/U'') M, M the pressure's mass matrix [m^3]: what -(B H^-1 B^T + C) is like.
 
         With the shear modulus at rest; exact in the sense of the inf-sup condition, whatever nu.
-        `weigh_supports` corrects the first term.
+        `update_schur_approximation` corrects the first term.
         """
         matrix = self._mass.copy()
         matrix.scale(-self._shear - self._compliance)
         return matrix
 
     @cached_property
-    def weights(self) -> np.ndarray:
+    def inverse_lumped_mass(self) -> np.ndarray:
         ones, sums = self._mass.createVecs()
         ones.set(1.0)
         self._mass.mult(ones, sums)
         return 1 / np.asarray(sums.array_r)
 
-    def weigh_supports(self, A: PETSc.Mat) -> None:
-        """Correct `schur` where supports, or large strains, hold the nodes about a pressure.
+    def update_schur_approximation(self, A: PETSc.Mat) -> None:
+        """Correct `schur_approximation` where nodes are constrained, or strains are large.
 
         How much they move is in d = diag(B D^-1 B^T)/diag(M), D the diagonal of H (as in SIMPLE),
         constant where nothing holds them and B H^-1 B^T is M/(2 mu + lambda_local). So with
@@ -81,14 +81,15 @@ class Saddle:
         share = s * (2 + self._local) / (1 + s * self._local)
         root = self._mass.createVecLeft()
         root.array[:] = np.sqrt(share)
-        self._mass.copy(self.schur)
-        self.schur.diagonalScale(root, root)
-        self.schur.scale(-self._shear)
-        self.schur.axpy(-self._compliance, self._mass, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._mass.copy(self.schur_approximation)
+        self.schur_approximation.diagonalScale(root, root)
+        self.schur_approximation.scale(-self._shear)
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        self.schur_approximation.axpy(-self._compliance, self._mass, same)
 
     def _mobility(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T) of A = [[H, B^T], [B, -C]]."""
-        u, p = self.fields["u"], self.fields["p"]
+        u, p = self.index_sets["u"], self.index_sets["p"]
         self._B = B = A.createSubMatrix(p, u, self._B)
         root = B.createVecRight()
         root.array[:] = np.abs(A.getDiagonal().array_r[: root.getLocalSize()]) ** -0.5

@@ -76,7 +76,7 @@ class DisplacementPressure(Displacement):
     Attributes
     ----------
     Q : the pressure's space; ``pressure`` its ghosted vector, in units of ``scale``.
-    fields : {"u": IS, "p": IS}, the unknowns of each in the global numbering.
+    index_sets : {"u": IS, "p": IS}, the unknowns of each in the global numbering.
     """
 
     def __init__(self, mesh: Mesh, element: Element) -> None:
@@ -94,7 +94,7 @@ class DisplacementPressure(Displacement):
         u = PETSc.IS().createStride(self._split, first, 1, comm=comm)
         u.setBlockSize(3)
         p = PETSc.IS().createStride(self.owned_pressures, first + self._split, 1, comm=comm)
-        self.fields = {"u": u, "p": p}
+        self.index_sets = {"u": u, "p": p}
 
     @property
     def residual_pressure(self) -> PETSc.Vec:
@@ -123,7 +123,7 @@ class DisplacementPressure(Displacement):
         r.array[: self._split] = self._r_u.array_r
         r.array[self._split :] = self._r_p.array_r
 
-    def pressures(self, x: PETSc.Vec) -> np.ndarray:
+    def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
         """The owned pressures in ``x``, to read or to write, in units of ``scale``."""
         return np.asarray(x.array[self._split :])
 

@@ -17,7 +17,7 @@ from fem_snh._petsc import default_options, option_used
 from fem_snh.errors import BadInput
 from fem_snh.fem import elements, modes
 from fem_snh.fem import mesh as meshes
-from fem_snh.fem.initial_state import begin
+from fem_snh.fem.initial_state import set_initial_state
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material, material
@@ -119,7 +119,7 @@ def run(
 
         problem = made(chosen.nu)
         if scene.start:
-            begin(problem, scene.start)
+            set_initial_state(problem, scene.start)
         probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)

@@ -126,7 +126,7 @@ class Checkpoint:
             if before is not None:
                 self._put(field, f"{name}_before", order, before)
         problem.set_load(self.load)
-        problem.refresh()
+        problem.update_functions()
         problem.elastic.diagonal = about["diagonal"]
         stepper.size = about["size"]
         if before is not None:

@@ -24,8 +24,8 @@ class Fields:
         self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
         self._nodal = [problem.u]
-        if problem.saddle:
-            self._pressure = _dolfinx.function(problem.saddle.Q, "pressure")
+        if problem.saddle_point:
+            self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
             scalars = _dolfinx.function_space(problem.mesh.domain, problem.element.degree)
             self._nodal.append(_dolfinx.function(scalars, "pressure"))
         self._series = _dolfinx.Series(problem.comm, path, until)
@@ -45,8 +45,8 @@ class Fields:
         }
         for name, function in self._cellwise.items():
             function.x.array[self._dofs] = values[name]
-        if problem.saddle:
-            self._pressure.x.array[:] = problem.saddle.pressure()
+        if problem.saddle_point:
+            self._pressure.x.array[:] = problem.saddle_point.pressure()
             self._nodal[1].interpolate(self._pressure)
         self._series.write([*self._nodal, *self._cellwise.values()], problem.load)
 

@@ -61,8 +61,8 @@ def fields(problem: Problem) -> dict[str, Nodal]:
     """ "u" and, where it is unknown, the pressure "p". Collective."""
     comm, owned = problem.comm, _dolfinx.num_nodes(problem.V)[0]
     found = {"u": Nodal(comm, problem.V, 0, 3)}
-    if problem.saddle:
-        found["p"] = Nodal(comm, problem.saddle.Q, 3 * owned, 1)
+    if problem.saddle_point:
+        found["p"] = Nodal(comm, problem.saddle_point.Q, 3 * owned, 1)
     return found
 
 

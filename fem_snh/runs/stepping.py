@@ -43,7 +43,7 @@ class Stepper:
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.size: float | None = None
         #: Half a load is the same problem again where nothing is loaded.
-        self.parts = 2**_HALVINGS if problem.loaded else 1
+        self.parts = 2**_HALVINGS if problem.depends_on_load else 1
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}

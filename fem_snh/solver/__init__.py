@@ -50,7 +50,7 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     database = PETSc.Options(prefix)
     policy = database.getString("snes_hessian", hessian)
     context = ProjectedNewton(
-        problem.jacobian, problem.force_scale, energy_scale, has_energy, problem.saddle
+        problem.jacobian, problem.force_scale, energy_scale, has_energy, problem.saddle_point
     )
     context.options["snes_hessian"] = choose("hessian", hessian, HESSIANS)
     snes = PETSc.SNES().create(problem.comm)
@@ -66,8 +66,8 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
     snes.setMaxFunctionEvaluations(2**31 - 1)
     ksp = snes.getKSP()
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    if problem.saddle:
-        saddle_point.configure(ksp, problem.A, problem.saddle)
+    if problem.saddle_point:
+        saddle_point.configure(ksp, problem.A, problem.saddle_point)
     elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(problem.coordinates))
@@ -76,12 +76,16 @@ def create(problem: Any, hessian: str = "adaptive", prefix: str = PREFIX) -> PET
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
     ours = (
-        saddle_point.BLOCKS if problem.saddle else trust_region.OPTIONS if policy == "trust" else {}
+        saddle_point.BLOCKS
+        if problem.saddle_point
+        else trust_region.OPTIONS
+        if policy == "trust"
+        else {}
     )
     try:
         with own_errors(), default_options(prefix, ours):
             snes.setFromOptions()
-            if problem.saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
+            if problem.saddle_point and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the parts read their options, once
             if policy == "trust":
                 context.within_region = trust_region.linear_solver(problem.A, prefix)
@@ -99,7 +103,7 @@ def linear_solver(snes: PETSc.SNES) -> str:
 
 def usual(problem: Any) -> str:
     """The policy for the Hessian where nothing is said: ``trust`` where there is a least energy."""
-    least = problem.has_energy and not problem.saddle
+    least = problem.has_energy and not problem.saddle_point
     return "trust" if least else "adaptive"
 
 

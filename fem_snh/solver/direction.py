@@ -77,7 +77,7 @@ class Directions:
             blocks = split and now.filter == "exact"
             now.filtered_points = self.fill(x, "clamp" if blocks else now.filter)
             if split:
-                self.saddle.weigh_supports(P)
+                self.saddle.update_schur_approximation(P)
             if now.filter == "exact" and not now.filtered_points:
                 now.filter = "none needed"
             with preconditioner_of(ksp, A, P) if blocks else nullcontext():

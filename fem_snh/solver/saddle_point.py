@@ -39,10 +39,10 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
     ksp.setTolerances(max_it=MOST)
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
-    pc.setFieldSplitIS(*saddle.fields.items())
+    pc.setFieldSplitIS(*saddle.index_sets.items())
     pc.setFieldSplitType(PETSc.PC.CompositeType.SCHUR)
     pc.setFieldSplitSchurFactType(PETSc.PC.SchurFactType.DIAG)
-    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle.schur)
+    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle.schur_approximation)
     ksp.setOperators(A)
 
 
@@ -111,10 +111,10 @@ class SaddleSearch(LineSearch):
         return None
 
     def _gap(self, vector: PETSc.Vec) -> Any:
-        return self.saddle.pressures(vector)
+        return self.saddle.pressure_dofs(vector)
 
     def _weigh(self, gap: Any) -> Any:
-        return self.saddle.weights * gap
+        return self.saddle.inverse_lumped_mass * gap
 
     def _squares(self, f: PETSc.Vec) -> float:
         gap = self._gap(f)
