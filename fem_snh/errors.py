@@ -6,6 +6,7 @@ A message has one line: ``<key> = <value>: expected <what is accepted> (did you 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from typing import Any, TypeVar
@@ -23,6 +24,10 @@ class BadInput(ValueError):
 
     The message names the key, its value and what is accepted.
     """
+
+
+class RenamedKey(FutureWarning):
+    """The note that a key or a value has a new name; the old one is accepted."""
 
 
 class Failed(RuntimeError):
@@ -73,6 +78,11 @@ def choose(key: str, word: str, known: Iterable[str]) -> str:
     if word not in known:
         raise bad_value(key, word, f"one of {', '.join(known)}", known)
     return word
+
+
+def note_rename(old: str, new: str) -> None:
+    """Issue the note that ``old`` is accepted, and what it is called now."""
+    warnings.warn(f"'{old}' is accepted and now called '{new}'", RenamedKey, stacklevel=3)
 
 
 def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from fem_snh import materials, scenes
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, RenamedKey
 from fem_snh.scenes import Hold, Move, Rotate, Scene
 
 TOML = """
@@ -382,3 +382,11 @@ def test_no_such_scene(toml: Path) -> None:
     with pytest.raises(BadInput, match="cannot read"):
         (toml.parent / "folder.toml").mkdir()
         scenes.load(toml.parent / "folder.toml")
+
+
+def test_the_old_name_of_a_key_is_accepted_with_a_note(toml: Path) -> None:
+    with pytest.warns(RenamedKey, match="'soften' is accepted and now called 'nu_continuation'"):
+        assert scenes.load("twist", soften=[0.3]).nu_continuation == [0.3]
+    toml.write_text(TOML.replace("steps = 4", "soften = [0.1]"))
+    with pytest.warns(RenamedKey, match="nu_continuation"):
+        assert scenes.load(toml).nu_continuation == [0.1]

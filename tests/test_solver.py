@@ -817,6 +817,6 @@ def test_a_filtered_stress_survives_inversion(name):
 @pytest.mark.parametrize("seed", [43, 98])
 def test_single_precision_is_not_the_end(seed):
     """Of a scramble in which sweeps overflow, and one in which a clamped matrix seems negative."""
-    case = {"cells": 10, "element": "P1", "nu": 0.45, "seed": seed, "soften": [-0.3]}
+    case = {"cells": 10, "element": "P1", "nu": 0.45, "seed": seed, "nu_continuation": [-0.3]}
     result = run("scramble", **case, progress=False)
     assert result.converged and result.steps[-1]["max_u"] < 1e-6

@@ -96,8 +96,12 @@ def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
         ("start.seed", -1, "start.seed = -1: expected a whole number, 0 or more"),
         ("start.map", [1, 2, 3], "start.map = .*a matrix"),
         ("predictor", "tangent", "predictor = 'tangent'.*expected predictor = 'none'"),
-        ("soften", [0.5], r"soften = \[0.5\]: expected a list of Poisson's ratios in"),
-        ("soften", 0.3, "soften = 0.3"),
+        (
+            "nu_continuation",
+            [0.5],
+            r"nu_continuation = \[0.5\]: expected a list of Poisson's ratios in",
+        ),
+        ("nu_continuation", 0.3, "nu_continuation = 0.3"),
     ],
 )
 def test_mistakes(key: str, value: Any, told: str) -> None:
@@ -192,7 +196,7 @@ def test_softened_steps_end_in_the_same_state(comm: MPI.Comm) -> None:
     """Where there is only one; and the iterations of both materials are counted."""
     given = {"cells": 3, "angle": 0.8, "steps": 2, "comm": comm, "progress": False}
     plain = fem_snh.run("twist", **given)
-    soft = fem_snh.run("twist", soften=[0.0, 0.3], **given)
+    soft = fem_snh.run("twist", nu_continuation=[0.0, 0.3], **given)
     assert [step["load"] for step in soft.steps] == [0.5, 1.0]
     for one, other in zip(plain.steps, soft.steps, strict=True):
         assert other["energy"] == pytest.approx(one["energy"], rel=1e-6)
@@ -200,7 +204,7 @@ def test_softened_steps_end_in_the_same_state(comm: MPI.Comm) -> None:
     assert soft.record["material"]["nu"] == 0.49
 
 
-def test_softening_unfolds_what_a_plain_descent_does_not() -> None:
+def test_poisson_continuation_unfolds_what_a_plain_descent_does_not() -> None:
     """Scrambled cubes of tetrahedra at nu = 0.45: other minima, or home."""
     away = []
     for seed in range(4):
@@ -208,6 +212,6 @@ def test_softening_unfolds_what_a_plain_descent_does_not() -> None:
         plain = fem_snh.run("scramble", hessian="adaptive", **given)
         assert plain.converged
         away.append(plain.steps[-1]["max_u"] > 0.1 and plain.steps[-1]["energy"] > 0.01)
-        soft = fem_snh.run("scramble", soften=[-0.3], **given)
+        soft = fem_snh.run("scramble", nu_continuation=[-0.3], **given)
         assert soft.converged and soft.steps[-1]["max_u"] < 1e-6
     assert any(away)

@@ -12,12 +12,13 @@ import os
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from fem_snh.errors import BadInput, Failed, choose
+from fem_snh.errors import BadInput, Failed, RenamedKey, choose
 
 COMMANDS = {
     "run": ("run", "solve a scene, or a scene file of your own"),
@@ -29,6 +30,7 @@ COMMANDS = {
     "render": ("tools", "a picture of the deformed body of a run folder"),
     "doctor": ("tools", "say whether this machine has what it takes"),
 }
+_format = warnings.formatwarning
 # What MPI launchers set; without any of these there is one rank and no need to start MPI.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # e.g. for what is printed
@@ -44,6 +46,7 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
     """Run ``command(argv)``; turn every way it can end into an exit code and at most one line."""
     # PETSc takes every signal for a crash, `| head` closing the pipe included.
     os.environ["PETSC_OPTIONS"] = os.environ.get("PETSC_OPTIONS", "") + " -no_signal_handler"
+    warnings.formatwarning = _format_warning
     try:
         return command(argv)
     except BadInput as error:
@@ -65,6 +68,19 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
         return _stop("interrupted; what was computed is kept", 130)
     except Exception:
         return _crash()
+
+
+def _format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """Return the note of a renamed key as one line, and other warnings as Python shows them."""
+    if issubclass(category, RenamedKey):
+        return f"fem-snh: note: {message}\n"
+    return _format(message, category, filename, lineno, line)
 
 
 def _dispatch(argv: list[str]) -> int:

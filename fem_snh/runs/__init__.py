@@ -24,7 +24,7 @@ from fem_snh.kernels.pointwise import Material, material
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
-from fem_snh.runs.poisson_continuation import Softening
+from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.stepping import Stepper
@@ -125,9 +125,10 @@ def run(
             modes.check(problem, scene.modes.count)
         hessian = scene.hessian or solver.usual(problem)
         snes = solver.create(problem, hessian)
-        softening = Softening(scene.soften, made, hessian) if scene.soften else None
-        stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, softening)
-        jit = problem.seconds["jit"] + (softening.jit if softening else 0.0)
+        nus = scene.nu_continuation
+        continuation = PoissonContinuation(nus, made, hessian) if nus else None
+        stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, continuation)
+        jit = problem.seconds["jit"] + (continuation.jit if continuation else 0.0)
         seconds = {
             "jit": jit,
             "mesh": setting_up - meshing,

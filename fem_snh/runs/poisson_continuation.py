@@ -1,8 +1,8 @@
-"""Load steps that are approached through more compressible materials.
+"""Continuation in Poisson's ratio: a load step first solved with more compressible materials.
 
-What makes a step from far away hard is the volume term: at nu close to 1/2 it dwarfs the rest, and
-inverted cells have no way back that is not uphill in it. So a step may first find the equilibrium
-of the same material with a smaller Poisson's ratio, and go on from there.
+At nu close to 1/2 the volume term dominates the energy, and an inverted cell can unfold only by
+increasing it. The same material with a smaller Poisson's ratio has no such barrier; its equilibrium
+is a good initial guess for the next ratio.
 """
 
 from __future__ import annotations
@@ -13,33 +13,53 @@ from fem_snh import solver
 from fem_snh.fem.problem import Problem
 
 
-class Softening:
-    """The same problem with other Poisson's ratios, solved one after the other. Collective.
+class PoissonContinuation:
+    """Auxiliary problems with other Poisson's ratios, each with a matrix and a solver of its own.
 
-    ``make(nu)`` is the problem with another ratio. Each has a matrix of its own.
+    Parameters
+    ----------
+    nus : sequence of float
+        Poisson's ratios, in the order in which they are solved.
+    make_problem : callable
+        Returns the problem with the Poisson's ratio that it is given. Collective.
+    hessian : str
+        The Hessian policy of their solvers.
+
+    Attributes
+    ----------
+    jit : float
+        Seconds spent compiling their kernels.
     """
 
-    def __init__(self, nus: Sequence[float], make: Callable[[float], Problem], hessian: str):
+    def __init__(
+        self, nus: Sequence[float], make_problem: Callable[[float], Problem], hessian: str
+    ) -> None:
         self._stages = []
         for nu in nus:
-            soft = make(nu)
-            self._stages.append((soft, solver.create(soft, hessian)))
-        self.jit = sum(soft.seconds["jit"] for soft, _ in self._stages)
+            stage = make_problem(nu)
+            self._stages.append((stage, solver.create(stage, hessian)))
+        self.jit = sum(stage.seconds["jit"] for stage, _ in self._stages)
 
-    def approach(self, problem: Problem) -> list[solver.Iteration]:
-        """Move ``problem.x`` to the last one's equilibrium; the Newton iterations of them all.
+    def solve(self, problem: Problem) -> list[solver.Iteration]:
+        """Replace ``problem.x`` by the equilibrium of the last ratio. Collective.
 
-        One that does not converge is left where it is: it is a guess, and the step goes on from it.
+        A ratio whose solve does not converge is no failure: its last iterate is the initial guess
+        of the next solve.
+
+        Returns
+        -------
+        list of Iteration
+            The Newton iterations of all ratios.
         """
         history: list[solver.Iteration] = []
-        for soft, snes in self._stages:
-            soft.set_load(problem.load)
-            problem.x.copy(soft.x)
-            assembling, nonfinite = soft.seconds["assemble"], soft.nonfinite
+        for stage, snes in self._stages:
+            stage.set_load(problem.load)
+            problem.x.copy(stage.x)
+            assembling, nonfinite = stage.seconds["assemble"], stage.nonfinite
             with solver.own_errors():
-                snes.solve(None, soft.x)
-            soft.x.copy(problem.x)
+                snes.solve(None, stage.x)
+            stage.x.copy(problem.x)
             history += snes.getPythonContext().history
-            problem.seconds["assemble"] += soft.seconds["assemble"] - assembling
-            problem.nonfinite += soft.nonfinite - nonfinite
+            problem.seconds["assemble"] += stage.seconds["assemble"] - assembling
+            problem.nonfinite += stage.nonfinite - nonfinite
         return history

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from fem_snh import solver
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
-from fem_snh.runs.poisson_continuation import Softening
+from fem_snh.runs.poisson_continuation import PoissonContinuation
 
 #: A step is halved at most this many times.
 _HALVINGS = 6
@@ -36,10 +36,10 @@ class Stepper:
         steps: int,
         predictor: str,
         probes: Probes | None = None,
-        softening: Softening | None = None,
+        continuation: PoissonContinuation | None = None,
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
-        self.softening = softening
+        self.continuation = continuation
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.size: float | None = None
         #: Half a load is the same problem again where nothing is loaded.
@@ -86,7 +86,7 @@ class Stepper:
         problem, start, working = self.problem, perf_counter(), process_time()
         kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
-        history = self.softening.approach(problem) if self.softening else []
+        history = self.continuation.solve(problem) if self.continuation else []
         with solver.own_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0

@@ -22,10 +22,11 @@ from typing import Any
 
 from pydantic import ValidationError, validate_call
 
-from fem_snh.errors import BadInput, bad_value, nearest, unknown_name
+from fem_snh.errors import BadInput, bad_value, nearest, note_rename, unknown_name
 from fem_snh.scenes import builtin
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import (
+    RENAMED,
     Geometry,
     Hold,
     MaterialChoice,
@@ -86,6 +87,9 @@ def load(scene: str | Path | Scene, /, **overrides: Any) -> Scene:
     """
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
+    for key in [key for key in given if key in RENAMED]:
+        note_rename(key, RENAMED[key])
+        given[RENAMED[key]] = given.pop(key)
     label, data, own, make = str(scene), {}, {}, None
     if isinstance(scene, Scene):
         label, data = scene.name, scene.model_dump()
@@ -98,7 +102,7 @@ def load(scene: str | Path | Scene, /, **overrides: Any) -> Scene:
             mine = {key: given.pop(key) for key in own if key in given}
             data = validate_call(config={"strict": True})(make)(**mine).model_dump()
         for key in given:
-            known = dict.fromkeys([*own, *_SHORT, *Scene.model_fields])
+            known = dict.fromkeys([*own, *_SHORT, *Scene.model_fields, *RENAMED])
             if (first := key.partition(".")[0]) not in known:
                 raise unknown_name("parameter", first, known)
         return Scene.model_validate(_replaced(data, given))

@@ -15,7 +15,7 @@ from pydantic import (
 )
 
 from fem_snh.choices import EIGENSOLVERS, HESSIANS, PREDICTORS
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._conditions import Hold, Move, Rotate, Start, Traction
 from fem_snh.scenes._material import MaterialChoice
@@ -32,6 +32,10 @@ Softer = Annotated[
     list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
     Expect("a list of Poisson's ratios in (-1, 0.5)"),
 ]
+
+
+#: Old names of a scene's keys, and their new ones.
+RENAMED = {"soften": "nu_continuation"}
 
 
 class Geometry(Table):
@@ -72,8 +76,8 @@ class Scene(Table):
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
     for eigenfrequencies at the end. ``hessian`` is None for what suits the problem. ``start`` is
     where the first step begins: there is nothing to predict it from, so it needs ``predictor``
-    none. ``soften`` are Poisson's ratios with which each step is solved before it is with the
-    material's own. ``quadrature`` is a polynomial degree, None the element's own; ``eigensolver``
+    none. ``nu_continuation`` are Poisson's ratios with which each step is solved before it is with
+    the material's own. ``quadrature`` is a polynomial degree, None the element's own; ``eigensolver``
     is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc options without the leading dash,
     to go under the solver's prefix; a flag's value is None.
     """
@@ -91,7 +95,7 @@ class Scene(Table):
     move: list[Move] = []
     traction: list[Traction] = []
     start: Start | None = None
-    soften: Softer = []
+    nu_continuation: Softer = []
     reactions: Annotated[
         list[GroupKey], Expect("a list of names or numbers of physical groups")
     ] = []
@@ -103,6 +107,16 @@ class Scene(Table):
     ] = {}
     load_name: Text = "load"
     load_range: Annotated[tuple[Finite, Finite], Expect("two finite numbers")] = (0.0, 1.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, data: Any) -> Any:
+        """Accept the old names of keys, with a note."""
+        if not isinstance(data, dict) or not (old := [key for key in data if key in RENAMED]):
+            return data
+        for key in old:
+            note_rename(key, RENAMED[key])
+        return {RENAMED.get(key, key): value for key, value in data.items()}
 
     @field_validator("element", "hessian", "eigensolver", "predictor")
     @classmethod

@@ -28,7 +28,7 @@ P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4):
   anything has grown. With the barrier it is a slow quartic: a disturbed body must be back at rest,
   and for an exact one rounding errors are enough, but with `abs`, which keeps it on the line. With
   the barrier at nu = 0.49 it must leave, though each part its own way, so that kinks may stay; by
-  way of nu = 0.3 (`soften`) it must be back at rest.
+  way of nu = 0.3 (`nu_continuation`) it must be back at rest.
 - *Point*, F = 0: no force. Of eq. 13 the Hessian is mu I, so the point is a minimum, of energy
   (lam - mu) V/2 above rest, and the body must stay, disturbed or not. With the barrier the Hessian
   is 0 and the energy falls to the third order, as -lam alpha J, so the point is no minimum; but the
@@ -40,7 +40,8 @@ P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4):
   turned by half, it is nearest to three poses: at rest but turned by half about an axis, which
   these supports allow. Parts of the body may choose different ones, and without the barrier that
   may be a minimum. So what must hold at nu = 0.49 is asked of runs that begin with nu = 0.3
-  (`soften`): they end with no energy and J = 1 everywhere. The plain ones are there to be compared.
+  (`nu_continuation`): they end with no energy and J = 1 everywhere. The plain ones are there to be
+  compared.
 
 What `converged` means: the residual is small. The lowest eigenfrequency tells a minimum from
 another stationary state; the check asks for it."""
@@ -96,11 +97,16 @@ def _remedies(elements: Sequence[str]) -> Iterator[Case]:
     tried: dict[str, dict[str, Any]] = {
         "point-tight": {"to": "point", "nu": 0.3, **below},
         "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **below},
-        "point-softened": {"to": "point", "nu": 0.49, "soften": [0.3], **below},
+        "point-softened": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **below},
         "line-barrier": {"to": "line", "nu": 0.49, "material.barrier": True},
-        "line-softened": {"to": "line", "nu": 0.49, "soften": [0.3]},
-        "inverted-softened": {"to": "inverted", "nu": 0.49, "soften": [0.3]},
-        "inverted-softened-exact": {"to": "inverted", "nu": 0.49, "soften": [0.3], "noise": 0.0},
+        "line-softened": {"to": "line", "nu": 0.49, "nu_continuation": [0.3]},
+        "inverted-softened": {"to": "inverted", "nu": 0.49, "nu_continuation": [0.3]},
+        "inverted-softened-exact": {
+            "to": "inverted",
+            "nu": 0.49,
+            "nu_continuation": [0.3],
+            "noise": 0.0,
+        },
     }
     for element in elements:
         for name, values in tried.items():

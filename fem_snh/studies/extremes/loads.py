@@ -20,9 +20,9 @@ eight steps, each a quarter turn, may end in either of two states: wound up twic
 by 4 pi can be undone without turning the ends back, at rest. A step that had to be halved does not
 hold. Where a body has several equilibria, which one is found depends on the way: compare energies.
 
-At nu = 0.4999 the element is Q1P0 and the steps begin with nu = 0.49 (`soften = [0.49]`). Q1 locks
-there, which is not only wrong (docs/elements.md) but full of states in which a descent gets stuck.
-It is there to be compared, as are plain steps of Q1P0, and `trust`."""
+At nu = 0.4999 the element is Q1P0 and the steps begin with nu = 0.49 (`nu_continuation = [0.49]`).
+Q1 locks there, which is not only wrong (docs/elements.md) but full of states in which a descent
+gets stuck. It is there to be compared, as are plain steps of Q1P0, and `trust`."""
 
 NUS = (0.3, 0.49, 0.4999)
 #: From here on Q1 locks, and hardly finds its equilibrium; Q1P0 does not.
@@ -54,7 +54,7 @@ def cases(quick: bool, seeds: int) -> list[Case]:
     made = [_case(name, nu, CELLS) for name in _LOADS for nu in NUS]
     made += [_case("twist-pi", nu, n, hessian="trust") for nu in CRAWLS for n in FINER]
     plain = [
-        _case(name, LOCKS, CELLS, element=element, soften=[], must=False)
+        _case(name, LOCKS, CELLS, element=element, nu_continuation=[], must=False)
         for element in ("Q1P0", "Q1")
         for name in _LOADS
     ]
@@ -69,19 +69,22 @@ def _case(
     *,
     element: str = "",
     hessian: str = "adaptive",
-    soften: list[float] | None = None,
+    nu_continuation: list[float] | None = None,
     must: bool = True,
 ) -> Case:
     scene, values = _LOADS[name]
     element = element or ("Q1P0" if nu >= LOCKS else "Q1")
-    soften = SOFTER if soften is None and nu >= LOCKS else soften or []
+    if nu_continuation is None:
+        nu_continuation = SOFTER if nu >= LOCKS else []
     check: Check = _unmoved if name == "twist-2pi" else converged
     asked = "left at rest" if name == "twist-2pi" else "reaches its load"
     if must and hessian == "trust":
         check, asked = _few, f"reaches its load in at most {TRUST} Newton steps"
     full = {"steps": 1, **values, "predictor": "none", "petsc.snes_max_it": 1000}
-    full |= {"cells": cells, "nu": nu, "element": element, "hessian": hessian, "soften": soften}
-    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{hessian}" + ("-softened" if soften else "")
+    full |= {"cells": cells, "nu": nu, "element": element, "hessian": hessian}
+    full |= {"nu_continuation": nu_continuation}
+    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{hessian}"
+    point += "-softened" if nu_continuation else ""
     return run_of(scene, point, asked, check, must=must, **full)
 
 

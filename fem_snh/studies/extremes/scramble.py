@@ -24,8 +24,9 @@ An energy that is finite for every F does not promise that. From a scramble a de
 minimum that is not home: most cells have J > 0 and some stress, and the lowest eigenfrequency is
 positive. For nu >= 0.45 that is usual on tetrahedra, and it happens on hexahedra; at 0.499 the
 descent itself crawls. So what must hold is asked of runs that first find the equilibrium of the
-same material at nu = {SOFT:g} (`soften = [{SOFT:g}]`), whose volume term is too weak to keep cells
-where they are. Home is an equilibrium for every nu, so little is then left to do at the real one.
+same material at nu = {SOFT:g} (`nu_continuation = [{SOFT:g}]`), whose volume term is too
+weak to keep cells where they are. Home is an equilibrium for every nu, so little is
+then left to do at the real one.
 The Newton iterations of both are counted. The plain descents are there to be compared."""
 
 NUS = (0.0, 0.3, 0.45, 0.49, 0.499)
@@ -61,7 +62,7 @@ def cases(quick: bool, seeds: int) -> list[Case]:
 
 def _case(element: str, cells: int, nu: float, seed: int, plain: str = "") -> Case:
     """One that must hold, or a plain descent with this Hessian."""
-    how: dict[str, Any] = {"hessian": plain} if plain else {"soften": [SOFT]}
+    how: dict[str, Any] = {"hessian": plain} if plain else {"nu_continuation": [SOFT]}
     return run_of(
         "scramble",
         f"scramble-{element}-{cells}-nu{nu:g}-{seed}" + (f"-plain-{plain}" if plain else ""),
