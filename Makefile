@@ -1,6 +1,6 @@
 # make demo, make test: each installs what is missing first (tools/setup), so they work anywhere.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-serial test-mpi lint format doctor wheel clean distclean
+.PHONY: help setup demo test test-serial test-mpi lint docs format doctor wheel clean distclean
 python := .venv/bin/python
 RANKS ?= 2
 JOBS ?= 2
@@ -47,6 +47,10 @@ lint: setup  ## ruff and mypy
 	$(python) -m ruff check .
 	$(python) -m ruff format --check .
 	$(python) -m mypy fem_snh benchmarks
+
+docs: setup  ## the documentation site, in build/docs/html
+	$(python) -m sphinx -W --keep-going -q -d build/docs/doctrees docs build/docs/html
+	@echo "open build/docs/html/index.html"
 
 format: setup  ## let ruff correct what it can
 	$(python) -m ruff check --fix .

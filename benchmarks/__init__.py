@@ -5,7 +5,7 @@ assembly      the filtered Jacobian against FFCx's exact one; --elements Q1 --ce
 twist         Newton and linear iterations on the paper's twist; --cells N --hessians clamp,adaptive
               --nu X --steps N
 stretch       the paper's stretch, its materials; --elements Q1 --materials M,M --cells N --steps N
-references    published numbers beside ours; --only cook,torsion --write docs/references.md
+references    published numbers beside ours; --only cook,torsion --write docs/results/references.md
 ranks         the same runs on 1 and 2 ranks; --cells N
 eigensolvers  accuracy and cost of the 3x3 eigensolvers; --samples N --points N --seed N
 filters       clamp, abs, adaptive from rough starts; --elements M,M --cases C,C --nus X,X --seeds N

@@ -4,7 +4,7 @@
 
 A tapered panel in plane strain, clamped at its left and sheared at its right edge. Full integration
 on Q1 keeps the volume at eight points of each cell, and locks; Q1P0 keeps the mean of each cell;
-Q2Q1, Taylor-Hood, has a pressure of its own. Published numbers: docs/references.md.
+Q2Q1, Taylor-Hood, has a pressure of its own. Published numbers: docs/results/references.md.
 """
 
 from argparse import ArgumentParser

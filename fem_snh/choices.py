@@ -8,7 +8,7 @@ SEARCHED = (*FILTERS, "adaptive")
 #: ``trust``: the exact one, within a trust region.
 HESSIANS = (*SEARCHED, "trust")
 
-#: Of the 3x3 scaling block; the default first (docs/eigensolver.md).
+#: Of the 3x3 scaling block; the default first (docs/results/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")
 
 #: Where a load step starts.

@@ -1,4 +1,4 @@
-"""The measurements of docs/elements.md, small: what they say of an element."""
+"""The measurements of docs/results/elements.md, small: what they say of an element."""
 
 from __future__ import annotations
 

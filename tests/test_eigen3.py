@@ -1,4 +1,4 @@
-"""The two 3x3 eigensolvers of eigen3.h, and the comparison of docs/eigensolver.md."""
+"""The two 3x3 eigensolvers of eigen3.h, and the comparison of docs/results/eigensolver.md."""
 
 from __future__ import annotations
 
@@ -131,7 +131,8 @@ def test_output_and_table(records, capsys):
     assert [set(line) for line in lines] == [set(r) for r in records]
     assert study.main(samples=2, points=16, markdown=True) == 0
     head, _, *rows = capsys.readouterr().out.splitlines()
-    text = (Path(__file__).parents[1] / "docs" / "eigensolver.md").read_text(encoding="utf-8")
+    page = Path(__file__).parents[1] / "docs" / "results" / "eigensolver.md"
+    text = page.read_text(encoding="utf-8")
     assert head in text
     for row in rows:
         assert f"\n| {row.split(' | ')[0].removeprefix('| ')} |" in text

@@ -90,8 +90,8 @@ def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_page_has_every_group() -> None:
-    """docs/references.md is of this program: its rows name every group's sources."""
-    page = (Path(__file__).parent.parent / "docs" / "references.md").read_text()
+    """docs/results/references.md is of this program: its rows name every group's sources."""
+    page = (Path(__file__).parent.parent / "docs" / "results" / "references.md").read_text()
     assert references.BEGIN in page and references.END in page
     for row in (*uniaxial("P2P1"), *block(finest=4)):
         assert f"| {row['what']} | {row['source']} |" in page

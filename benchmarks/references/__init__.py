@@ -1,6 +1,6 @@
 """Published numbers of finite strain beside ours: `GROUPS`, one row per number.
 
-The sources are in docs/references.md, whose table `rows` makes anew.
+The sources are in docs/results/references.md, whose table `rows` makes anew.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ class Element:
     pressure_degree: int = 0
 
 
-#: What the degrees give and cost: docs/elements.md. Three on tetrahedra (6 points) is the least
-#: that integrates J, which an incompressible cell's volume is made of.
+#: What the degrees give and cost: docs/results/elements.md. Three on tetrahedra (6 points) is the
+#: least that integrates J, which an incompressible cell's volume is made of.
 ELEMENTS = {
     e.name: e
     for e in (

@@ -6,7 +6,8 @@ stable Neo-Hookean energy, for one. In U's place comes a pressure p, positive in
 a point the energy is psi' + p J and its Hessian is filtered like any other.
 
 What psi' keeps is what resists a J that varies within a cell, which no mean and no continuous
-pressure sees: with b = 0 twisted Taylor-Hood cells collapse in parts (docs/elements.md). b = 4 is a
+pressure sees: with b = 0 twisted Taylor-Hood cells collapse in parts
+(docs/results/elements.md). b = 4 is a
 psi' of nu -> 0.4, b = 2 one of nu -> 1/3, where nothing locks yet.
 
 mean dilatation   p = U'(J_e), J_e the mean of J over an element
@@ -27,7 +28,7 @@ from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
 #: b above, of lambda_local in units of mu_lame, by the volume's treatment. Linear solvers of a
-#: saddle want it small, what is pressed together wants it large (docs/elements.md).
+#: saddle want it small, what is pressed together wants it large (docs/results/elements.md).
 BOUNDS = {"mean": 4.0, "pressure": 2.0}
 J = MEASURES["J"]
 

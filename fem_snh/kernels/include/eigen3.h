@@ -4,7 +4,7 @@
  * Two ways: cyclic Jacobi, and the characteristic cubic (eq. 42 and 66: of the scaling block, solved
  * as in eq. 33) made safe. Both err by a few roundings of the norm for every finite matrix; the cubic
  * is several times faster, Jacobi also keeps the digits of small eigenvalues of graded positive
- * definite matrices. tests/test_eigen3.py compares them; docs/eigensolver.md holds the table. */
+ * definite matrices. tests/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
 
 enum { CUBIC, JACOBI };
 

@@ -21,8 +21,8 @@ by 4 pi can be undone without turning the ends back, at rest. A step that had to
 hold. Where a body has several equilibria, which one is found depends on the way: compare energies.
 
 At nu = 0.4999 the element is Q1P0 and the steps begin with nu = 0.49 (`nu_continuation = [0.49]`).
-Q1 locks there, which is not only wrong (docs/elements.md) but full of states in which a descent
-gets stuck. It is there to be compared, as are plain steps of Q1P0, and `trust`."""
+Q1 locks there, which is not only wrong (docs/results/elements.md) but full of states in which a
+descent gets stuck. It is there to be compared, as are plain steps of Q1P0, and `trust`."""
 
 NUS = (0.3, 0.49, 0.4999)
 #: From here on Q1 locks, and hardly finds its equilibrium; Q1P0 does not.

@@ -1,9 +1,9 @@
-"""The tables of docs/tradeoff.md, made of the CSVs beside it.
+"""The tables of docs/results/tradeoff.md, made of the CSVs beside it.
 
-    python -m fem_snh.studies.tradeoff.page docs/tradeoff.md
+    python -m fem_snh.studies.tradeoff.page docs/results/tradeoff.md
 
 replaces what is between ``<!-- table: SCENE KIND -->`` and ``<!-- end -->`` by a table of
-docs/tradeoff/SCENE.csv: `TABLES` has the kinds.
+docs/results/tradeoff/SCENE.csv: `TABLES` has the kinds.
 """
 
 from __future__ import annotations
