@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",  # equations are typeset without a network
     "sphinxcontrib.bibtex",
+    "generated",  # of this folder's _ext: tables made from the program
 ]
 exclude_patterns = ["_build", "_ext", "inventories"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -32,26 +33,29 @@ myst_heading_anchors = 4
 bibtex_bibfiles = ["references.bib"]
 bibtex_reference_style = "author_year"
 
+smartquotes = False  # options have two dashes
+default_role = "py:obj"  # `name` in a docstring links to what is called so
+suppress_warnings = ["ref.python"]  # a short name that several classes have links to the first one
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autosummary_generate = True
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+napoleon_use_ivar = True  # attributes that are also properties are described once
 
-# The web is read first; the inventories of this folder hold the names that the pages cite, for a
-# build without a network (docs/inventories/make.py writes them).
+# docs/inventories holds the names that the pages cite (make.py there writes them): the site is built
+# without a network.
 _SITES = {
-    "python": "https://docs.python.org/3/",
-    "numpy": "https://numpy.org/doc/stable/",
     "dolfinx": "https://docs.fenicsproject.org/dolfinx/main/python/",
-    "ufl": "https://docs.fenicsproject.org/ufl/main/",
+    "mpi4py": "https://mpi4py.readthedocs.io/en/stable/",
+    "numpy": "https://numpy.org/doc/stable/",
+    "petsc": "https://petsc.org/release/",
     "petsc4py": "https://petsc.org/release/petsc4py/",
-    "pandas": "https://pandas.pydata.org/docs/",
+    "python": "https://docs.python.org/3/",
+    "ufl": "https://docs.fenicsproject.org/ufl/main/",
 }
 intersphinx_mapping = {
-    name: (url, (str(HERE / "inventories" / f"{name}.inv"),))
-    for name, url in _SITES.items()
-    if (HERE / "inventories" / f"{name}.inv").exists()
+    name: (url, str(HERE / "inventories" / f"{name}.inv")) for name, url in _SITES.items()
 }
 
 html_theme = "furo"

@@ -1,0 +1,43 @@
+"""The directive ``{generated} NAME``: a part of a page that is made from the program itself.
+
+NAME is ``commands`` (from the argparse parsers), ``scene`` (from the pydantic schema),
+``petsc-options`` (from the solver's table), ``scenes`` or ``materials`` (the built-in ones).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from generated import builtin, commands, petsc, scene
+
+WRITERS = {
+    "commands": commands.markdown,
+    "materials": builtin.materials,
+    "petsc-options": petsc.markdown,
+    "scene": scene.markdown,
+    "scenes": builtin.scenes,
+}
+
+
+class Generated(SphinxDirective):
+    """Put the Markdown of one of `WRITERS` in this place of a page."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        name = self.arguments[0]
+        text = StringList(WRITERS[name]().splitlines(), source=f"generated {name}")
+        parent = nodes.Element()
+        self.state.nested_parse(text, self.content_offset, parent, match_titles=True)
+        return parent.children
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive with Sphinx."""
+    app.add_directive("generated", Generated)
+    return {"parallel_read_safe": True}
