@@ -1,8 +1,9 @@
-"""The cache of compiled kernels: its key, its safety, its mistakes."""
+"""The cache of compiled kernels: its key, concurrent use, error messages."""
 
 from __future__ import annotations
 
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -18,7 +19,7 @@ SOURCE = "int answer(void) { return 42; }\n"
 
 @pytest.fixture(autouse=True)
 def cache(monkeypatch, tmp_path) -> Path:
-    """An empty cache; what it holds is seen by this test only."""
+    """An empty cache for each test."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("FEM_SNH_CACHE", str(folder))
     monkeypatch.delenv("CC", raising=False)
@@ -26,13 +27,14 @@ def cache(monkeypatch, tmp_path) -> Path:
 
 
 def script(path: Path, text: str) -> Path:
+    """An executable shell script."""
     path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
     return path
 
 
 def one_line(function, *arguments) -> str:
-    """The message of the BadInput that the call raises: one line."""
+    """The message of the BadInput that the call raises, checked to be one line."""
     with pytest.raises(BadInput) as caught:
         function(*arguments)
     message = str(caught.value)
@@ -40,13 +42,14 @@ def one_line(function, *arguments) -> str:
     return message
 
 
-def test_compiled_once_and_whole(cache, monkeypatch):
+def test_a_source_is_compiled_once_and_kept_beside_its_library(cache, monkeypatch):
     path = build.library(SOURCE)
     _, lib = build.load(path, "int answer(void);")
     assert lib.answer() == 42
-    assert list(cache.iterdir()) == [path]  # nothing is left over
+    assert set(cache.iterdir()) == {path, path.with_suffix(".c")}  # no temporary file is left
+    assert path.with_suffix(".c").read_text() == SOURCE
     before = path.stat().st_mtime_ns
-    monkeypatch.setattr(build.subprocess, "run", None)  # no compiler is asked again
+    monkeypatch.setattr(build.subprocess, "run", None)  # the compiler is not called again
     assert build.library(SOURCE) == path
     assert path.stat().st_mtime_ns == before
 
@@ -75,8 +78,8 @@ def test_no_flag_breaks_nan_and_infinity():
     assert lib.same(float("nan")) == 1
 
 
-def test_many_processes_at_once(cache):
-    """Four start on an empty cache, as ranks and jobs do; each gets the whole library."""
+def test_concurrent_processes_share_the_cache(cache):
+    """Four processes start on an empty cache; each gets a complete library."""
     code = (
         "from fem_snh.kernels import build\n"
         "source = ''.join(f'int f{i}(int x) {{ return x + {i}; }}\\n' for i in range(300))\n"
@@ -90,22 +93,22 @@ def test_many_processes_at_once(cache):
     ended = [(*p.communicate(timeout=120), p.returncode) for p in running]
     assert {code for *_, code in ended} == {0}, ended
     assert {out for out, *_ in ended} == {"300\n"}
-    assert len(list(cache.iterdir())) == 1
+    assert sorted(p.suffix for p in cache.iterdir()) == [".c", ".so"]
 
 
-def test_no_compiler(monkeypatch, tmp_path):
+def test_a_missing_compiler_is_bad_input(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "install gcc" in one_line(build.library, SOURCE)
     monkeypatch.setenv("CC", "no-such-cc")
     assert "no-such-cc" in one_line(build.library, SOURCE)
 
 
-def test_what_is_no_compiler(monkeypatch, tmp_path):
+def test_a_command_that_is_no_compiler_is_bad_input(monkeypatch, tmp_path):
     monkeypatch.setenv("CC", str(script(tmp_path / "broken", "exit 1")))
-    assert "broken is no C compiler" in one_line(build.library, SOURCE)
+    assert re.search(r"^CC = .*broken: expected a C compiler", one_line(build.library, SOURCE))
 
 
-def test_compiler_fails(cache):
+def test_a_compiler_error_is_bad_input_and_names_its_log(cache):
     message = one_line(build.library, "no C at all\n")
     log = Path(message.rpartition(" ")[2])
     assert log.parent == cache
@@ -113,7 +116,7 @@ def test_compiler_fails(cache):
     assert [p.suffix for p in cache.iterdir()] == [".log"]
 
 
-def test_cache_that_cannot_be_written(monkeypatch, tmp_path):
+def test_a_cache_that_cannot_be_written_is_bad_input(monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("FEM_SNH_CACHE", str(tmp_path / "file" / "cache"))
     message = one_line(build.library, SOURCE)
@@ -123,18 +126,18 @@ def test_cache_that_cannot_be_written(monkeypatch, tmp_path):
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
 @pytest.mark.parametrize("mode", [0o500, 0o000])
-def test_cache_without_permission(cache, mode):
+def test_a_cache_without_permission_is_bad_input(cache, mode):
     cache.mkdir(mode=mode)
     assert str(cache) in one_line(build.library, SOURCE)
 
 
-def test_library_that_cannot_be_opened():
+def test_a_library_that_cannot_be_opened_is_bad_input():
     path = build.library(SOURCE)
     path.write_bytes(b"cut off")
     assert str(path) in one_line(build.load, path, "int answer(void);")
 
 
-def test_where_the_cache_is(monkeypatch, tmp_path):
+def test_cache_folder_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.delenv("FEM_SNH_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert build.cache_folder() == tmp_path / "fem_snh"

@@ -12,8 +12,8 @@ from points import every_name, law, vec
 
 from fem_snh.kernels import build
 from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
-from fem_snh.kernels.codegen.divided_differences import Divided
-from fem_snh.kernels.codegen.increments import AboutRest
+from fem_snh.kernels.codegen.divided_differences import DividedDifference
+from fem_snh.kernels.codegen.increments import Increments
 from fem_snh.kernels.element_energy import element_energy
 from fem_snh.kernels.pointwise import Material, material
 from fem_snh.materials.energy import Energy
@@ -211,11 +211,11 @@ def test_divided_differences_are_exact():
     x, y, z = SIGMA
     f = sympy.diff(kinked(x, y, z, 2, 3), x)
     functions = {
-        "log_slope": lambda t: mpmath.log1p(t) / t,
-        "exp_slope": lambda t: mpmath.expm1(t) / t,
-        "power_slope": lambda t, a: mpmath.expm1(a * mpmath.log1p(t)) / t,
+        "log1p_over_x": lambda t: mpmath.log1p(t) / t,
+        "expm1_over_x": lambda t: mpmath.expm1(t) / t,
+        "powm1_over_x": lambda t, a: mpmath.expm1(a * mpmath.log1p(t)) / t,
     }
-    divided = sympy.lambdify(SIGMA, Divided(x, y)(f), [functions, "mpmath"])
+    divided = sympy.lambdify(SIGMA, DividedDifference(x, y)(f), [functions, "mpmath"])
     call = sympy.lambdify(SIGMA, f, "mpmath")
     with mpmath.workdps(60):
         for a, b in ((1.5, 0.5), (1.25, 1.25 - 2.0**-30), (0.75, 0.75 + 2.0**-50)):
@@ -228,7 +228,7 @@ def test_changes_from_rest_are_exact():
     """f0 + df = f for an expression with every rule in it, df without a constant."""
     d = sympy.symbols("d0:3", real=True)
     f = kinked(*SIGMA, 2, 3)
-    at_rest, change = AboutRest({s: (sympy.Integer(1), t) for s, t in zip(SIGMA, d, strict=True)})(
+    at_rest, change = Increments({s: (sympy.Integer(1), t) for s, t in zip(SIGMA, d, strict=True)})(
         f
     )
     call, moved = sympy.lambdify(SIGMA, f, "mpmath"), sympy.lambdify(d, change, "mpmath")

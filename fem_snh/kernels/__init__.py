@@ -1,0 +1,1 @@
+"""Compiled kernels: energy, stress and filtered Hessian at quadrature points and over cells."""

@@ -1,8 +1,8 @@
-"""Compile C once, into a cache that many ranks, jobs and machines may share.
+"""Compile C source into shared libraries, kept in a cache.
 
-The key holds the source, the compiler, its flags and the processor, so a home folder shared by
-different nodes is safe; the library is moved into place in one step, so a reader sees all of it or
-nothing.
+Ranks, jobs and machines may share the cache: the key is a hash of the source, the compiler, its
+flags and the processor, and files are moved into place atomically. The source is kept beside its
+library.
 """
 
 from __future__ import annotations
@@ -19,95 +19,138 @@ from pathlib import Path
 from typing import Any
 
 import cffi
+import platformdirs
 
 from fem_snh.errors import BadInput
 
-#: No -ffast-math: NaN and infinity keep their meaning. errno and traps are nobody's concern here.
+#: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
+#: floating-point traps; without them GCC vectorises more.
 FLAGS = (
     "-O3 -march=native -std=gnu11 -fno-math-errno -fno-trapping-math -ffp-contract=fast "
     "-Wno-psabi -shared -fPIC"
 ).split()
 
+#: Hexadecimal digits of the hash in a file name: 96 bits, so that two sources never share a name.
+_KEY_DIGITS = 24
+
 
 def cache_folder() -> Path:
-    """``$FEM_SNH_CACHE``, or ``fem_snh`` in the user's cache folder."""
+    """Return ``$FEM_SNH_CACHE``, or ``fem_snh`` in the user's cache folder (XDG_CACHE_HOME)."""
     if own := os.environ.get("FEM_SNH_CACHE"):
         return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fem_snh"
+    return Path(platformdirs.user_cache_path("fem_snh", appauthor=False))
 
 
 def compiler() -> str:
-    """The C compiler: ``$CC`` (which may hold options) or the first of gcc, clang, cc.
+    """Return the command of the C compiler: ``$CC`` (options allowed) or gcc, clang or cc.
 
-    Raises BadInput if there is none.
+    Raises
+    ------
+    BadInput
+        If there is none.
     """
-    wanted = [os.environ["CC"]] if os.environ.get("CC", "").strip() else ["gcc", "clang", "cc"]
-    for command in wanted:
+    own = os.environ.get("CC", "").strip()
+    candidates = [own] if own else ["gcc", "clang", "cc"]
+    for command in candidates:
         name, *options = shlex.split(command)
         if found := shutil.which(name):
             return shlex.join([found, *options])
-    raise BadInput(f"no C compiler ({', '.join(wanted)}): install gcc, or set CC to one")
+    raise BadInput(
+        f"CC = {own or 'unset'}: expected a C compiler, found no {', '.join(candidates)} "
+        "(install gcc, or set CC)"
+    )
 
 
 @lru_cache
 def _environment(command: str) -> str:
-    """What besides source and flags decides the machine code."""
+    """The compiler's version and the processor, which decide the machine code too."""
     try:
         version = subprocess.run(
             [*shlex.split(command), "--version"], capture_output=True, text=True, check=True
         ).stdout
     except (OSError, subprocess.CalledProcessError):
-        raise BadInput(f"{command} is no C compiler: set CC to gcc or clang") from None
+        raise BadInput(f"CC = {command}: expected a C compiler such as gcc or clang") from None
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        wanted = ("model name", "flags", "Features", "CPU part")
-        cpu = sorted({x for x in lines if x.startswith(wanted)})
+        keys = ("model name", "flags", "Features", "CPU part")
+        cpu = sorted({x for x in lines if x.startswith(keys)})
     except OSError:
         cpu = [platform.processor()]
     return "\n".join([command, version, platform.machine(), *cpu])
 
 
 def library(source: str) -> Path:
-    """The shared library made from ``source``, compiled if the cache does not have it.
+    """Compile C source unless the cache has its library already.
 
-    Raises BadInput if the cache cannot be written or the compiler fails.
+    Parameters
+    ----------
+    source : str
+        The whole C source.
+
+    Returns
+    -------
+    Path
+        The shared library; the file of the same name with suffix ``.c`` is its source.
+
+    Raises
+    ------
+    BadInput
+        If the cache cannot be written or the compiler fails.
     """
     command = compiler()
     key = hashlib.sha256("\n".join([source, *FLAGS, _environment(command)]).encode()).hexdigest()
-    target = cache_folder() / f"{key[:24]}.so"
+    target = cache_folder() / f"{key[:_KEY_DIGITS]}.so"
     try:
         if target.exists():
             return target
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as folder:
-            code, made = Path(folder, "kernel.c"), Path(folder, "kernel.so")
+            code, compiled = Path(folder, "kernel.c"), Path(folder, "kernel.so")
             code.write_text(source)
             done = subprocess.run(
-                [*shlex.split(command), *FLAGS, str(code), "-o", str(made), "-lm"],
+                [*shlex.split(command), *FLAGS, str(code), "-o", str(compiled), "-lm"],
                 capture_output=True,
                 text=True,
             )
             if done.returncode:
                 log = target.with_suffix(".log")
                 log.write_text(done.stderr)
-                raise BadInput(f"{command} could not compile a kernel: see {log}")
-            os.replace(made, target)
+                raise BadInput(f"CC = {command}: could not compile a kernel, see {log}")
+            # The source first: a library in the cache always has its source beside it.
+            os.replace(code, target.with_suffix(".c"))
+            os.replace(compiled, target)
     except OSError as error:
         raise BadInput(
-            f"kernel cache {target.parent} cannot be written ({error.strerror}): "
-            "set FEM_SNH_CACHE to a folder that can"
+            f"FEM_SNH_CACHE = {target.parent}: expected a writable folder ({error.strerror})"
         ) from None
     return target
 
 
 def load(path: Path, declarations: str) -> tuple[cffi.FFI, Any]:
-    """Open a compiled library: ``(ffi, lib)``. Raises BadInput if the system will not have it."""
+    """Open a compiled library.
+
+    Parameters
+    ----------
+    path : Path
+        From `library`.
+    declarations : str
+        C declarations of its structs and functions.
+
+    Returns
+    -------
+    (cffi.FFI, library)
+
+    Raises
+    ------
+    BadInput
+        If the system cannot open the library.
+    """
     ffi = cffi.FFI()
     ffi.cdef(declarations)
     try:
         return ffi, ffi.dlopen(str(path))
     except OSError as error:
         raise BadInput(
-            f"kernel {path} cannot be opened ({error}): delete it, or set FEM_SNH_CACHE to a "
-            "folder whose files may be executed"
+            f"kernel library {path} cannot be opened ({error}): delete it, or set FEM_SNH_CACHE to "
+            "a folder on a file system that is not mounted noexec"
         ) from None

@@ -1,4 +1,4 @@
-"""An energy as an element takes it: whole, or with its volume term apart."""
+"""The energy that an element evaluates: the material's, whole or without its volume term."""
 
 from __future__ import annotations
 
@@ -11,26 +11,51 @@ from fem_snh.materials.volume_split import BOUNDS, split
 
 
 class ElementEnergy(NamedTuple):
-    """What the kernels evaluate: an energy, and C functions for its volume term if it is apart."""
+    """The energy that the kernels evaluate at quadrature points.
+
+    Attributes
+    ----------
+    energy : Energy
+        The material's energy; for a mixed element psi' + p J of `fem_snh.materials.volume_split`.
+    functions : tuple of str
+        C functions of the volume term, if it is split off.
+    volume_stiffness : float
+        U''(1) of the volume term that is split off [Pa], or 0.
+    lambda_local : float
+        The Lame constant lambda that is left in psi' [Pa], or 0 if nothing is split off.
+    """
 
     energy: Energy
     functions: tuple[str, ...] = ()
-    volume_stiffness: float = 0.0  # U''(1) [Pa]
-    lambda_local: float = 0.0  # lambda_local [Pa], what is left of lambda
+    volume_stiffness: float = 0.0
+    lambda_local: float = 0.0
 
 
 def element_energy(energy: Energy, volume: str) -> ElementEnergy:
-    """The energy as an element with this volume treatment takes it.
+    """Return the energy in the form that an element needs.
 
-    Raises BadInput for an energy that it cannot take.
+    Parameters
+    ----------
+    energy : Energy
+        A material's energy.
+    volume : str
+        The element's volume treatment: "pointwise", "mean" or "pressure".
+
+    Raises
+    ------
+    BadInput
+        If the element cannot use the energy: nu = 0.5 without a pressure, or a volume term that
+        cannot be split off.
     """
     if volume == "pointwise":
         if energy.incompressible:
             raise BadInput(
-                f"nu = 0.5: material '{energy.name}' is incompressible, which takes a Taylor-Hood "
+                f"nu = 0.5: material '{energy.name}' is incompressible and requires a Taylor-Hood "
                 "element (P2P1, Q2Q1)"
             )
         return ElementEnergy(energy)
     parts = split(energy, BOUNDS[volume])
-    curve = source.volume_curve if volume == "mean" else source.volume_dual
-    return ElementEnergy(parts.energy, (curve(parts),), parts.stiffness, parts.local)
+    function = (
+        source.volume_energy_function if volume == "mean" else source.volume_conjugate_function
+    )
+    return ElementEnergy(parts.energy, (function(parts),), parts.stiffness, parts.local)

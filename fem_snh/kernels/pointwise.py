@@ -21,18 +21,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-DECLARATIONS = """
-void energy_points(const double *p, long n, const double *F, double *psi);
-void stress_points(const double *p, long n, const double *F, double *P);
-void hessian_points(const double *p, long n, const double *F, int filter, int solver, double *C);
-void eigensystem_points(const double *p, long n, const double *F, int solver,
-                        double *values, double *vectors);
-"""
-TOOLS = """
-void svd_points(long n, const double *F, double *U, double *s, double *V);
-void eigen3_points(long n, const double *A, int solver, double *e, double *Q);
-"""
-
 
 class Material:
     """A hyperelastic material with its numbers; every F is (..., 3, 3), vectorised over the rest.
@@ -62,7 +50,9 @@ class Material:
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
         law = element_energy(self.expression, "pointwise")  # refuses nu = 0.5
-        return build.load(build.library(source.material_source(law.energy)), DECLARATIONS)
+        return build.load(
+            build.library(source.material_source(law.energy)), source.header("pointwise_api.h")
+        )
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Run kernel ``name`` at every F; one array of each size per point."""
@@ -149,7 +139,7 @@ class Material:
 @lru_cache
 def _tools() -> tuple[Any, Any]:
     """The kernels that know no material."""
-    return build.load(build.library(source.svd_eigen_source()), TOOLS)
+    return build.load(build.library(source.svd_eigen_source()), source.header("svd_eigen_api.h"))
 
 
 def _columns(A: Array) -> Array:

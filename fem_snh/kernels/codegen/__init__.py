@@ -1,1 +1,1 @@
-"""From a material's expression to C: derivatives, divided differences, small strains, printing."""
+"""C code generation: from a material's sympy expression to the source of its kernels."""

@@ -1,15 +1,27 @@
-"""First and second derivatives of an energy as named symbols, and the Hessian's blocks from them.
+r"""First and second derivatives of an energy, and the blocks of its Hessian in closed form.
 
-The closed forms (paper, eq. 42-48 for I_C and J; here for every isotropic energy):
+Smith et al. 2018, eq. 42-48, give the eigensystem for energies of :math:`I_C` and :math:`J`. The
+same structure holds for every isotropic energy
+(with :math:`\psi_j = \partial\psi/\partial\sigma_j`):
 
-scaling block   A_ij = d2psi/ds_i ds_j
-twist_i         (psi_j + psi_k) / (s_j + s_k)      antisymmetric eigenmatrix D_3+i
-flip_i          (psi_j - psi_k) / (s_j - s_k)      symmetric eigenmatrix D_6+i
+.. math::
 
-An energy of the invariants needs no such division (psi_m = dpsi/dI_m):
+    A_{ij} &= \partial^2\psi / \partial\sigma_i \partial\sigma_j
+        && \text{scaling block} \\
+    \lambda^\mathrm{twist}_i &= (\psi_j + \psi_k) / (\sigma_j + \sigma_k)
+        && \text{antisymmetric eigenmatrix } D_{3+i} \\
+    \lambda^\mathrm{flip}_i &= (\psi_j - \psi_k) / (\sigma_j - \sigma_k)
+        && \text{symmetric eigenmatrix } D_{6+i}
 
-twist_i = 2 psi_1/(s_j + s_k) + 2 psi_C + psi_II (2 I_C - 2 (s_j^2 - s_j s_k + s_k^2)) + s_i psi_J
-flip_i  =                       2 psi_C + psi_II (2 I_C - 2 (s_j^2 + s_j s_k + s_k^2)) - s_i psi_J
+For an energy of the invariants the divisions cancel, except that by :math:`\sigma_j + \sigma_k` for
+:math:`I_1 = \mathrm{tr}\,S` (here :math:`\psi_m` is the derivative in invariant m):
+
+.. math::
+
+    \lambda^\mathrm{twist}_i &= 2\psi_1/(\sigma_j + \sigma_k) + 2\psi_C
+        + 2\psi_{II}\,(I_C - \sigma_j^2 + \sigma_j\sigma_k - \sigma_k^2) + \sigma_i\psi_J \\
+    \lambda^\mathrm{flip}_i &= 2\psi_C
+        + 2\psi_{II}\,(I_C - \sigma_j^2 - \sigma_j\sigma_k - \sigma_k^2) - \sigma_i\psi_J
 """
 
 from __future__ import annotations
@@ -20,19 +32,27 @@ from random import Random
 import mpmath
 import sympy
 
-from fem_snh.kernels.codegen.divided_differences import Divided
+from fem_snh.kernels.codegen.divided_differences import DividedDifference
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 I1, I_C, II_C, J = INVARIANTS
-_POINTS, _ZERO = 16, 1e-30
+#: `_is_zero` evaluates an expression at so many random points, with so many digits; a value below
+#: _ZERO is 0.
+_POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
 
 
 class Derivatives:
-    """Derivatives of psi in its measures.
+    """First and second derivatives of psi in its measures (invariants or stretches), as symbols.
 
-    first, second : the symbol of each that does not vanish identically.
-    derivatives : the expression of each symbol.
+    Attributes
+    ----------
+    first : dict
+        Symbol of dpsi/dm by measure m, where the derivative does not vanish identically.
+    second : dict
+        Symbol of d2psi/dm dn by measures (m, n), likewise.
+    derivatives : dict
+        Expression of each symbol.
     """
 
     def __init__(self, energy: Energy) -> None:
@@ -41,14 +61,14 @@ class Derivatives:
         self.second: dict[tuple[sympy.Symbol, sympy.Symbol], sympy.Symbol] = {}
         self.derivatives: dict[sympy.Symbol, sympy.Expr] = {}
         if energy.of_stretches:
-            slopes = dict(zip(SIGMA, energy.slopes, strict=True))
+            stresses = dict(zip(SIGMA, energy.slopes, strict=True))
             for s in SIGMA:
-                self._add(self.first, s, f"psi_{s}", slopes[s])
+                self._add(self.first, s, f"psi_{s}", stresses[s])
             for s, t in combinations_with_replacement(SIGMA, 2):
-                # The symmetric part: of a stress that is no gradient there is no other matrix.
-                derivative = sympy.diff(slopes[s], t)
+                # A stress without an energy has an unsymmetric derivative: its symmetric part.
+                derivative = sympy.diff(stresses[s], t)
                 if not energy.has_energy:
-                    derivative = (derivative + sympy.diff(slopes[t], s)) / 2
+                    derivative = (derivative + sympy.diff(stresses[t], s)) / 2
                 self._add(self.second, (s, t), f"psi_{s}_{t}", derivative)
             return
         for m in energy.measures:
@@ -62,70 +82,73 @@ class Derivatives:
             table[key] = sympy.Symbol(name)
             self.derivatives[table[key]] = expression
 
-    def d(self, *measures: sympy.Symbol) -> sympy.Expr:
-        """The symbol of a derivative of psi, or 0 where it vanishes identically."""
+    def derivative(self, *measures: sympy.Symbol) -> sympy.Expr:
+        """Return the symbol of a first or second derivative of psi, or 0 if it vanishes."""
         if len(measures) == 1:
             return self.first.get(measures[0], sympy.Integer(0))
         m, n = sorted(measures, key=self.energy.measures.index)
         return self.second.get((m, n), sympy.Integer(0))
 
-    def slope(self, s: sympy.Symbol) -> sympy.Expr:
-        """dpsi/ds by the chain rule over the measures."""
+    def principal_stress(self, s: sympy.Symbol) -> sympy.Expr:
+        """Return dpsi/ds by the chain rule over the measures."""
         if self.energy.of_stretches:
-            return self.d(s)
-        return sum(self.d(m) * sympy.diff(INVARIANTS[m], s) for m in self.energy.measures)
+            return self.derivative(s)
+        return sum(self.derivative(m) * sympy.diff(INVARIANTS[m], s) for m in self.energy.measures)
 
-    def curvature(self, s: sympy.Symbol, t: sympy.Symbol) -> sympy.Expr:
-        """d2psi/ds dt by the chain rule over the measures."""
+    def second_derivative(self, s: sympy.Symbol, t: sympy.Symbol) -> sympy.Expr:
+        """Return d2psi/ds dt by the chain rule over the measures."""
         if self.energy.of_stretches:
-            return self.d(s, t)
+            return self.derivative(s, t)
         measures = self.energy.measures
-        total = sum(self.d(m) * sympy.diff(INVARIANTS[m], s, t) for m in measures)
+        total = sum(self.derivative(m) * sympy.diff(INVARIANTS[m], s, t) for m in measures)
         for m in measures:
             for n in measures:
                 ds, dt = sympy.diff(INVARIANTS[m], s), sympy.diff(INVARIANTS[n], t)
-                total += self.d(m, n) * ds * dt
+                total += self.derivative(m, n) * ds * dt
         return sympy.sympify(total)
 
-    def pair(
+    def twist_and_flip(
         self, si: sympy.Symbol, sj: sympy.Symbol, sk: sympy.Symbol
     ) -> tuple[sympy.Expr, sympy.Expr]:
-        """twist_i and flip_i (module docstring)."""
+        """Return the eigenvalues twist_i and flip_i (equations above)."""
         if self.energy.of_stretches:
             return self._twist(sj, sk), self._flip(sj, sk)
-        common = 2 * self.d(I_C)
-        area = 2 * self.d(II_C)
+        common = 2 * self.derivative(I_C)
+        area = 2 * self.derivative(II_C)
         total = sum(s**2 for s in SIGMA)
-        twist = common + area * (total - (sj**2 - sj * sk + sk**2)) + si * self.d(J)
-        flip = common + area * (total - (sj**2 + sj * sk + sk**2)) - si * self.d(J)
-        if self.d(I1) != 0:
-            twist += 2 * self.d(I1) * sympy.Function("inverse_sum")(sj, sk)
+        twist = common + area * (total - (sj**2 - sj * sk + sk**2)) + si * self.derivative(J)
+        flip = common + area * (total - (sj**2 + sj * sk + sk**2)) - si * self.derivative(J)
+        if self.derivative(I1) != 0:
+            twist += 2 * self.derivative(I1) * sympy.Function("inverse_sum")(sj, sk)
         return twist, flip
 
     def _flip(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        slope = self.derivatives.get(self.slope(sj), sympy.Integer(0))
-        difference = self.slope(sj) - self.slope(sk)
-        return sympy.Function("quotient")(difference, sj - sk, sj + sk, Divided(sj, sk)(slope))
+        """(psi_j - psi_k)/(s_j - s_k), as a divided difference where the stretches are close."""
+        stress = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
+        difference = self.principal_stress(sj) - self.principal_stress(sk)
+        divided = DividedDifference(sj, sk)(stress)
+        return sympy.Function("quotient")(difference, sj - sk, sj + sk, divided)
 
     def _twist(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        """The sum in place of the difference: it vanishes for inverted stretches alone."""
-        total = self.slope(sj) + self.slope(sk)
-        slope = self.derivatives.get(self.slope(sj), sympy.Integer(0))
-        divided = Divided(sj, sk, sign=-1)
-        other = self.derivatives.get(self.slope(sk), sympy.Integer(0))
-        if self.energy.inversion_safe and _vanishes(divided.exchanged(slope) + other):
-            return sympy.Function("quotient")(total, sj + sk, sj - sk, divided(slope))
+        """(psi_j + psi_k)/(s_j + s_k); the sum of stretches vanishes for inverted ones only."""
+        total = self.principal_stress(sj) + self.principal_stress(sk)
+        stress_j = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
+        stress_k = self.derivatives.get(self.principal_stress(sk), sympy.Integer(0))
+        divided = DividedDifference(sj, sk, sign=-1)
+        # Where psi_k(s_j, s_k) = -psi_j(-s_k, -s_j), the quotient has a limit at s_j + s_k = 0.
+        if self.energy.inversion_safe and _is_zero(divided.exchange(stress_j) + stress_k):
+            return sympy.Function("quotient")(total, sj + sk, sj - sk, divided(stress_j))
         return total * sympy.Function("inverse_sum")(sj, sk)
 
 
-def _vanishes(expression: sympy.Expr) -> bool:
-    """Whether it is zero at every one of some random points, to 30 of 50 digits.
+def _is_zero(expression: sympy.Expr) -> bool:
+    """Return whether an expression vanishes at all of some random points.
 
-    To prove it takes sympy.simplify minutes where an energy is in pieces.
+    sympy.simplify proves it, but takes minutes for piecewise energies.
     """
     symbols, random = sorted(expression.free_symbols, key=str), Random(0)
     value = sympy.lambdify(symbols, expression, "mpmath")
-    with mpmath.workdps(50):
+    with mpmath.workdps(_DIGITS):
         for _ in range(_POINTS):
             point = [mpmath.mpf(random.uniform(0.1, 2)) for _ in symbols]
             signs = [random.choice((-1, 1)) if s in SIGMA else 1 for s in symbols]

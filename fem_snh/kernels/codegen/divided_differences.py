@@ -1,17 +1,26 @@
-"""Divided differences of the principal stresses, without dividing by a small difference.
+r"""Divided differences of the principal stresses without cancellation.
 
-Where s_j and s_k are nearly equal, (psi_j - psi_k)/(s_j - s_k) would lose as many digits as they
-share. psi_k is psi_j with s_j and s_k exchanged; so with f' the exchanged f, the divided difference
-[f] = (f - f')/(s_j - s_k) of every part of the expression follows from those of its parts::
+Where :math:`\sigma_j` and :math:`\sigma_k` are nearly equal,
+:math:`(\psi_j - \psi_k)/(\sigma_j - \sigma_k)` loses as many digits as they share.
+:math:`\psi_k` is :math:`\psi_j` with the two stretches exchanged. Let f' be an expression f with
+the stretches exchanged. Its divided difference :math:`[f] = (f - f')/(\sigma_j - \sigma_k)` follows
+from those of its operands:
 
-    [s_j] = 1, [s_k] = -1, [f + g] = [f] + [g], [f g] = [f] g + f' [g]
-    [f^n] = [f] sum_m f^m f'^(n-1-m)          [log f] = [f]/f' log_slope(d/f')
-    [f^a] = [f] f'^(a-1) power_slope(d/f', a) [exp f] = [f] exp(f') exp_slope(d)
+.. math::
 
-with d = f - f' = [f] (s_j - s_k), and log_slope(x) = log(1 + x)/x and so on (log_exp_series.h).
+    [\sigma_j] &= 1, \quad [\sigma_k] = -1 \\
+    [f + g] &= [f] + [g], \quad [f g] = [f]\, g + f'\,[g] \\
+    [f^n] &= [f] \sum_{m<n} f^m f'^{\,n-1-m} \\
+    [\log f] &= [f]/f' \; \mathrm{log1p\_over\_x}(d/f') \\
+    [f^a] &= [f]\, f'^{\,a-1}\, \mathrm{powm1\_over\_x}(d/f', a) \\
+    [\exp f] &= [f] \exp(f')\, \mathrm{expm1\_over\_x}(d)
 
-For (psi_j + psi_k)/(s_j + s_k), where an inverted s_k is nearly -s_j, f' has s_j and s_k exchanged
-and their signs changed, which changes no energy that is smooth there.
+with :math:`d = f - f' = [f](\sigma_j - \sigma_k)`; log_exp_series.h has the three functions,
+:math:`\mathrm{log1p\_over\_x}(x) = \log(1 + x)/x` and so on.
+
+For :math:`(\psi_j + \psi_k)/(\sigma_j + \sigma_k)`, where an inverted :math:`\sigma_k` is close
+to :math:`-\sigma_j`, f' has the stretches exchanged and their signs changed. An energy that is
+smooth there keeps its value.
 """
 
 from __future__ import annotations
@@ -20,58 +29,68 @@ import sympy
 
 from fem_snh.materials.functions import where
 
-exp_slope, log_slope = sympy.Function("exp_slope"), sympy.Function("log_slope")
+expm1_over_x, log1p_over_x = sympy.Function("expm1_over_x"), sympy.Function("log1p_over_x")
 
 
-class power_slope(sympy.Function):
-    """((1 + x)^a - 1)/x"""
+class powm1_over_x(sympy.Function):
+    """The function ((1 + x)^a - 1)/x."""
 
     nargs = (2,)
 
 
-class Divided:
-    """[f] for the stretches x and y; ``sign`` -1 for the sums of inverted ones."""
+class DividedDifference:
+    """The map f -> [f] for the stretches x and y.
+
+    Parameters
+    ----------
+    x, y : sympy.Symbol
+        The stretches.
+    sign : int
+        1 for (f - f')/(x - y); -1 for (f - f')/(x + y), where f' has x and y exchanged and their
+        signs changed.
+    """
 
     def __init__(self, x: sympy.Symbol, y: sympy.Symbol, sign: int = 1) -> None:
         self._exchange = {x: sign * y, y: sign * x}
-        self._gap = x - sign * y
+        self._difference = x - sign * y
         self._known = {x: sympy.Integer(1), y: sympy.Integer(-sign)}
 
-    def exchanged(self, f: sympy.Expr) -> sympy.Expr:
-        """f', f with the stretches exchanged."""
+    def exchange(self, f: sympy.Expr) -> sympy.Expr:
+        """Return f'."""
         return f.xreplace(self._exchange)
 
     def __call__(self, f: sympy.Expr) -> sympy.Expr:
-        """[f]"""
+        """Return [f]."""
         if f not in self._known:
-            alone = not f.free_symbols & set(self._exchange)
-            self._known[f] = sympy.Integer(0) if alone else self._of(f)
+            constant = not f.free_symbols & set(self._exchange)
+            self._known[f] = sympy.Integer(0) if constant else self._apply(f)
         return self._known[f]
 
-    def _of(self, f: sympy.Expr) -> sympy.Expr:
+    def _apply(self, f: sympy.Expr) -> sympy.Expr:
+        """[f] by the rules of the module docstring; of other functions (f - f')/(x - y) itself."""
         if f.is_Add:
             return sympy.Add(*map(self, f.args))
         if f.is_Mul:
             head, tail = f.as_two_terms()
-            return self(head) * tail + self.exchanged(head) * self(tail)
+            return self(head) * tail + self.exchange(head) * self(tail)
         if isinstance(f, where):
             condition, a, b = f.args
-            apart = (f - self.exchanged(f)) / self._gap  # s_j and s_k in different pieces
-            other = self.exchanged(condition)
+            apart = (f - self.exchange(f)) / self._difference  # the stretches in different pieces
+            other = self.exchange(condition)
             return where(condition, where(other, self(a), apart), where(other, apart, self(b)))
         inner = f.args[0]
-        slope, old = self(inner), self.exchanged(inner)
-        if slope == 0:
+        divided, exchanged = self(inner), self.exchange(inner)
+        if divided == 0:
             return sympy.Integer(0)
-        gap = slope * self._gap
+        d = divided * self._difference
         if f.is_Pow and f.exp.is_Integer:
             n = abs(int(f.exp))
-            total = slope * sum(inner**m * old ** (n - 1 - m) for m in range(n))
-            return total if f.exp > 0 else -total / (inner * old) ** n
+            total = divided * sum(inner**m * exchanged ** (n - 1 - m) for m in range(n))
+            return total if f.exp > 0 else -total / (inner * exchanged) ** n
         if f.is_Pow and f.exp.is_number:
-            return slope * old ** (f.exp - 1) * power_slope(gap / old, f.exp)
+            return divided * exchanged ** (f.exp - 1) * powm1_over_x(d / exchanged, f.exp)
         if isinstance(f, sympy.log):
-            return slope / old * log_slope(gap / old)
+            return divided / exchanged * log1p_over_x(d / exchanged)
         if isinstance(f, sympy.exp):
-            return slope * sympy.exp(old) * exp_slope(gap)
-        return (f - self.exchanged(f)) / self._gap
+            return divided * sympy.exp(exchanged) * expm1_over_x(d)
+        return (f - self.exchange(f)) / self._difference

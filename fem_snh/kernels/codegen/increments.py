@@ -1,13 +1,17 @@
-"""Expressions near rest: their values at rest, and what is added to them, without cancellation.
+r"""Increments of expressions from the rest state, without cancellation.
 
-Of each part f of an expression the pair (f0, df) is kept, f = f0 + df: f0 exactly, of constants
-alone, and df in the changes of the measures (J - 1, I_C - 3, s_i - 1), which the kernels know to a
-rounding of their own size (small_strain.h). Sums of f0 cancel here, exactly; in df there is nothing
-left to cancel that is larger than the strain::
+An expression f of the measures is split as :math:`f = f_0 + df`. Here :math:`f_0` is its value at
+rest, an expression of constants only, and df is its increment in terms of the measures' increments
+(:math:`J - 1`, :math:`I_C - 3`, :math:`\sigma_i - 1`), which small_strain.h computes to full
+relative accuracy. The values at rest cancel symbolically. The cancellation left in df is between
+terms of the size of the strain:
 
-    f + g     df + dg                         log f   log1p(df/f0)
-    f g       f0 dg + df (g0 + dg)            exp f   exp(f0) expm1(df)
-    f^n       df (n f0^(n-1) + df (...))      f^a     f0^a expm1(a log1p(df/f0))
+.. math::
+
+    d(f + g) &= df + dg & d\log f &= \mathrm{log1p}(df/f_0) \\
+    d(f g) &= f_0\,dg + df\,(g_0 + dg) & d\exp f &= \exp(f_0)\,\mathrm{expm1}(df) \\
+    d(f^n) &= df\,(n f_0^{n-1} + df(\dots)) \\
+    d(f^a) &= f_0^a\,\mathrm{expm1}(a\,\mathrm{log1p}(df/f_0))
 """
 
 from __future__ import annotations
@@ -24,25 +28,32 @@ Pair = tuple[sympy.Expr, sympy.Expr]
 _ZERO = sympy.Integer(0)
 
 
-class AboutRest:
-    """Pairs (f0, df) of expressions; ``moved`` has each measure's value at rest and its change."""
+class Increments:
+    """The map f -> (f0, df).
 
-    def __init__(self, moved: Mapping[sympy.Symbol, Pair]) -> None:
-        self._known: dict[sympy.Expr, Pair] = dict(moved)
-        self._whole = {m: rest + change for m, (rest, change) in moved.items()}
-        self._rest = {m: rest for m, (rest, _) in moved.items()}
+    Parameters
+    ----------
+    measures : mapping
+        The value at rest and the symbol of the increment of each measure.
+    """
+
+    def __init__(self, measures: Mapping[sympy.Symbol, Pair]) -> None:
+        self._known: dict[sympy.Expr, Pair] = dict(measures)
+        self._whole = {m: rest + change for m, (rest, change) in measures.items()}
+        self._rest = {m: rest for m, (rest, _) in measures.items()}
 
     def __call__(self, expression: sympy.Expr) -> Pair:
-        """(f0, df) of the expression; f0 is simplified, so that what vanishes is 0."""
+        """Return (f0, df); f0 is simplified, so that a value that vanishes is 0."""
         at_rest, change = self._pair(fractions(sympy.sympify(expression)))
         return sympy.simplify(at_rest), change
 
     def _pair(self, f: sympy.Expr) -> Pair:
         if f not in self._known:
-            self._known[f] = self._of(f) if f.free_symbols & set(self._rest) else (f, _ZERO)
+            self._known[f] = self._apply(f) if f.free_symbols & set(self._rest) else (f, _ZERO)
         return self._known[f]
 
-    def _of(self, f: sympy.Expr) -> Pair:
+    def _apply(self, f: sympy.Expr) -> Pair:
+        """(f0, df) by the rules of the module docstring; of other functions f(x) - f(x at rest)."""
         pairs = [self._pair(a) for a in f.args]
         if f.is_Add:
             return sympy.Add(*(a for a, _ in pairs)), sympy.Add(*(d for _, d in pairs))
@@ -61,20 +72,21 @@ class AboutRest:
             return sympy.exp(f0), sympy.exp(f0) * expm1(df)
         if isinstance(f, where):
             (a0, da), (b0, db) = rest
-            # A number: what separates the pieces is a matter of the measures.
-            here = a0 if f0.is_positive else b0
-            return here, where(f0 + df, da + (a0 - here), db + (b0 - here))
+            # The condition depends on the measures alone, so its value at rest is a number.
+            at_rest = a0 if f0.is_positive else b0
+            return at_rest, where(f0 + df, da + (a0 - at_rest), db + (b0 - at_rest))
         at_rest = f.subs(self._rest)
         return at_rest, f.subs(self._whole) - at_rest
 
 
 def _product(f: Pair, g: Pair) -> Pair:
+    """(f0 g0, d(f g))."""
     (f0, df), (g0, dg) = f, g
     return f0 * g0, f0 * dg + df * (g0 + dg)
 
 
 def _power(f0: sympy.Expr, df: sympy.Expr, n: int) -> Pair:
-    """(f0 + df)^n - f0^n by Horner's rule."""
+    """(f0^n, d(f^n)) by Horner's rule."""
     inner: sympy.Expr = _ZERO
     for k in range(n, 0, -1):
         inner = df * (sympy.binomial(n, k) * f0 ** (n - k) + inner)
@@ -82,4 +94,5 @@ def _power(f0: sympy.Expr, df: sympy.Expr, n: int) -> Pair:
 
 
 def _inverse(f0: sympy.Expr, df: sympy.Expr) -> Pair:
+    """(1/f0, d(1/f))."""
     return 1 / f0, -df / (f0 * (f0 + df))

@@ -1,4 +1,4 @@
-"""sympy expressions as C statements for lanes."""
+"""Print sympy expressions as C statements on SIMD lanes (lanes.h)."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from sympy.printing.c import C99CodePrinter
 
 
 class power(sympy.Function):
-    """b^e that sympy does not join with other powers of b."""
+    """The power b^e in a form that sympy does not merge with other powers of b."""
 
     nargs = (2,)
 
 
 class Printer(C99CodePrinter):  # type: ignore[misc]
-    """C for lanes: integer powers as products, functions by their lane-wise names."""
+    """Printer of lane expressions: integer powers as products, functions as ``lane_name``."""
 
     def _print_Pow(self, expr: sympy.Pow) -> str:
         base, exponent = expr.args
         if exponent.is_Integer:
             product = "*".join([self.parenthesize(base, 100)] * abs(int(exponent)))
             return f"({product})" if exponent > 0 else f"(1/({product}))"
-        return f"({self._print(fractions_shared(expr))})"
+        return f"({self._print(share_fractional_powers(expr))})"
 
     def _print_Abs(self, expr: sympy.Abs) -> str:
         return f"absolute(splat(0) + {self._print(expr.args[0])})"
@@ -40,13 +40,13 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
     def _print_Function(self, expr: sympy.Function) -> str:
         if expr.is_number:
             return repr(float(expr))
-        # An argument may be a plain double: adding it to a lane makes it one.
+        # An argument may be a scalar; splat(0) + scalar is a lane.
         arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
         return f"lane_{expr.func.__name__}({', '.join(arguments)})"
 
-    def _print_power_slope(self, expr: sympy.Function) -> str:
+    def _print_powm1_over_x(self, expr: sympy.Function) -> str:
         x, exponent = expr.args
-        return f"lane_power_slope(splat(0) + {self._print(x)}, {float(exponent)!r})"
+        return f"lane_powm1_over_x(splat(0) + {self._print(x)}, {float(exponent)!r})"
 
     _print_log1p = _print_expm1 = _print_Function
     _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
@@ -55,10 +55,10 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
-def fractions_shared(expression: sympy.Expr) -> sympy.Expr:
-    """Real powers b^e as b^n power(b, e - n), n = floor(e).
+def share_fractional_powers(expression: sympy.Expr) -> sympy.Expr:
+    """Return the expression with real powers b^e written b^n power(b, e - n), n = floor(e).
 
-    An energy in s^e has derivatives in s^(e-1) and s^(e-2): so all three need one call of pow.
+    An energy in s^e has derivatives in s^(e-1) and s^(e-2); all three then share one call of pow.
     """
     return expression.replace(
         lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer,
@@ -69,18 +69,28 @@ def fractions_shared(expression: sympy.Expr) -> sympy.Expr:
 def statements(
     results: Mapping[str, sympy.Expr], scalars: Iterable[sympy.Symbol], temporary: str
 ) -> str:
-    """C statements that assign each result; what depends on constants alone stays a double.
+    """Return C statements that assign each result, with common subexpressions eliminated.
 
-    ``temporary`` is the prefix of the common subexpressions' names.
+    Parameters
+    ----------
+    results : mapping
+        C variables (lanes) and the expressions assigned to them.
+    scalars : iterable of sympy.Symbol
+        Symbols that are scalars (the material's constants): subexpressions of these alone are
+        computed once, as doubles.
+    temporary : str
+        Prefix of the names of the subexpressions.
     """
     printer = Printer()
     temporaries, expressions = sympy.cse(
-        [fractions_shared(sympy.sympify(e)) for e in results.values()],
+        [share_fractional_powers(sympy.sympify(e)) for e in results.values()],
         symbols=sympy.numbered_symbols(temporary),
     )
     known, lines = set(scalars), []
     for symbol, expression in temporaries:
-        calls = any(f.free_symbols for f in expression.atoms(sympy.Function))  # work on lanes only
+        calls = any(
+            f.free_symbols for f in expression.atoms(sympy.Function)
+        )  # the lane functions take lanes only
         scalar = expression.free_symbols <= known and not calls
         if scalar:
             known.add(symbol)

@@ -1,38 +1,47 @@
-"""The whole C source of one material: headers, what is generated for it, what calls that."""
+"""The C source of a material's kernels: headers, generated functions, and their callers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.resources import files
 
+from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels.codegen.c_functions import Functions
-from fem_snh.kernels.codegen.small_strain import VOLUME_CHANGE, NearRest, volume_near_rest
+from fem_snh.kernels.codegen.small_strain import (
+    VOLUME_INCREMENT,
+    SmallStrainFunctions,
+    small_strain_forms,
+)
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.volume_split import PRESSURE, J, Split
 
-#: The parts of the C source, in order; the generated code goes before "material_point.h".
-_BEFORE, _AFTER = ("lanes.h", "svd.h", "eigen3.h"), ("material_point.h", "pointwise_api.h")
-_HELPERS = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
-_TOOLS = (*_BEFORE, "svd_eigen_api.h")
+_SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
+#: What the generated functions use, and what uses them.
+_BEFORE = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
+_AFTER = ("material_point.h", "pointwise_api.h", "pointwise_kernels.h")
 
 
-def volume_curve(split: Split) -> str:
-    """C for U(J), U', U'' of a material (volume_mean.h)."""
-    head = f"volume_curve(Law p, real J, real {VOLUME_CHANGE}, real *U)"
-    curve = split.volume_curve
-    return Functions(split.energy).curve_function(head, J, curve, "U", volume_near_rest(curve))
+def header(name: str) -> str:
+    """Return the text of a file of ``fem_snh/kernels/include``."""
+    return (files("fem_snh.kernels") / "include" / name).read_text()
 
 
-def volume_dual(split: Split) -> str:
-    """C for U*(p), J(p), dJ/dp of a material (volume_pressure.h)."""
-    head = "volume_dual(Law p, real *dual)"
-    return Functions(split.energy).curve_function(head, PRESSURE, split.dual_curve, "dual")
+def options() -> str:
+    """Return the C enums of the eigenvalue filters and the eigensolvers of `fem_snh.choices`.
+
+    The C name is the upper-case name; the value is the position in the tuple.
+    """
+    enums = (FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
+    return "\n".join(
+        f"enum {{ {', '.join(name.upper() for name in names)} }}; /* {comment} */"
+        for names, comment in enums
+    )
 
 
 def svd_eigen_source() -> str:
     """Return the C source of the 3x3 SVD and eigensolvers, which depend on no material."""
-    folder = files("fem_snh.kernels") / "include"
-    return "\n".join(["#include <math.h>", *((folder / name).read_text() for name in _TOOLS)])
+    names = (*_SVD_AND_EIGENSOLVERS, "svd_eigen_api.h", "svd_eigen_kernels.h")
+    return "\n".join(["#include <math.h>", options(), *map(header, names)])
 
 
 def material_source(energy: Energy) -> str:
@@ -48,33 +57,58 @@ def material_source(energy: Energy) -> str:
 
 def kernel_source(
     energy: Energy,
-    before: Sequence[str] = (),
+    definitions: Sequence[str] = (),
     after: Sequence[str] = (),
     functions: Sequence[str] = (),
 ) -> str:
-    """The whole C source for ``energy``: headers, generated functions, then the files ``after``.
+    """Return the C source of a material's pointwise kernels and of what is built on them.
 
-    ``before`` are lines put at the top (the sizes of an element, say), ``functions`` C that goes
-    before the files.
+    Parameters
+    ----------
+    energy : Energy
+        A normalised energy.
+    definitions : sequence of str
+        Lines for the top: ``#define`` of the sizes of an element.
+    after : sequence of str
+        Names of further files of ``include/``, appended in this order.
+    functions : sequence of str
+        Further generated functions that the files ``after`` call.
     """
-    g, near = Functions(energy), NearRest(energy)
-    generated = [g.energy_function("s"), g.gradient_function(), g.hessian_function()]
+    regular, small = Functions(energy), SmallStrainFunctions(energy)
+    generated = [
+        regular.energy_function("s"),
+        regular.gradient_function(),
+        regular.hessian_function(),
+    ]
     if energy.needs_stretches:
-        generated += [near.energy_function(), near.gradient_function()]
+        generated += [small.energy_function(), small.gradient_function()]
     else:
-        generated += [g.energy_function("F"), g.stress_function()]
-        generated += [near.energy_function(), near.stress_function()]
-    folder = files("fem_snh.kernels") / "include"
+        generated += [regular.energy_function("F"), regular.stress_function()]
+        generated += [small.energy_function(), small.stress_function()]
     return "\n".join(
         [
             "#include <math.h>",
-            *before,
+            *definitions,
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
-            f"#define HAS_VOLUME {int(J in energy.measures)}",
-            *((folder / name).read_text() for name in (*_BEFORE, *_HELPERS)),
+            f"#define USES_J {int(J in energy.measures)}",
+            options(),
+            *map(header, (*_SVD_AND_EIGENSOLVERS, *_BEFORE)),
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
             *functions,
-            *((folder / name).read_text() for name in (*_AFTER, *after)),
+            *map(header, (*_AFTER, *after)),
         ]
     )
+
+
+def volume_energy_function(split: Split) -> str:
+    """Return the C function of U(J), U', U'' [Pa] that volume_mean.h calls."""
+    head = f"volume_energy(Parameters p, real J, real {VOLUME_INCREMENT}, real *U)"
+    curve = split.volume_curve
+    return Functions(split.energy).curve_function(head, J, curve, "U", small_strain_forms(curve))
+
+
+def volume_conjugate_function(split: Split) -> str:
+    """Return the C function of U*(p), dU*/dp, d2U*/dp2 that volume_pressure.h calls."""
+    head = "volume_conjugate(Parameters p, real *conjugate)"
+    return Functions(split.energy).curve_function(head, PRESSURE, split.dual_curve, "conjugate")

@@ -1,49 +1,48 @@
-/* Loops over cells, W at a time: energy, residual, filtered Jacobian, fields of one element.
+/* The loops over cells, W at a time, for cell_api.h.
  *
- * What is done with the volume term stands in volume_pointwise.h, volume_mean.h, volume_pressure.h:
- * the element is one of the three. Each has
- *   Volume ...................... what it knows of W cells
- *   volume_begin ................ finds that out
- *   volume_law .................. the material at a point, with its pressure
- *   volume_density .............. the energy density besides the material's
- *   volume_residual_point, _end . the residual besides B^T P
- *   volume_jacobian_point, _end . the Jacobian besides B^T C B */
+ * One of volume_pointwise.h, volume_mean.h and volume_pressure.h precedes this file and defines how the
+ * element treats the material's volume term:
+ *   VolumeTerm ................ its data for W cells
+ *   volume_prepare ............ compute them at the displacement
+ *   volume_parameters ......... the material's parameters at a point, with the pressure
+ *   volume_energy_density ..... the energy density beside the material's
+ *   volume_residual_point, volume_residual_add .... the residual beside B^T P
+ *   volume_jacobian_point, volume_jacobian_add .... the Jacobian beside B^T C B */
 
-/* For each batch of W cells: x and u gathered; then the body once per quadrature point, with the
- * gradients G, the weight, F and the law there. */
+/* Per batch of W cells: gather coordinates x and displacements v and prepare the volume term. The body and
+ * its closing brace follow. */
 #define FOR_EACH_BATCH                                         \
   for (long start = 0; start < c->cells; start += W) {         \
     const int lanes = c->cells - start < W ? c->cells - start : W; \
     real x[GEOMETRY_NODES][3], v[NODES][3];                    \
-    Volume volume;                                             \
+    VolumeTerm volume;                                           \
     GATHER(x, GEOMETRY_NODES, 3, c->geometry, c->x)            \
     GATHER(v, NODES, 3, c->nodes, u)                           \
-    volume_begin(c, start, x, v, pressure, &volume);
+    volume_prepare(c, start, x, v, pressure, &volume);
 
+/* Per quadrature point: basis gradients G, weight, H, F and the material's parameters p. The body and its
+ * closing brace follow. */
 #define FOR_EACH_POINT                                         \
   real G[3 * NODES], weight, F[9], H[9];                           \
   for (int q = 0; q < POINTS; ++q) {                           \
     geometry_point(c, x, q, G, &weight);                       \
     deformation_point(G, v, F, H);                             \
-    const Law p = volume_law(c, &volume, q);
+    const Parameters p = volume_parameters(c, &volume, q);
 
-/* The energy; +inf if it is infinite anywhere. */
 double energy_cells(const Cells *c, const double *u, const double *pressure) {
   double total = 0;
   FOR_EACH_BATCH
     real sum = splat(0), psi;
     FOR_EACH_POINT
       energy_point(p, F, H, &psi);
-      sum += (psi + volume_density(p, &volume, F)) * weight;
+      sum += (psi + volume_energy_density(p, &volume, F)) * weight;
     }
     for (int l = 0; l < lanes; ++l) total += sum[l];
   }
   return total;
 }
 
-/* r += the derivative of the energy in the displacement, r_pressure += that in the pressure, at owned
- * and ghost nodes. */
-void residual_cells(const Cells *c, const double *u, const double *pressure, double *r, double *r_pressure) {
+void residual_cells(const Cells *c, const double *u, const double *pressure, double *r, double *r_p) {
   FOR_EACH_BATCH
     real P[9], f[NODES][3];
     for (int a = 0; a < NODES; ++a)
@@ -58,12 +57,11 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
     for (int l = 0; l < lanes; ++l)
       for (int a = 0; a < NODES; ++a)
         for (int i = 0; i < 3; ++i) r[3 * (long)c->nodes[NODES * (start + l) + a] + i] += f[a][i][l];
-    volume_residual_end(c, start, lanes, &volume, r_pressure);
+    volume_residual_add(c, start, lanes, &volume, r_p);
   }
 }
 
-/* Add the filtered Jacobian; returns the number of quadrature points with a negative eigenvalue. */
-long jacobian_cells(const Cells *c, const double *u, const double *pressure, int filter, int solver, const Target *t) {
+long jacobian_cells(const Cells *c, const double *u, const double *pressure, int filter, int solver, const MatrixTarget *t) {
   long negative = 0;
   FOR_EACH_BATCH
     real C[81], K[9 * PAIRS];
@@ -78,8 +76,8 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
     real free[NODES][3];
     for (int l = 0; l < lanes; ++l) constrained |= t->constrained[start + l];
     if (constrained) GATHER(free, NODES, 3, c->nodes, t->free)
-    volume_jacobian_end(c, t, start, lanes, filter, &volume, K, constrained, free);
-    if (constrained) {
+    volume_jacobian_add(c, t, start, lanes, filter, &volume, K, constrained, free);
+    if (constrained) { /* rows and columns of prescribed components are zero */
       real *block = K;
       for (int b = 0; b < NODES; ++b)
         for (int a = 0; a <= b; ++a, block += 9)
@@ -92,7 +90,6 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
   return negative;
 }
 
-/* Per cell: {volume, deformed volume, smallest J, energy, smallest eigenvalue of the exact Hessian}. */
 void fields_cells(const Cells *c, const double *u, const double *pressure, double *fields) {
   FOR_EACH_BATCH
     real out[5] = {splat(0), splat(0), splat(INFINITY), splat(0), splat(INFINITY)};
@@ -100,12 +97,12 @@ void fields_cells(const Cells *c, const double *u, const double *pressure, doubl
       real psi, e[9], Q[9], U[9], V[9], cofactor[9];
       energy_point(p, F, H, &psi);
       eigenvalues_point(p, F, CUBIC, e, Q, U, V);
-      const real J = volume_point(F, cofactor);
+      const real J = determinant(F, cofactor);
       out[0] += weight;
       out[1] += weight * J;
-      out[2] = smallest(out[2], J);
-      out[3] += weight * (psi + volume_density(p, &volume, F));
-      for (int k = 0; k < 9; ++k) out[4] = smallest(out[4], e[k]);
+      out[2] = lane_min(out[2], J);
+      out[3] += weight * (psi + volume_energy_density(p, &volume, F));
+      for (int k = 0; k < 9; ++k) out[4] = lane_min(out[4], e[k]);
     }
     for (int l = 0; l < lanes; ++l)
       for (int i = 0; i < 5; ++i) fields[5 * (start + l) + i] = out[i][l];

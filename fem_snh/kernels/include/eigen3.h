@@ -1,14 +1,15 @@
-/* Eigenpairs of symmetric 3x3 matrices A = {a00, a11, a22, a01, a02, a12}: values e in descending
- * order, vectors in the columns of Q (Q[3 k + i] is component i of vector k).
+/* Eigenpairs of symmetric 3x3 matrices A = {a00, a11, a22, a01, a02, a12}: eigenvalues e in descending
+ * order, eigenvectors in the columns of Q (Q[3 k + i] is component i of vector k).
  *
- * Two ways: cyclic Jacobi, and the characteristic cubic (eq. 42 and 66: of the scaling block, solved
- * as in eq. 33) made safe. Both err by a few roundings of the norm for every finite matrix; the cubic
- * is several times faster, Jacobi also keeps the digits of small eigenvalues of graded positive
- * definite matrices. tests/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
+ * Two eigensolvers (an enum that codegen/source.py generates from fem_snh.choices):
+ *   CUBIC   the characteristic polynomial (Smith et al. 2018, eq. 33, 42 and 66), with deflation to a 2x2
+ *           block, so that nearly equal eigenvalues keep their accuracy;
+ *   JACOBI  cyclic Jacobi (Golub & Van Loan 2013, sec. 8.5).
+ * Both have absolute errors of a few roundings of the norm of A, for every finite A. CUBIC is several
+ * times faster; JACOBI also gives small eigenvalues of graded positive definite matrices to relative
+ * accuracy. tests/test_eigen3.py compares them; docs/results/eigensolver.md holds the table. */
 
-enum { CUBIC, JACOBI };
-
-/* A scaled by a power of two to a sum of absolute values in [1, 2), zero where it is not finite. */
+/* B = A scaled by a power of two to a sum of absolute values in [1, 2); zero where A is not finite. */
 INLINE void scale_block(const real *A, real *B, real *up) {
   real size = splat(0), down;
   for (int i = 0; i < 6; ++i) size += absolute(A[i]);
@@ -17,6 +18,7 @@ INLINE void scale_block(const real *A, real *B, real *up) {
   for (int i = 0; i < 6; ++i) B[i] = select(finite, A[i] * down, splat(0));
 }
 
+/* Exchange eigenpairs p and q if e[p] < e[q]. */
 INLINE void order_pair(real *e, real *Q, int p, int q) {
   const mask swap = e[p] < e[q];
   const real a = e[p];
@@ -29,8 +31,9 @@ INLINE void order_pair(real *e, real *Q, int p, int q) {
   }
 }
 
-/* One Jacobi rotation that zeroes apq; r is the third index. True where it was not yet zero: beside
- * the two diagonal entries, not beside the norm, so that a graded matrix keeps its digits. */
+/* One Jacobi rotation that makes apq zero; r is the third index. Returns the lanes where apq was not
+ * negligible, |apq| > 1e-16 sqrt|app aqq|: relative to the two diagonal entries, not to the norm of A, so
+ * that small eigenvalues of a graded matrix keep their relative accuracy. */
 INLINE mask rotate_pair(real *app, real *aqq, real *apq, real *arp, real *arq, real *qp, real *qq) {
   const mask turn = *apq * *apq > 1e-32 * absolute(*app * *aqq);
   if (!any(turn)) return turn;
@@ -56,7 +59,7 @@ INLINE void eigen3_jacobi(const real *A, real *e, real *Q) {
   real B[6], up;
   scale_block(A, B, &up);
   for (int i = 0; i < 9; ++i) Q[i] = splat(i % 4 == 0);
-  for (int sweep = 0; sweep < 16; ++sweep) { /* five suffice */
+  for (int sweep = 0; sweep < 16; ++sweep) { /* a bound: five sweeps converge */
     mask turned = rotate_pair(&B[0], &B[1], &B[3], &B[4], &B[5], Q, Q + 3);
     turned |= rotate_pair(&B[0], &B[2], &B[4], &B[3], &B[5], Q, Q + 6);
     turned |= rotate_pair(&B[1], &B[2], &B[5], &B[3], &B[4], Q + 3, Q + 6);
@@ -68,13 +71,13 @@ INLINE void eigen3_jacobi(const real *A, real *e, real *Q) {
   order_pair(e, Q, 1, 2);
 }
 
-/* A v . w */
+/* w^T A v. */
 INLINE real bilinear(const real *A, const real *v, const real *w) {
   return (A[0] * v[0] + A[3] * v[1] + A[4] * v[2]) * w[0] + (A[3] * v[0] + A[1] * v[1] + A[5] * v[2]) * w[1] +
          (A[4] * v[0] + A[5] * v[1] + A[2] * v[2]) * w[2];
 }
 
-/* The unit vector of the simple eigenvalue e of A: the longest cross product of two rows of A - e I. */
+/* The unit eigenvector of the simple eigenvalue e of A: the longest cross product of two rows of A - e I. */
 INLINE void null_vector(const real *A, real e, real *v) {
   const real r0[3] = {A[0] - e, A[3], A[4]}, r1[3] = {A[3], A[1] - e, A[5]}, r2[3] = {A[4], A[5], A[2] - e};
   real c[9], n[3];
@@ -87,39 +90,41 @@ INLINE void null_vector(const real *A, real e, real *v) {
   for (int i = 0; i < 3; ++i) v[i] = select(first, c[i], select(second, c[3 + i], c[6 + i])) / norm;
 }
 
-/* The cubic gives only the eigenvalue that is best separated from the others, and its vector; the
- * other two are those of a 2x2 block. (Three roots of the cubic would lose half of the digits where
- * two are equal, and with them their vectors.) All on A = mean I + p N with N of trace 0 and norm
- * sqrt(6), so that eigenvalues that differ little beside their mean lose nothing. */
+/* The characteristic cubic gives only the eigenvalue best separated from the others, and its vector v; the
+ * other two pairs come from the 2x2 block on the plane normal to v. (The three roots of the cubic would
+ * lose half of the digits where two are equal, and their vectors all digits.) The computation is on
+ * A = mean I + p N with tr N = 0 and |N|_F = sqrt(6), so that eigenvalues keep their differences
+ * however large the mean is. */
 INLINE void eigen3_cubic(const real *A, real *e, real *Q) {
   real N[6], up;
   scale_block(A, N, &up);
   const real mean = (N[0] + N[1] + N[2]) / 3;
   for (int k = 0; k < 3; ++k) N[k] -= mean;
   const real squares = N[0] * N[0] + N[1] * N[1] + N[2] * N[2] + 2 * dot(N + 3, N + 3);
-  const mask sphere = squares == 0; /* A = mean I: N = 0, and any vectors will do */
+  const mask sphere = squares == 0; /* A = mean I: N = 0, every vector is an eigenvector */
   const real p = lane_sqrt(squares / 6), over_p = 1 / select(sphere, splat(1), p);
   for (int i = 0; i < 6; ++i) N[i] *= over_p;
 
-  /* Its characteristic polynomial y^3 - 3 y - det N = 0 has the root 2 cos(acos(det N / 2) / 3) (eq. 33)
-   * in [sqrt 3, 2] for det N > 0, and a chord and three Newton steps give it to the last digit. */
+  /* The characteristic polynomial of N, y^3 - 3 y - det N = 0, has the root
+   * y = 2 cos(acos(det N / 2) / 3) (Smith et al. 2018, eq. 33), in [sqrt 3, 2] for det N > 0.
+   * Start: the chord from y(0) = sqrt 3 to y(2) = 2; three Newton steps reach double precision. */
   const real det = N[0] * (N[1] * N[2] - N[5] * N[5]) - N[3] * (N[3] * N[2] - N[5] * N[4]) + N[4] * (N[3] * N[5] - N[1] * N[4]);
   const mask top = det >= 0;
-  const real r = smallest(absolute(det), splat(2));
+  const real r = lane_min(absolute(det), splat(2));
   real y = 1.7320508075688772 + 0.1339745962155614 * r;
   for (int step = 0; step < 3; ++step) y = (2 * y * y * y + r) / (3 * (y * y - 1));
   y = select(top, y, -y);
 
   real v[3], w[3], x[3];
   null_vector(N, y, v);
-  const mask use_x = absolute(v[0]) < 0.7;
+  const mask use_x = absolute(v[0]) < 0.7; /* < 1/sqrt 2: an axis that is not parallel to v */
   const real axis[3] = {select(use_x, splat(1), splat(0)), select(use_x, splat(0), splat(1)), splat(0)};
   cross(v, axis, w);
   const real length = lane_sqrt(dot(w, w));
   for (int i = 0; i < 3; ++i) w[i] /= length;
   cross(v, w, x);
 
-  /* Turn (w, x), the one with the larger diagonal entry first, until the 2x2 block is diagonal. */
+  /* Diagonalise the 2x2 block on (w, x) by one rotation; the larger diagonal entry comes first. */
   const real half = (bilinear(N, w, w) - bilinear(N, x, x)) / 2, coupling = bilinear(N, w, x);
   const real radius = lane_sqrt(half * half + coupling * coupling), sum = absolute(half) + radius;
   const mask round = sum == 0, swap = half < 0;
@@ -138,6 +143,7 @@ INLINE void eigen3_cubic(const real *A, real *e, real *Q) {
   e[2] = (mean + p * select(top, less, y)) * up;
 }
 
+/* Eigenpairs by the eigensolver CUBIC or JACOBI. */
 INLINE void eigen3(int solver, const real *A, real *e, real *Q) {
   if (solver == CUBIC)
     eigen3_cubic(A, e, Q);

@@ -1,6 +1,5 @@
-/* W doubles that move together: the same code for W points, or for one point of W cells.
- *
- * GCC and Clang vector extensions; they become AVX-512, AVX2, SSE or NEON as the processor has it. */
+/* SIMD lanes: a `real` holds W doubles, one per quadrature point or per cell; arithmetic acts on all
+ * W at once. GCC and Clang vector extensions: they compile to AVX-512, AVX2, SSE or NEON. */
 #define W 8
 typedef double real __attribute__((vector_size(8 * W)));
 typedef long long mask __attribute__((vector_size(8 * W))); /* -1 true, 0 false, lane by lane */
@@ -10,26 +9,28 @@ typedef long long mask __attribute__((vector_size(8 * W))); /* -1 true, 0 false,
 INLINE real splat(double a) { return (real){0} + a; }
 INLINE real select(mask m, real a, real b) { return (real)((m & (mask)a) | (~m & (mask)b)); }
 INLINE real absolute(real a) { return (real)((mask)a & 0x7fffffffffffffffLL); }
-INLINE real largest(real a, real b) { return select(a > b, a, b); }
-INLINE real smallest(real a, real b) { return select(a < b, a, b); }
+INLINE real lane_max(real a, real b) { return select(a > b, a, b); }
+INLINE real lane_min(real a, real b) { return select(a < b, a, b); }
 
-/* The power of two at or below a >= 0 and its inverse, both normal numbers: scaling by them is exact. */
-INLINE void power_of_two(real a, real *up, real *down) {
+/* The largest power of two <= a (a >= 0) and its inverse, both kept within the normal numbers: scaling
+ * by a power of two is exact. */
+INLINE void power_of_two(real a, real *power, real *inverse) {
   const mask low = (mask){0} + 0x0010000000000000LL, high = (mask){0} + 0x7fd0000000000000LL;
   mask exponent = (mask)a & 0x7ff0000000000000LL;
   exponent = (mask)select(exponent < low, (real)low, (real)exponent);
   exponent = (mask)select(exponent > high, (real)high, (real)exponent);
-  *up = (real)exponent;
-  *down = (real)(0x7fe0000000000000LL - exponent);
+  *power = (real)exponent;
+  *inverse = (real)(0x7fe0000000000000LL - exponent);
 }
 
+/* Whether the mask is true in at least one lane. */
 INLINE int any(mask m) {
   long long some = 0;
   for (int l = 0; l < W; ++l) some |= m[l];
   return some != 0;
 }
 
-/* sqrt is one instruction; the others call the C library lane by lane. */
+/* sqrt compiles to one vector instruction; the others call the C library lane by lane. */
 #define LANEWISE(name, call)                       \
   INLINE real name(real a) {                       \
     for (int l = 0; l < W; ++l) a[l] = call(a[l]); \
@@ -45,7 +46,7 @@ INLINE real lane_pow(real a, double exponent) {
   return a;
 }
 
-/* A piecewise function: the piece that is not chosen may be anything. */
+/* A piecewise function: a where x > 0, else b. The other branch may be NaN. */
 INLINE real lane_where(real x, real a, real b) { return select(x > 0, a, b); }
 
 INLINE real dot(const real *a, const real *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -56,7 +57,7 @@ INLINE void cross(const real *a, const real *b, real *c) {
   c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Points of the caller, 9 doubles each, into lanes and back; lanes past the last point repeat it. */
+/* Load W of the caller's n matrices (9 doubles each) into lanes; lanes past the last one repeat it. */
 INLINE void load_points(const double *F, long n, long start, real *lanes) {
   for (int l = 0; l < W; ++l) {
     const long at = start + l < n ? start + l : n - 1;
@@ -64,6 +65,7 @@ INLINE void load_points(const double *F, long n, long start, real *lanes) {
   }
 }
 
+/* Store lanes into the caller's array, `size` doubles per point. */
 #define STORE(out, size, lanes)                  \
   for (int l = 0; l < W && start + l < n; ++l)   \
     for (int i = 0; i < (size); ++i) (out)[(size) * (start + l) + i] = (lanes)[i][l];

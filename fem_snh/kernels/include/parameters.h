@@ -1,6 +1,6 @@
-/* What a generated function knows besides F: the material's constants, the same everywhere, and the
- * pressure of a mixed element at its point, which other materials never look at. */
+/* The arguments of a generated function besides F: the material's constants, equal in all lanes, and the
+ * pressure at the point [Pa], used by the energies of mixed elements only. */
 typedef struct {
   const double *constants;
   real pressure;
-} Law;
+} Parameters;

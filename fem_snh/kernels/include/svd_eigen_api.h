@@ -1,23 +1,4 @@
-/* What knows no material, at n points of the caller: SVD and eigensolvers. */
-
-void svd_points(long n, const double *F, double *U, double *s, double *V) {
-  for (long start = 0; start < n; start += W) {
-    real f[9], u[9], sigma[3], v[9];
-    load_points(F, n, start, f);
-    svd(f, u, sigma, v);
-    STORE(U, 9, u)
-    STORE(s, 3, sigma)
-    STORE(V, 9, v)
-  }
-}
-
-void eigen3_points(long n, const double *A, int solver, double *e, double *Q) {
-  for (long start = 0; start < n; start += W) {
-    real a[6], value[3], vector[9];
-    for (int l = 0; l < W; ++l)
-      for (int i = 0; i < 6; ++i) a[i][l] = A[6 * (start + l < n ? start + l : n - 1) + i];
-    eigen3(solver, a, value, vector);
-    STORE(e, 3, value)
-    STORE(Q, 9, vector)
-  }
-}
+/* The SVD and the eigensolvers at n points, without a material. Read by the C compiler and by cffi.
+ * Matrices are stored by columns, F[n][9]; symmetric ones as A[n][6] in the order of eigen3.h. */
+void svd_points(long n, const double *F, double *U, double *s, double *V);
+void eigen3_points(long n, const double *A, int solver, double *e, double *Q);

@@ -1,53 +1,59 @@
-/* Q1P0, P2P0, mean dilatation (Nagtegaal, Parks & Rice 1974; Simo, Taylor & Pister 1985): the volume
- * term of a cell is V U(J_e), J_e = v/V the mean of J. Its derivatives are p dv and
- * p d2v + U''/V dv dv^T with p = U'(J_e): the first two are those of p J at every point, which the
- * material's own carry, filtered; the last is of rank one, and positive where U is convex.
+/* Q1P0, P2P0: mean dilatation (Nagtegaal, Parks & Rice 1974; Simo, Taylor & Pister 1985).
  *
- * The code generator provides volume_curve(law, J, J - 1, {U, U', U''}): near rest J - 1 says more. */
+ * The volume term of a cell of volume V is V U(J_e), where J_e = v/V is the mean of J and v the deformed
+ * volume. With p = U'(J_e) its first derivative is p dv, its second p d2v + (U''/V) dv dv^T. The terms in p
+ * are the derivatives of p J at every point: the material's energy contains p J, and its Hessian is
+ * filtered. The last term has rank one and is positive where U is convex.
+ *
+ * The code generator provides volume_energy(p, J, J - 1, {U, U', U''}); J - 1 is passed separately because
+ * it is more accurate than J at small strain. */
 
 typedef struct {
-  real volume, U[3], pressure, dv[NODES][3]; /* dv: of the deformed volume, by the displacement */
-} Volume;
+  real volume;        /* V */
+  real U[3];          /* U, U', U'' at J_e */
+  real pressure;      /* p = U'(J_e) */
+  real dv[NODES][3];  /* derivative of the deformed volume in the nodal displacements */
+} VolumeTerm;
 
-INLINE void volume_begin(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, Volume *m) {
+INLINE void volume_prepare(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   real G[3 * NODES], weight, F[9], H[9], cofactor[9], deformed = splat(0), change = splat(0);
   m->volume = splat(0);
   for (int q = 0; q < POINTS; ++q) {
     geometry_point(c, x, q, G, &weight);
     deformation_point(G, v, F, H);
     m->volume += weight;
-    const real J = volume_point(F, cofactor);
+    const real J = determinant(F, cofactor);
     deformed += weight * J;
-    change += weight * select(near_rest(H), volume_change(H, cofactor), J - 1);
+    change += weight * select(small_strain(H), volume_increment(H, cofactor), J - 1);
   }
-  volume_curve((Law){c->constants, splat(0)}, deformed / m->volume, change / m->volume, m->U);
+  volume_energy((Parameters){c->constants, splat(0)}, deformed / m->volume, change / m->volume, m->U);
   m->pressure = m->U[1];
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i) m->dv[a][i] = splat(0);
 }
 
-INLINE Law volume_law(const Cells *c, const Volume *m, int q) { return (Law){c->constants, m->pressure}; }
+INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) { return (Parameters){c->constants, m->pressure}; }
 
-INLINE real volume_density(Law p, const Volume *m, const real *F) {
+INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) {
   real cofactor[9];
-  return m->U[0] - p.pressure * volume_point(F, cofactor);
+  return m->U[0] - p.pressure * determinant(F, cofactor);
 }
 
-INLINE void volume_residual_point(const Cells *c, Volume *m, int q, Law p, const real *F, real weight) {}
+INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, real weight) {}
 
-INLINE void volume_residual_end(const Cells *c, long start, int lanes, const Volume *m, double *r) {}
+INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {}
 
-INLINE void volume_jacobian_point(const Cells *c, Volume *m, int q, Law p, const real *F, const real *G, real weight) {
-  real H[9];
-  volume_point(F, H);
+INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
+  real cofactor[9];
+  determinant(F, cofactor);
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i)
-      m->dv[a][i] += (H[i] * G[3 * a] + H[3 + i] * G[3 * a + 1] + H[6 + i] * G[3 * a + 2]) * weight;
+      m->dv[a][i] += (cofactor[i] * G[3 * a] + cofactor[3 + i] * G[3 * a + 1] + cofactor[6 + i] * G[3 * a + 2]) * weight;
 }
 
-INLINE void volume_jacobian_end(const Cells *c, const Target *t, long start, int lanes, int filter, const Volume *m,
+INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long start, int lanes, int filter, const VolumeTerm *m,
                                 real *K, int constrained, const real free[][3]) {
-  const real factor = filtered(filter, m->U[2]) / m->volume;
+  const real factor = filter_eigenvalue(filter, m->U[2]) / m->volume;
   for (int b = 0; b < NODES; ++b)
     for (int a = 0; a <= b; ++a, K += 9)
       for (int i = 0; i < 3; ++i)

@@ -1,58 +1,62 @@
-/* P2P1, Q2Q1, Taylor & Hood 1973: the pressure p is unknown and continuous. The energy density is
- * psi' + p J - U*(p), stationary in p where J = d(U*)/dp; the Jacobian is the saddle
- *   [ H   B^T ]   B = integral of N dJ/du,  C = integral of N N^T d2(U*)/dp2
- *   [ B   -C  ]   which is 0 at nu = 0.5.
+/* P2P1, Q2Q1: Taylor-Hood elements (Taylor & Hood 1973) with a continuous unknown pressure p.
  *
- * The code generator provides volume_dual(law, {U*, dU*, d2U*}). */
+ * The energy density is psi' + p J - U*(p), where U* is the convex conjugate of the volume term U; it is
+ * stationary in p where J = d(U*)/dp. The Jacobian is that of a saddle-point problem:
+ *   [ H   B^T ]   B = integral of N dJ/du,  C = integral of N N^T d2(U*)/dp2,
+ *   [ B   -C  ]   N the basis of the pressure; C = 0 at nu = 0.5.
+ *
+ * The code generator provides volume_conjugate(p, {U*, d(U*)/dp, d2(U*)/dp2}). */
 
 typedef struct {
-  real p[PRESSURE_NODES][1], r[PRESSURE_NODES], B[PRESSURE_NODES][NODES][3], C[PRESSURE_NODES][PRESSURE_NODES];
-} Volume;
+  real p[PRESSURE_NODES][1];  /* nodal pressures */
+  real r[PRESSURE_NODES];     /* residual of the pressure */
+  real B[PRESSURE_NODES][NODES][3], C[PRESSURE_NODES][PRESSURE_NODES];
+} VolumeTerm;
 
-INLINE void volume_begin(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, Volume *m) {
-  *m = (Volume){0};
+INLINE void volume_prepare(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+  *m = (VolumeTerm){0};
   GATHER(m->p, PRESSURE_NODES, 1, c->pressure_nodes, pressure)
 }
 
-INLINE Law volume_law(const Cells *c, const Volume *m, int q) {
-  Law p = {c->constants, splat(0)};
+INLINE Parameters volume_parameters(const Cells *c, const VolumeTerm *m, int q) {
+  Parameters p = {c->constants, splat(0)};
   for (int a = 0; a < PRESSURE_NODES; ++a) p.pressure += m->p[a][0] * c->pressure_basis[PRESSURE_NODES * q + a];
   return p;
 }
 
-INLINE real volume_density(Law p, const Volume *m, const real *F) {
-  real dual[3];
-  volume_dual(p, dual);
-  return -dual[0];
+INLINE real volume_energy_density(Parameters p, const VolumeTerm *m, const real *F) {
+  real conjugate[3];
+  volume_conjugate(p, conjugate);
+  return -conjugate[0];
 }
 
-INLINE void volume_residual_point(const Cells *c, Volume *m, int q, Law p, const real *F, real weight) {
-  real dual[3], cofactor[9];
-  volume_dual(p, dual);
-  const real gap = (volume_point(F, cofactor) - dual[1]) * weight;
-  for (int a = 0; a < PRESSURE_NODES; ++a) m->r[a] += c->pressure_basis[PRESSURE_NODES * q + a] * gap;
+INLINE void volume_residual_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, real weight) {
+  real conjugate[3], cofactor[9];
+  volume_conjugate(p, conjugate);
+  const real mismatch = (determinant(F, cofactor) - conjugate[1]) * weight;
+  for (int a = 0; a < PRESSURE_NODES; ++a) m->r[a] += c->pressure_basis[PRESSURE_NODES * q + a] * mismatch;
 }
 
-INLINE void volume_residual_end(const Cells *c, long start, int lanes, const Volume *m, double *r) {
+INLINE void volume_residual_add(const Cells *c, long start, int lanes, const VolumeTerm *m, double *r) {
   for (int l = 0; l < lanes; ++l)
     for (int a = 0; a < PRESSURE_NODES; ++a) r[c->pressure_nodes[PRESSURE_NODES * (start + l) + a]] += m->r[a][l];
 }
 
-INLINE void volume_jacobian_point(const Cells *c, Volume *m, int q, Law p, const real *F, const real *G, real weight) {
+INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
   const double *N = c->pressure_basis + PRESSURE_NODES * q;
-  real dual[3], H[9];
-  volume_dual(p, dual);
-  volume_point(F, H);
+  real conjugate[3], cofactor[9];
+  volume_conjugate(p, conjugate);
+  determinant(F, cofactor);
   for (int b = 0; b < NODES; ++b)
     for (int i = 0; i < 3; ++i) {
-      const real dJ = (H[i] * G[3 * b] + H[3 + i] * G[3 * b + 1] + H[6 + i] * G[3 * b + 2]) * weight;
+      const real dJ = (cofactor[i] * G[3 * b] + cofactor[3 + i] * G[3 * b + 1] + cofactor[6 + i] * G[3 * b + 2]) * weight;
       for (int a = 0; a < PRESSURE_NODES; ++a) m->B[a][b][i] += N[a] * dJ;
     }
   for (int a = 0; a < PRESSURE_NODES; ++a)
-    for (int b = 0; b < PRESSURE_NODES; ++b) m->C[a][b] += N[a] * N[b] * dual[2] * weight;
+    for (int b = 0; b < PRESSURE_NODES; ++b) m->C[a][b] += N[a] * N[b] * conjugate[2] * weight;
 }
 
-INLINE void volume_jacobian_end(const Cells *c, const Target *t, long start, int lanes, int filter, const Volume *m,
+INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long start, int lanes, int filter, const VolumeTerm *m,
                                 real *K, int constrained, const real free[][3]) {
   for (int l = 0; l < lanes; ++l) {
     const int *position = t->position + (long)ALL_NODES * ALL_NODES * (start + l);
@@ -60,9 +64,9 @@ INLINE void volume_jacobian_end(const Cells *c, const Target *t, long start, int
     for (int a = 0; a < PRESSURE_NODES; ++a) {
       const int *row = position + ALL_NODES * (NODES + a);
       for (int b = 0; b < NODES; ++b) {
-        const int to = row[b], back = position[ALL_NODES * b + NODES + a], whose = back & 3;
-        double *at = t->values[to & 3] + (to >> 2), *transposed = t->values[whose] + (back >> 2);
-        const long step = t->stride[whose][nodes[b]];
+        const int to = row[b], mirror = position[ALL_NODES * b + NODES + a], other = mirror & 3;
+        double *at = t->values[to & 3] + (to >> 2), *transposed = t->values[other] + (mirror >> 2);
+        const long step = t->stride[other][nodes[b]];
         for (int i = 0; i < 3; ++i) {
           const double value = m->B[a][b][i][l] * (constrained ? free[b][i][l] : 1.0);
           at[i] += value;

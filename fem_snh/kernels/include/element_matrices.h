@@ -1,37 +1,13 @@
-/* The cells of one rank: their tables, their geometry, and where element matrices go.
- *
- * Sizes that the code generator defines: NODES, GEOMETRY_NODES and PRESSURE_NODES per cell, POINTS
- * per cell. Displacements are blocked, 3 per node; all node numbers are local to the rank. */
-
-typedef struct {
-  int cells;                 /* owned cells */
-  const int *nodes;          /* [cells][NODES] nodes of the displacement */
-  const int *geometry;       /* [cells][GEOMETRY_NODES] nodes of the geometry */
-  const double *x;           /* [.][3] reference coordinates */
-  const double *gradients;   /* [POINTS][NODES][3] d(basis)/d(reference coordinates) */
-  const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] */
-  const double *weights;     /* [POINTS] */
-  const double *constants;   /* of the material */
-  const int *pressure_nodes; /* [cells][PRESSURE_NODES] nodes of the pressure, if it is unknown */
-  const double *pressure_basis; /* [POINTS][PRESSURE_NODES] */
-} Cells;
-
-/* Where element matrices go: into the value arrays of an AIJ matrix's diagonal (0) and off-diagonal
- * (1) blocks, or (2) into rows that another rank owns. */
-typedef struct {
-  double *values[3];
-  const int *stride[3];      /* [nodes] values per row of a node */
-  const int *position;       /* [cells][ALL_NODES][ALL_NODES] 4 * offset of the first value + which block */
-  const double *free;        /* [nodes][3] 0 where the displacement is prescribed, else 1 */
-  const unsigned char *constrained; /* [cells] whether a node of the cell has a 0 there */
-} Target;
+/* Geometry, deformation gradient and element stiffness at the quadrature points of W cells, and the addition
+ * of element matrices to the global one. The structs Cells and MatrixTarget are in cell_api.h. */
 
 enum { ALL_NODES = NODES + PRESSURE_NODES };
 
-/* The reference gradients of the basis at point q of W cells, and the weights of their volumes. */
+/* Gradients G[NODES][3] of the basis in reference coordinates at quadrature point q, and the weight times
+ * |det dx/dxi|. */
 INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], int q, real *G, real *weight) {
   const double *dx = c->geometry_gradients + 3 * GEOMETRY_NODES * q, *d = c->gradients + 3 * NODES * q;
-  real T[9], K[9]; /* T[3 k + i] = dx_i/dxi_k; its columns' cross products make the inverse */
+  real T[9], K[9]; /* T[3 k + i] = dx_i/dxi_k; K its cofactors, det T times the inverse transpose */
   for (int k = 0; k < 3; ++k)
     for (int i = 0; i < 3; ++i) {
       real sum = splat(0);
@@ -48,7 +24,7 @@ INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], int 
   *weight = absolute(det) * c->weights[q];
 }
 
-/* H = grad u and F = I + H. The law gets both: F drops what of a small H is below its own rounding. */
+/* H = grad u and F = I + H. Both are needed: F has lost the digits of a small H (see small_strain.h). */
 INLINE void deformation_point(const real *G, const real u[NODES][3], real *F, real *H) {
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i) {
@@ -59,15 +35,15 @@ INLINE void deformation_point(const real *G, const real u[NODES][3], real *F, re
     }
 }
 
-/* J = det F, and dJ/dF by columns (paper, eq. 19). */
-INLINE real volume_point(const real *F, real *cofactor) {
+/* Returns J = det F; cofactor = cof F = dJ/dF by columns (Smith et al. 2018, eq. 19). */
+INLINE real determinant(const real *F, real *cofactor) {
   cross(F + 3, F + 6, cofactor);
   cross(F + 6, F, cofactor + 3);
   cross(F, F + 3, cofactor + 6);
   return dot(F, cofactor);
 }
 
-/* Nodal values of W cells; lanes past the last cell repeat it. */
+/* Load nodal values of W cells into lanes; lanes past the last cell repeat it. */
 #define GATHER(lanes, count, size, map, values)                            \
   for (int l = 0; l < W; ++l) {                                            \
     const long cell = start + l < c->cells ? start + l : c->cells - 1;     \
@@ -78,7 +54,7 @@ INLINE real volume_point(const real *F, real *cofactor) {
 
 enum { PAIRS = NODES * (NODES + 1) / 2 };
 
-/* K += G^T C G * weight, the blocks (a, b) with a <= b one after the other, row-major 3x3. */
+/* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. */
 INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   real *block = K;
   for (int b = 0; b < NODES; ++b) {
@@ -96,18 +72,18 @@ INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   }
 }
 
-/* Add the element matrix of lane l to the global one. */
-INLINE void scatter(const Target *t, const int *nodes, const int *position, const real *K, int l) {
+/* Add the element matrix of lane l to the global one: each block (a, b) and, transposed, (b, a). */
+INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l) {
   const double *block = (const double *)K + l;
   for (int b = 0; b < NODES; ++b)
     for (int a = 0; a <= b; ++a, block += 9 * W) {
-      const int to = position[ALL_NODES * a + b], which = to & 3, stride = t->stride[which][nodes[a]];
-      double *at = t->values[which] + (to >> 2);
+      const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
+      double *at = t->values[array] + (to >> 2);
       for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) at[(long)stride * i + j] += block[W * (3 * i + j)];
       if (a == b) continue;
-      const int back = position[ALL_NODES * b + a], whose = back & 3, step = t->stride[whose][nodes[b]];
-      at = t->values[whose] + (back >> 2);
+      const int mirror = position[ALL_NODES * b + a], other = mirror & 3, step = t->stride[other][nodes[b]];
+      at = t->values[other] + (mirror >> 2);
       for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) at[(long)step * i + j] += block[W * (3 * j + i)];
     }

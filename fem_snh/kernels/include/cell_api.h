@@ -1,0 +1,43 @@
+/* The C interface of the cell loops. The C compiler and cffi read this one file; Python fills the structs by
+ * field name. All node numbers are local to the rank; displacements have 3 components per node. */
+
+/* The cells that this rank owns, on one element. The sizes NODES, GEOMETRY_NODES, PRESSURE_NODES (per cell)
+ * and POINTS (quadrature points per cell) are macros that the code generator defines. */
+typedef struct {
+  int cells;                        /* number of cells */
+  const int *nodes;                 /* [cells][NODES] displacement nodes */
+  const int *geometry;              /* [cells][GEOMETRY_NODES] geometry nodes */
+  const double *x;                  /* [.][3] reference coordinates of the geometry nodes [m] */
+  const double *gradients;          /* [POINTS][NODES][3] d(basis)/d(reference cell coordinates) */
+  const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] the same of the geometry's basis */
+  const double *weights;            /* [POINTS] quadrature weights on the reference cell */
+  const double *constants;          /* the material's constants */
+  const int *pressure_nodes;        /* [cells][PRESSURE_NODES]; only if the pressure is an unknown */
+  const double *pressure_basis;     /* [POINTS][PRESSURE_NODES] basis values */
+} Cells;
+
+/* Where element matrices are added: the value arrays of an AIJ matrix's diagonal block (0) and off-diagonal
+ * block (1), and the rows owned by other ranks (2). */
+typedef struct {
+  double *values[3];
+  const int *stride[3];   /* [nodes] values per matrix row of a node */
+  const int *position;    /* [cells][n][n], n = NODES + PRESSURE_NODES: 4 * (offset of the node pair's first
+                             value) + (index 0, 1 or 2 of the array) */
+  const double *free;     /* [nodes][3] 0 where the displacement is prescribed, else 1 */
+  const unsigned char *constrained; /* [cells] 1 if a displacement component of the cell is prescribed */
+} MatrixTarget;
+
+/* The energy [J] of the cells; +inf if it is infinite at any point. `pressure` is NULL where it is no unknown. */
+double energy_cells(const Cells *c, const double *u, const double *pressure);
+
+/* r += dE/du [N] and r_p += dE/dp, at owned and ghost nodes. */
+void residual_cells(const Cells *c, const double *u, const double *pressure, double *r, double *r_p);
+
+/* Add the filtered Jacobian to `t`. `filter` and `solver` are positions in fem_snh.choices.FILTERS and
+ * EIGENSOLVERS. Returns the number of quadrature points where the exact material Hessian has a negative eigenvalue. */
+long jacobian_cells(const Cells *c, const double *u, const double *pressure, int filter, int solver,
+                    const MatrixTarget *t);
+
+/* fields[cells][5]: volume and deformed volume [m^3], smallest J, energy [J], smallest eigenvalue of the
+ * exact material Hessian [Pa]. */
+void fields_cells(const Cells *c, const double *u, const double *pressure, double *fields);
