@@ -43,8 +43,8 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes that are also properties are described once
 
-# docs/inventories holds the names that the pages cite (make.py there writes them): the site is built
-# without a network.
+# docs/inventories holds the names that the pages cite (make.py there writes them), so that the site
+# is built without a network.
 _SITES = {
     "dolfinx": "https://docs.fenicsproject.org/dolfinx/main/python/",
     "mpi4py": "https://mpi4py.readthedocs.io/en/stable/",

@@ -25,7 +25,9 @@ NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     ],
     "dolfinx": [
         ("py:class", "generated/dolfinx.fem.html#$", ("dolfinx.fem.Function",)),
-        ("py:class", "generated/dolfinx.mesh.html#$", ("dolfinx.mesh.Mesh", "dolfinx.mesh.MeshTags")),
+        ("py:class", "generated/dolfinx.mesh.html#$", (
+            "dolfinx.mesh.Mesh", "dolfinx.mesh.MeshTags",
+        )),
         ("py:module", "generated/dolfinx.io.gmshio.html#module-$", ("dolfinx.io.gmshio",)),
     ],
     "ufl": [
@@ -61,16 +63,11 @@ def write(project: str, folder: Path) -> None:
     for role, uri, names in NAMES[project]:
         domain, kind = role.split(":")
         for name in names:
-            inventory.objects.append(
-                DataObjStr(
-                    name=name,
-                    domain=domain,
-                    role=kind,
-                    priority="1",
-                    uri=uri,
-                    dispname=name.rpartition("/")[2] if "/" in name else "-",
-                )
+            shown = name.rpartition("/")[2] if "/" in name else "-"
+            entry = DataObjStr(
+                name=name, domain=domain, role=kind, priority="1", uri=uri, dispname=shown
             )
+            inventory.objects.append(entry)
     writebytes(str(folder / f"{project}.inv"), compress(inventory.data_file()))
 
 
