@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh import _dolfinx
 from fem_snh.fem import elements, mesh, ufl_forms
 from fem_snh.fem.numbering import Layout
@@ -43,7 +43,7 @@ def rows(
 
     ``material="all"``: a row per material on the first element, against stable_neo_hookean.
     """
-    chosen = words(elements)
+    chosen = split_list(elements)
     if material == "all":
         yield from compare(chosen[0], cells or CELLS.get(chosen[0], 8), repeat)
         return

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from benchmarks.manufactured import bent_cube
 from benchmarks.quadrature import dense, spurious_modes
 from fem_snh.fem.elements import ELEMENTS, Element, element
@@ -36,14 +36,16 @@ def rows(
         uniaxial state of each stretch, sides free: where it is negative, the cells buckle.
     newton, energy, min_J : of the twist's two quarter turns at nu = 0.49.
     """
-    for name in words(elements) or ELEMENTS:
+    for name in split_list(elements) or ELEMENTS:
         kind = element(name)
         mixed = kind.volume != "pointwise"
-        for bound in words(bounds) if mixed else [""]:
+        for bound in split_list(bounds) if mixed else [""]:
             with split_at(float(bound) if mixed else None):
                 row: Row = {"element": name, "bound": float(bound) if mixed else None}
                 row["spurious"] = spurious_modes(kind, bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.02))
-                row["least"] = {s: least_eigenvalue(kind, float(s), nu) for s in words(stretches)}
+                row["least"] = {
+                    s: least_eigenvalue(kind, float(s), nu) for s in split_list(stretches)
+                }
                 yield row | twist(kind, cells or (3 if kind.degree == 2 else 6), hessian)
 
 

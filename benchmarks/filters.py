@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh import solver
 from fem_snh.errors import choose
 from fem_snh.fem import mesh
@@ -53,11 +53,11 @@ def rows(
     failed : seeds given up. better : seeds for which abs took fewer iterations than clamp.
     states : how many different energies the seeds and filters ended at.
     """
-    for name in words(elements):
-        for case in words(cases):
-            for nu in words(nus):
-                for n in words(cells):
-                    yield compare(name, case, float(nu), int(n), seeds, noise, words(hessians))
+    for name in split_list(elements):
+        for case in split_list(cases):
+            for nu in split_list(nus):
+                for n in split_list(cells):
+                    yield compare(name, case, float(nu), int(n), seeds, noise, split_list(hessians))
 
 
 def compare(

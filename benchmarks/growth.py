@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.studies.tradeoff.knobs import SOLVERS
@@ -27,10 +27,10 @@ def rows(
     The stretch's first frame: 20 % in one step, every linear solve to ``tolerance``. Direct solves
     on at most ``most`` cells. seconds : of the step, a Newton step.
     """
-    chosen = [choose("solver", name, _SOLVERS) for name in words(solvers)] or list(_SOLVERS)
-    meshes = [int(number) for number in words(str(cells))]
+    chosen = [choose("solver", name, _SOLVERS) for name in split_list(solvers)] or list(_SOLVERS)
+    meshes = [int(number) for number in split_list(str(cells))]
     plan = [(number, 0.49) for number in meshes]
-    plan += [(meshes[min(1, len(meshes) - 1)], float(nu)) for nu in words(str(nus))]
+    plan += [(meshes[min(1, len(meshes) - 1)], float(nu)) for nu in split_list(str(nus))]
     for number, nu in dict.fromkeys(plan):
         for name in chosen:
             if name == "direct" and number > most:

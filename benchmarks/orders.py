@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import log
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from benchmarks.manufactured import Manufactured
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS, element
@@ -29,10 +29,10 @@ def rows(
         from mesh to mesh.
     shear, swell : see `Manufactured`; swell = 0 is the same displacement at every nu, J = 1.
     """
-    for name in words(elements) or ELEMENTS:
+    for name in split_list(elements) or ELEMENTS:
         kind = element(name)
-        meshes = [int(n) for n in words(cells or CELLS[kind.degree])]
-        for nu in map(float, words(nus)):
+        meshes = [int(n) for n in split_list(cells or CELLS[kind.degree])]
+        for nu in map(float, split_list(nus)):
             if nu < 0.5 or kind.volume == "pressure":
                 yield {"element": name, "nu": nu} | _errors(name, meshes, nu, shear, swell)
 

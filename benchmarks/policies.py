@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.errors import choose
@@ -111,12 +111,12 @@ def rows(
         need a good preconditioner: ``factors`` gives every policy trust's, for its own.
     newton : None where a seed was given up after ``most``.
     """
-    for case in words(cases):
-        for nu in words(nus):
-            for n in words(cells):
+    for case in split_list(cases):
+        for nu in split_list(nus):
+            for n in split_list(cells):
                 p = create(case, float(nu), int(n))
-                for hessian in words(hessians):
-                    for extra in words(corrections):
+                for hessian in split_list(hessians):
+                    for extra in split_list(corrections):
                         row: Row = {"case": case, "nu": float(nu), "cells": int(n)}
                         row |= {"ranks": p.comm.size, "hessian": hessian, "allowed": int(extra)}
                         settings: dict[str, Any] = TIGHT | (ICC if factors else {})

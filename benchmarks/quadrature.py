@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from benchmarks.assembly import times
 from benchmarks.manufactured import Manufactured, bent_cube
 from fem_snh import _dolfinx
@@ -36,10 +36,10 @@ def rows(
     newton : ... iterations to it; None where it was not found.
     cost : processor time of the clamped Jacobian in units of the default's.
     """
-    for name in words(elements) or ELEMENTS:
+    for name in split_list(elements) or ELEMENTS:
         default = element(name)
         for degree in degrees(default):
-            yield measure(default, degree, [float(nu) for nu in words(nus)], cells, repeat)
+            yield measure(default, degree, [float(nu) for nu in split_list(nus)], cells, repeat)
 
 
 def degrees(default: Element) -> list[int]:

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks import Row, words
+from benchmarks import Row, search_path, split_list
 from fem_snh.errors import choose
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.processes import Child, program
-from fem_snh.studies.scene_points import arguments
+from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.table import read_record
 
-#: What `fem-snh run` is given (None: `benchmarks.tutorial` instead), and of the load steps
+#: What `fem-snh run` is given (None: `benchmarks.fenicsx_tutorial` instead), and of the load steps
 #: that are asked for one in how many is taken.
 WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
     "ours": ({}, 1),
@@ -52,9 +52,9 @@ def rows(
     to_ours : its seconds over ours, as far as both have come. Seconds are those of the load steps,
     without meshing and compilation. Residuals are in E V^(2/3).
     """
-    for number in words(str(cells)):
+    for number in split_list(str(cells)):
         ours: dict[str, Any] | None = None
-        for way in [choose("way", w, WAYS) for w in words(ways)] or WAYS:
+        for way in [choose("way", w, WAYS) for w in split_list(ways)] or WAYS:
             given, one_in = WAYS[way]
             settings = {"cells": int(number), "nu": nu, "steps": max(steps // one_in, 1)}
             record, ended = _run(given, settings, int(ranks), timeout, memory)
@@ -75,19 +75,19 @@ def _run(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if way is None:
-            start = program(ranks, "benchmarks.tutorial")
+            start = program(ranks, "benchmarks.fenicsx_tutorial")
             command = [*start, str(folder), json.dumps({"scene": "stretch"} | settings)]
         else:
             values = {key: value for key, value in way.items() if key != "petsc"}
             petsc = way.get("petsc", {})
             command = [
                 *program(ranks),
-                *arguments("stretch", folder / "out", settings | values, petsc),
+                *run_arguments("stretch", folder / "out", settings | values, petsc),
             ]
             folder = folder / "out"
         with Interrupts() as interrupts:  # Ctrl-C does not reach a child: it has its own session
             with interrupts.undivided():
-                child = Child(command, Path(name, "log.txt"), timeout, memory)
+                child = Child(command, Path(name, "log.txt"), timeout, memory, search_path())
             try:
                 while child.poll() is None:
                     time.sleep(0.1)
@@ -95,7 +95,7 @@ def _run(
                 child.end()
         record = read_record(folder)
         said = Path(name, "log.txt").read_text().strip().splitlines()
-    ended = child.given_up or ("converged" if record.get("converged") else "")
+    ended = child.limit_reached or ("converged" if record.get("converged") else "")
     return record, ended or record.get("status") or (said[-1] if said else "failed")
 
 

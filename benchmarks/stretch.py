@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh.runs import run
 
 #: Volume change [%] at nu = 0.49, stretch 3.4 (paper, section 6). The cylinder's proportions are
@@ -27,8 +27,8 @@ def rows(
     aspect: float = 1.0,
 ) -> Iterator[Row]:
     """One row per element and material; ok if it converged without a halved step."""
-    for element in words(elements):
-        for material in words(materials) or PAPER:
+    for element in split_list(elements):
+        for material in split_list(materials) or PAPER:
             result = run(
                 "stretch",
                 material=material,

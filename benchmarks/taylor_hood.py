@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh.errors import choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.runs import run
@@ -30,16 +30,16 @@ def rows(
 
     linear : iterations a Newton step, by nu; growth : the last one over the first one.
     """
-    names = words(elements) or [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
+    names = split_list(elements) or [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
     petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} if tolerance else {}
-    for scene in words(scenes):
+    for scene in split_list(scenes):
         meshes, settings = SCENES[choose("scene", scene, SCENES)]
         for element in names:
             for cells in meshes:
                 row: Row = {"scene": scene, "element": element, "cells": cells}
                 row |= {"tolerance": tolerance, "newton": {}, "linear": {}}
                 good = True
-                for nu in words(nus):
+                for nu in split_list(nus):
                     options: dict[str, Any] = {
                         "element": element,
                         "cells": cells,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmarks import Row, words
+from benchmarks import Row, split_list
 from fem_snh.runs import run
 
 #: The paper's iterations for the two quarter turns, to a looser tolerance.
@@ -26,7 +26,7 @@ def rows(
 
     steps : of equal angles to half a turn; one fails after ``most`` Newton iterations.
     """
-    for hessian in words(hessians):
+    for hessian in split_list(hessians):
         options = {"snes_scaled_tol": tolerance, "snes_max_it": most}
         settings: dict[str, Any] = {"cells": cells, "nu": nu, "steps": steps, "hessian": hessian}
         result = run("twist", **settings, petsc=options, progress=False)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.eigensolver_accuracy import stretches
+from benchmarks.eigensolvers import stretches
 from fem_snh import materials
 from fem_snh.kernels.pointwise import Material, material
 

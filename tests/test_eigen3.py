@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from points import KINDS, every_kind, law, rotations, spread
 
-from benchmarks import eigensolver_accuracy as study
+import benchmarks
+from benchmarks import eigensolvers as study
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.pointwise import eigen3
@@ -105,7 +106,7 @@ def test_jacobi_keeps_the_digits_of_graded_matrices():
 
 @pytest.fixture(scope="module")
 def records() -> list[dict]:
-    return list(study.eigensolvers(samples=12, points=800))
+    return list(study.rows(samples=12, points=800))
 
 
 def test_both_of_ours_are_exact_and_the_printed_formulas_are_not(records):
@@ -126,13 +127,13 @@ def test_the_default_costs_less(records):
 
 
 def test_output_and_table(records, capsys):
-    assert study.main(samples=2, points=16) == 0
+    assert benchmarks.main("eigensolvers", {"samples": 2, "points": 16}) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [set(line) for line in lines] == [set(r) for r in records]
-    assert study.main(samples=2, points=16, markdown=True) == 0
-    head, _, *rows = capsys.readouterr().out.splitlines()
-    page = Path(__file__).parents[1] / "docs" / "results" / "eigensolver.md"
-    text = page.read_text(encoding="utf-8")
+    assert [set(line) for line in lines] == [{"bench", *r} for r in records]
+    head, _, *rows = study.table(records).splitlines()
+    text = (Path(__file__).parents[1] / "docs" / "results" / "eigensolver.md").read_text(
+        encoding="utf-8"
+    )
     assert head in text
     for row in rows:
         assert f"\n| {row.split(' | ')[0].removeprefix('| ')} |" in text

@@ -19,7 +19,7 @@ def test_meshes_are_found_where_the_package_is_installed() -> None:
 
 def test_wheel_holds_every_source(tmp_path: Path) -> None:
     source = tmp_path / "source"
-    for folder in ("fem_snh", "meshes"):
+    for folder in ("fem_snh", "meshes", "benchmarks"):
         shutil.copytree(
             ROOT / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -38,3 +38,5 @@ def test_wheel_holds_every_source(tmp_path: Path) -> None:
         if p.suffix in {".py", ".h", ".geo"}
     }
     assert wanted <= inside, wanted - inside
+    # What measures the program, and what injects faults into it, is not installed.
+    assert not [name for name in inside if {"benchmarks", "faults"} & set(Path(name).parts)]

@@ -25,7 +25,7 @@ from points import (
     vec,
 )
 
-from benchmarks.eigensolver_accuracy import cubic_coefficients, cubic_vector, paper_terms
+from benchmarks.eigensolvers import cubic_coefficients, cubic_vector, paper_terms
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels.pointwise import Material, svd
 from fem_snh.materials.energy import Energy

@@ -10,7 +10,8 @@ from mpi4py import MPI
 import pytest
 
 import benchmarks
-from benchmarks import Row, references
+from benchmarks import Row
+from benchmarks.page_tables import markers
 from benchmarks.references import GROUPS, compare
 from benchmarks.references.block import block
 from benchmarks.references.cook import cook, cook_locking, cook_locking_free
@@ -28,6 +29,8 @@ QUICK: dict[str, Callable[[], Iterator[Row]]] = {
     "plane_strain": plane_strain,
     "torsion": lambda: torsion("Q2Q1", cells=4),
 }
+
+BEGIN, END = markers("references")
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -78,7 +81,7 @@ def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setitem(GROUPS, "two", two)
     page = folder / "page.md"
-    page.write_text(f"above\n{references.BEGIN}\nold\n{references.END}\nbelow\n")
+    page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n")
     for _ in range(2):  # what is made anew is the same
         assert benchmarks.main("references", {"only": "two", "write": str(page)}) == 1
         text = page.read_text()
@@ -92,7 +95,7 @@ def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_the_page_has_every_group() -> None:
     """docs/results/references.md is of this program: its rows name every group's sources."""
     page = (Path(__file__).parent.parent / "docs" / "results" / "references.md").read_text()
-    assert references.BEGIN in page and references.END in page
+    assert BEGIN in page and END in page
     for row in (*uniaxial("P2P1"), *block(finest=4)):
         assert f"| {row['what']} | {row['source']} |" in page
 

@@ -18,11 +18,12 @@ import pytest
 from fem_snh import scenes
 from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
-from fem_snh.studies.campaign import Campaign, Limits, Point
-from fem_snh.studies.processes import Child, _session, environment, program
-from fem_snh.studies.scene_points import ScenePoint, arguments
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.point import Limits, Point
+from fem_snh.studies.processes import Child, environment, program
+from fem_snh.studies.scene_points import ScenePoint, run_arguments
 from fem_snh.studies.sweep import combinations, sweep
-from fem_snh.studies.table import ASKED, FOUND, Table
+from fem_snh.studies.table import MEASURED, REQUESTED, Table
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 
@@ -49,7 +50,9 @@ def test_points_are_named_by_what_differs() -> None:
 
 
 def test_a_point_is_a_command_line() -> None:
-    words = arguments("twist", Path("d"), {"nu": -0.1, "material": "a"}, {"ksp_rtol": 1, "v": None})
+    words = run_arguments(
+        "twist", Path("d"), {"nu": -0.1, "material": "a"}, {"ksp_rtol": 1, "v": None}
+    )
     assert words[:2] == ["run", "twist"] and "--set=nu=-0.1" in words
     assert words[words.index("--") :] == ["--", "-ksp_rtol", "1", "-v"]
 
@@ -82,7 +85,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame]:
 
 def test_sweep_is_a_tidy_table_and_a_picture(done: tuple[Path, pd.DataFrame]) -> None:
     out, table = done
-    assert list(table.columns) == ["point", *ASKED, "angle", "ranks", *FOUND]
+    assert list(table.columns) == ["point", *REQUESTED, "angle", "ranks", *MEASURED]
     assert len(table) == 4 and table["converged"].all() and (table["newton"] > 0).all()
     assert set(table["nu"]) == {0.3, 0.45} and table["num_cells"].eq(8).all()
     assert not table.isna().any().any()
@@ -157,7 +160,7 @@ def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
     child = Child([*mpirun, sys.executable, "-c", stubborn], tmp_path / "log.txt", timeout=1)
     while child.poll() is None:
         time.sleep(0.1)
-    assert child.given_up == "given up after 1 s" and not _session(child._process.pid)
+    assert child.limit_reached == "given up after 1 s" and not child.processes()
 
 
 def test_children_have_a_folder_for_files_each(tmp_path: Path) -> None:
@@ -179,19 +182,19 @@ def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
     child = Child(words, tmp_path / "log.txt", timeout=30, memory=0.5)
     while child.poll() is None:
         time.sleep(0.05)
-    assert child.given_up == "given up above 0.5 GiB" and not _session(child._process.pid)
+    assert child.limit_reached == "given up above 0.5 GiB" and not child.processes()
     alone = Child([sys.executable, "-c", hungry], tmp_path / "log.txt", timeout=1.5, memory=0.5)
     while alone.poll() is None:
         time.sleep(0.05)
-    assert alone.given_up == "given up after 1.5 s"
+    assert alone.limit_reached == "given up after 1.5 s"
 
 
 def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
     """A finer mesh than one that was given up, or than one that took too long by itself."""
     scene = scenes.load("twist", **TINY)
     said: list[str] = []
-    campaign = Campaign(
-        tmp_path, "study", {}, ["point", *ASKED, *FOUND], Limits(2, timeout=0.05),
+    batch = Batch(
+        tmp_path, "study", {}, ["point", *REQUESTED, *MEASURED], Limits(2, timeout=0.05),
         report=said.append,
     )  # fmt: skip
     points = {
@@ -201,8 +204,8 @@ def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
         "d": ScenePoint("twist", TINY, scene, timeout=60.0),
         "e": ScenePoint("twist", TINY, scene, timeout=60.0, after="d", growth=1e6),
     }
-    campaign.run(points)
-    status = {row["point"]: row["status"] for row in campaign.table.rows()}
+    batch.run(points)
+    status = {row["point"]: row["status"] for row in batch.table.rows()}
     assert status.pop("a") == "given up after 0.05 s"
     assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
     assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
@@ -215,22 +218,22 @@ class Echo(Point):
     module = "calendar"
     parallel = False
 
-    def words(self, folder: Path) -> list[str]:
+    def arguments(self, folder: Path) -> list[str]:
         return ["2018"]
 
-    def asked(self) -> Mapping[str, Any]:
+    def requested(self) -> Mapping[str, Any]:
         return {"scene": "none"}
 
-    def found(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
+    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
         said = log.read_text().split()
         return {"converged": code == 0 and not record, "status": said[0], "seconds": None}
 
 
 def test_a_point_may_be_any_command(tmp_path: Path) -> None:
     columns = ["point", "ranks", "scene", "converged", "status", "seconds", "extra"]
-    campaign = Campaign(tmp_path, "study", {}, columns, Limits(ranks=2), report=lambda line: None)
-    campaign.run({"a": Echo()}, lambda record, row: {"extra": row["status"] + "!"})
-    (row,) = campaign.table.rows()
+    batch = Batch(tmp_path, "study", {}, columns, Limits(ranks=2), report=lambda line: None)
+    batch.run({"a": Echo()}, lambda record, row: {"extra": row["status"] + "!"})
+    (row,) = batch.table.rows()
     assert float(row.pop("seconds")) > 0
     assert list(row.values()) == ["a", "1", "none", "True", "2018", "2018!"]
 

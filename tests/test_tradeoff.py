@@ -15,13 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks import tradeoff_tables
 from fem_snh import plots, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.fem import gmsh_input
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.processes import environment
-from fem_snh.studies.tradeoff import accuracy, advice, errors, page
+from fem_snh.studies.tradeoff import accuracy, advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, differs, middle, resolutions
 from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS, Choice, positions
 from fem_snh.studies.tradeoff.reference import (
@@ -444,7 +445,7 @@ def test_tables_of_the_package(scene: str) -> None:
 
 def test_a_page_is_filled_from_its_tables() -> None:
     table = assessed()
-    kinds = {kind: page.TABLES[kind](table) for kind in page.TABLES}
+    kinds = {kind: tradeoff_tables.TABLES[kind](table) for kind in tradeoff_tables.TABLES}
     assert "| Q1 | 8 | 512 | 25 % |" in kinds["locking"]
     assert "| Q1 | 5 % | never |\n" in kinds["price"]
     assert "| Q2Q1 | 5 % | 0.08 (2) |\n" in kinds["price"]
@@ -452,11 +453,15 @@ def test_a_page_is_filled_from_its_tables() -> None:
     assert "| 0.3 | Q2Q1 | 4 | clamp | 1 | 1 | x 1.6 | 1e-05 |" in kinds["knobs"]
     assert "| 0.3 | Q2Q1 | 4 |  | 1, x 1.6 |  | 1, x 1 |" in kinds["filters"]
     text = "a\n<!-- table: hand price -->\nold\n<!-- end -->\nb\n"
-    filled = page.fill(text, {"hand": table})
-    assert filled == text.replace("old", kinds["price"]) == page.fill(filled, {"hand": table})
+    filled = tradeoff_tables.fill(text, {"hand": table})
+    assert (
+        filled
+        == text.replace("old", kinds["price"])
+        == tradeoff_tables.fill(filled, {"hand": table})
+    )
     for wrong in ("hans price", "hand prize"):
         with pytest.raises(BadInput, match=r"did you mean '(hand|price)'"):
-            page.fill(text.replace("hand price", wrong), {"hand": table})
+            tradeoff_tables.fill(text.replace("hand price", wrong), {"hand": table})
 
 
 @pytest.mark.parametrize("scene", ["cook", "stretch", "twist"])

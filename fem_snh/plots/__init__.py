@@ -53,7 +53,7 @@ def _table_in(path: Path) -> Path:
 
 def _table_figure(path: Path) -> Figure:
     table = read_table(path)
-    if "holds" in table:
+    if "passed" in table:
         return newton_figure(table, path)
     if "error_displacement" in table:
         return tradeoff_figure(table, path)

@@ -1,4 +1,4 @@
-"""Newton iterations of many runs: a histogram for each family of cases."""
+"""Histograms of Newton iterations, one for each family of `fem-snh extremes`."""
 
 from __future__ import annotations
 
@@ -16,25 +16,34 @@ _BINS = 24
 
 
 def newton_figure(table: pd.DataFrame, path: Path) -> Figure:
-    """How many cases took how many Newton iterations, those that do not hold in another colour.
+    """Return a histogram of Newton iterations for each family, failed cases in other colours.
 
-    A panel for each family that has Newton iterations. BadInput for a table without any.
+    Parameters
+    ----------
+    table : the rows of an extremes.csv.
+    path : of the table, for messages.
+
+    Raises
+    ------
+    BadInput
+        If the table is not of extremes or has no Newton iterations.
     """
-    missing = [c for c in ("family", "newton", "holds", "must") if c not in table]
+    missing = [c for c in ("family", "newton", "passed", "expected") if c not in table]
     if missing:
         raise BadInput(f"{path}: not a table of extremes: has no column {', '.join(missing)}")
     rows = table[table["newton"].notna() & (table["newton"] > 0)]
     if rows.empty:
-        raise BadInput(f"{path}: holds no Newton iteration yet")
+        raise BadInput(f"{path}: has no Newton iterations yet")
     families = list(dict.fromkeys(rows["family"]))
     figure, axes = subplots(len(families))
     for family, ax in zip(families, axes, strict=True):
         mine = rows[rows["family"] == family]
+        required = mine["expected"] == "pass"
         edges = np.geomspace(1, max(2.0, 1.05 * rows["newton"].max()), _BINS + 1)
         groups = {
-            "holds": mine[mine["holds"]],
-            "does not hold": mine[~mine["holds"] & mine["must"]],
-            "does not, and need not": mine[~mine["holds"] & ~mine["must"]],
+            "passed": mine[mine["passed"]],
+            "failed": mine[~mine["passed"] & required],
+            "failed, as it may": mine[~mine["passed"] & ~required],
         }
         ax.hist(
             [group["newton"] for group in groups.values()],

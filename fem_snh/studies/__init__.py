@@ -1,1 +1,1 @@
-"""Studies: many runs, one tidy table."""
+"""Studies: many runs of scenes in processes of their own, collected in one table."""

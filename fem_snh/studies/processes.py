@@ -1,4 +1,4 @@
-"""Runs in processes of their own: started with a log, ended as a whole with all their ranks."""
+"""Child processes of studies: started with a log file, ended together with all their MPI ranks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
+
+import psutil
 
 from fem_snh.errors import BadInput
 
@@ -22,50 +25,68 @@ _SHARING = {
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
 }
 _ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-_GRACE = 5.0  # seconds between the request to end and the end
-_LOOK = 0.25  # seconds between two looks at the memory
+#: Environment variables that tell a process its rank: Open MPI, PMIx, MPICH.
+_RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+#: Seconds between SIGTERM and SIGKILL.
+_GRACE = 5.0
+#: Seconds between two measurements of the memory.
+_MEMORY_INTERVAL = 0.25
 
 
 def environment() -> dict[str, str]:
-    """This process's environment for a child that starts its own MPI.
+    """Return this process's environment for a child that starts its own MPI.
 
-    If we are a rank ourselves, what our launcher told us is taken out: a child that inherits it
-    believes to be our rank, and hangs.
+    If this process is an MPI rank itself, the variables of its launcher are removed: a child that
+    inherits them takes itself for that rank, and hangs.
     """
     env = dict(os.environ)
     if _is_rank():
-        ours = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
+        launcher = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
         kept = {*_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's own
-        env = {key: v for key, v in env.items() if not key.startswith(ours) or key in kept}
+        env = {key: v for key, v in env.items() if not key.startswith(launcher) or key in kept}
     if os.geteuid() == 0:
         env = _ROOT | env
     return _SHARING | env
 
 
 def _is_rank() -> bool:
+    """Return whether this process is an MPI rank."""
     return any(key in os.environ for key in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"))
 
 
 def program(ranks: int, module: str = "fem_snh") -> list[str]:
-    """The words that start a module on this many ranks. BadInput without mpirun."""
+    """Return the command that starts a module on ``ranks`` MPI ranks.
+
+    Raises
+    ------
+    BadInput
+        If more than one rank is asked for and there is no mpirun.
+    """
     python = [sys.executable, "-m", module]
     if ranks == 1:
         return python
     mpirun = shutil.which("mpirun")
     if mpirun is None:
-        raise BadInput(f"ranks = {ranks}: there is no mpirun on the PATH; install one, or use 1")
+        raise BadInput(f"ranks = {ranks}: expected 1, as there is no mpirun on the PATH")
     return [mpirun, "-n", str(ranks), *python]
 
 
 class Child:
     """A running command whose output goes to a log file, within limits of time and memory.
 
-    Memory [GiB] is what all its processes have in RAM together, looked at a few times a second:
-    unlike an rlimit it holds for the ranks that mpirun starts, and for their sum.
+    Parameters
+    ----------
+    command : the command and its arguments.
+    log : file for its standard output and error.
+    timeout : seconds after which it is ended.
+    memory : resident memory of all its processes together above which it is ended [GiB]. Unlike an
+        rlimit this holds for the ranks that mpirun starts, and for their sum.
+    variables : environment variables in addition to those of `environment`.
 
-    Attributes:
-        given_up: which limit ended it, in words; empty if none did.
-        seconds: how long it has run, or ran until it was seen to have ended.
+    Attributes
+    ----------
+    limit_reached : the limit that ended it, as text; empty if none did.
+    seconds : running time so far, or until its end was noticed.
     """
 
     def __init__(
@@ -74,14 +95,15 @@ class Child:
         log: Path,
         timeout: float | None = None,
         memory: float | None = None,
+        variables: Mapping[str, str] | None = None,
     ) -> None:
         self.timeout, self.memory = timeout, memory
-        self.given_up = ""
+        self.limit_reached = ""
         self.seconds = 0.0
         self._start = time.monotonic()
-        self._looked = 0.0
-        # Open MPI's files apart from those of jobs that end or begin just now: they share a folder
-        # that the last one removes, and one that begins finds missing.
+        self._memory_measured = 0.0
+        # Open MPI keeps its session files in TMPDIR and removes that folder when the last job ends:
+        # each child has its own, so that no job removes it while another one starts.
         self._files = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
         with log.open("w") as file:
             self._process = subprocess.Popen(
@@ -89,96 +111,96 @@ class Child:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
-                env=environment() | {"TMPDIR": self._files.name},
+                env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
                 start_new_session=True,
             )
-        if _is_rank():  # we are bound to a core or so: our children need not share it
+        if _is_rank():  # mpirun may have bound this rank to one core; the child may use them all
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
     def ranks(self) -> list[int]:
-        """The ids of its living ranks, the first one's first; a single process is its own rank."""
-        told = [(_rank(pid), pid) for pid in _session(self._process.pid)]
-        found = sorted((rank, pid) for rank, pid in told if rank is not None)
-        return [pid for _, pid in found] or [self._process.pid]
+        """Return the process ids of its running MPI ranks, rank 0 first.
+
+        A process that mpirun has not started counts as its own only rank.
+        """
+        pairs = [(_rank(process), process.pid) for process in self.processes()]
+        numbered = sorted((rank, pid) for rank, pid in pairs if rank is not None)
+        return [pid for _, pid in numbered] or [self._process.pid]
 
     def signal(self, number: int) -> None:
-        """Send a signal to the launcher, or the only process."""
+        """Send a signal to the launcher, or to the only process."""
         self._process.send_signal(number)
 
     def poll(self) -> int | None:
-        """The exit code (negative: a signal), or None while it runs; ends it at its limits."""
+        """Return the exit code (negative: a signal), or None while it runs; enforce the limits."""
         code = self._process.poll()
         if code is None or not self.seconds:
             self.seconds = time.monotonic() - self._start
-        if code is None and (limit := self._limit()):
-            self.given_up = limit
+        if code is None and (limit := self._exceeded_limit()):
+            self.limit_reached = limit
             self.end()
             code = self._process.wait()
         if code is not None:
             self._files.cleanup()
         return code
 
-    def _limit(self) -> str:
-        """The limit that it has reached, in words, or nothing."""
+    def _exceeded_limit(self) -> str:
+        """Return the limit that is exceeded, as text, or an empty text."""
         if self.timeout and self.seconds > self.timeout:
             return f"given up after {self.timeout:g} s"
-        if self.memory and self.seconds > self._looked + _LOOK:
-            self._looked = self.seconds
-            if _resident(self._process.pid) > self.memory:
+        if self.memory and self.seconds > self._memory_measured + _MEMORY_INTERVAL:
+            self._memory_measured = self.seconds
+            if sum(map(_resident, self.processes())) / 2**30 > self.memory:
                 return f"given up above {self.memory:g} GiB"
         return ""
 
     def end(self) -> None:
-        """Ask, wait a little, then kill: the launcher and every rank it started."""
+        """Terminate the launcher; after a grace period kill every process of the session."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
                 self._process.wait(_GRACE)
             except subprocess.TimeoutExpired:
                 pass
-        late = time.monotonic() + _GRACE
-        while (left := _session(self._process.pid)) and time.monotonic() < late:
-            for pid in left:
+        deadline = time.monotonic() + _GRACE
+        while (remaining := self.processes()) and time.monotonic() < deadline:
+            for process in remaining:
                 try:
-                    os.kill(pid, signal.SIGKILL)
-                except ProcessLookupError:
+                    process.send_signal(signal.SIGKILL)
+                except psutil.NoSuchProcess:
                     pass
             time.sleep(0.01)
         self._process.wait()
 
+    def processes(self) -> list[psutil.Process]:
+        """Return the living processes of its session.
 
-def _resident(leader: int) -> float:
-    """What the processes of a session have in RAM [GiB], pages that they share counted for each."""
-    pages = 0
-    for pid in _session(leader):
-        try:
-            pages += int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-        except (OSError, IndexError):
-            continue  # it has just ended
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**30
+        mpirun gives each rank a process group of its own but leaves it in the session, and a rank
+        whose parent has died is no longer among the parent's children.
+        """
+        found = []
+        for process in psutil.process_iter():
+            try:
+                same = os.getsid(process.pid) == self._process.pid
+                if same and process.status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD):
+                    found.append(process)
+            except (ProcessLookupError, PermissionError, psutil.Error):
+                continue  # it has just ended, or belongs to the system
+        return found
 
 
-def _rank(pid: int) -> int | None:
-    """Which rank a process is, by what its launcher told it."""
+def _resident(process: psutil.Process) -> int:
+    """Return the resident memory of a process [B]; pages that are shared count for each process."""
     try:
-        told = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-    except OSError:
+        return int(process.memory_info().rss)
+    except psutil.Error:
+        return 0  # it has just ended
+
+
+def _rank(process: psutil.Process) -> int | None:
+    """Return the MPI rank of a process from its environment."""
+    try:
+        variables = process.environ()
+    except psutil.Error:
         return None  # it has just ended
-    for key in (b"OMPI_COMM_WORLD_RANK=", b"PMIX_RANK=", b"PMI_RANK="):
-        for word in told:
-            if word.startswith(key):
-                return int(word.removeprefix(key))
-    return None
-
-
-def _session(leader: int) -> list[int]:
-    """The living processes of a session: mpirun gives its ranks groups of their own, but in it."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
-        except OSError:
-            continue  # it has just ended
-        if int(session) == leader and state not in "ZX":
-            found.append(int(stat.parent.name))
-    return found
+    values = [variables[key] for key in _RANK_VARIABLES if key in variables]
+    return int(values[0]) if values else None

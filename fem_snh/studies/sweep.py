@@ -1,9 +1,10 @@
-"""A scene for every combination of some values: one process per point, one row per point.
+"""Run a scene for every combination of some values: one process per point, one row per point.
 
     >>> table = sweep("twist", "out/nu", {"nu": [0.3, 0.45, 0.49], "cells": 6}, jobs=2)
 
-The folder holds sweep.json (what was asked), sweep.csv (a row the moment a point ends), sweep.png
-and a run folder for each point with its log. Call it again and it goes on where it was ended.
+The folder holds sweep.json (the definition), sweep.csv (a row is appended when a point ends),
+sweep.png and one folder per point with its run and its log. An interrupted sweep continues when it
+is called again.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
-from fem_snh.studies.campaign import Campaign, Limits
-from fem_snh.studies.scene_points import ScenePoint, digests, text
-from fem_snh.studies.table import ASKED, FOUND
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.point import Limits
+from fem_snh.studies.scene_points import ScenePoint, file_digests, value_text
+from fem_snh.studies.table import MEASURED, REQUESTED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,26 +39,34 @@ def sweep(
     petsc: Mapping[str, Any] | None = None,
     report: Callable[[str], None] = print,
 ) -> pd.DataFrame:
-    """Run every combination of ``axes`` and return the table: sweep.csv, one row per point.
+    """Run every combination of ``axes`` and return the table, sweep.csv.
 
-    A point that fails (does not converge, crashes, takes too long) is a row with its reason, and
-    the others go on.
+    A point that fails (does not converge, crashes, takes too long) is a row with its reason; the
+    others continue.
 
-    Args:
-        scene: a name or a .toml file.
-        out: the folder; a sweep that was begun there goes on.
-        axes: a list of values (or one value) for each key, as `fem_snh.scenes.load` knows them.
-        jobs: points at a time.
-        ranks: MPI ranks of each point.
-        timeout: seconds after which a point is given up.
-        memory: GiB of RAM above which it is.
-        retry: run the failed points of an earlier call again.
-        overwrite: begin anew, whatever ``out`` holds of an earlier sweep.
-        petsc: PETSc options for every point, without the dash.
-        report: gets one line per point.
+    Parameters
+    ----------
+    scene : a name or a .toml file.
+    out : the folder; a sweep that it holds is continued.
+    axes : a list of values (or one value) for each key of `fem_snh.scenes.load`.
+    jobs : points at a time.
+    ranks : MPI ranks of each point.
+    timeout : seconds after which a point is given up.
+    memory : resident memory above which a point is given up [GiB].
+    retry : run again the points of earlier calls that failed.
+    overwrite : delete an earlier sweep in ``out``.
+    petsc : PETSc options of every point, without the dash.
+    report : called with one line per point.
 
-    Raises:
-        BadInput: before anything runs: a bad value, or another sweep in ``out``.
+    Returns
+    -------
+    pandas.DataFrame
+        One row per point.
+
+    Raises
+    ------
+    BadInput
+        Before anything runs: for a bad value, or if ``out`` holds another sweep.
     """
     limits = Limits(jobs, ranks, timeout, memory)
     lists = {key: list(v) if isinstance(v, list | tuple) else [v] for key, v in axes.items()}
@@ -65,35 +75,35 @@ def sweep(
         name: ScenePoint(scene, values, scenes.load(scene, **values), options)
         for name, values in combinations(lists).items()
     }
-    files = digests(scene, (point.scene for point in points.values()))
-    extra = [key for key in lists if key not in (*ASKED, *FOUND)]
-    campaign = Campaign(
+    files = file_digests(scene, (point.scene for point in points.values()))
+    extra = [key for key in lists if key not in (*REQUESTED, *MEASURED)]
+    batch = Batch(
         Path(out),
         "sweep",
         {"scene": str(scene), "axes": lists, "files": files, "petsc": options},
-        ["point", *ASKED, *extra, "ranks", *FOUND],
+        ["point", *REQUESTED, *extra, "ranks", *MEASURED],
         limits,
         retry=retry,
         overwrite=overwrite,
         report=report,
     )
-    campaign.run(points)
-    campaign.draw()
+    batch.run(points)
+    batch.draw()
     import pandas as pd
 
-    return pd.read_csv(campaign.table.path)
+    return pd.read_csv(batch.table.path)
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
-    """Every point by the name of its folder, which tells the values that differ between points."""
+    """Return the values of every point by its name, made of the values that differ."""
     points = {}
     for chosen in itertools.product(*lists.values()):
         values = dict(zip(lists, chosen, strict=True))
-        words = [f"{key}={text(v)}" for key, v in values.items() if len(lists[key]) > 1]
-        points[folder_name(words) or "point"] = values
+        parts = [f"{key}={value_text(v)}" for key, v in values.items() if len(lists[key]) > 1]
+        points[folder_name(parts) or "point"] = values
     return points
 
 
-def folder_name(words: list[str]) -> str:
-    """Words as one that a file system takes."""
-    return re.sub(r"[^\w.=+-]+", "_", "__".join(words))
+def folder_name(parts: list[str]) -> str:
+    """Return texts joined to one name that every file system accepts."""
+    return re.sub(r"[^\w.=+-]+", "_", "__".join(parts))

@@ -1,4 +1,4 @@
-"""The table of a study as a CSV file that is whole after every row, whenever the writer dies."""
+"""The table of a study: a CSV file that is complete after every row."""
 
 from __future__ import annotations
 
@@ -12,54 +12,62 @@ from typing import Any
 
 from fem_snh.atomic_files import put
 
-ASKED = "scene material E nu element cells hessian predictor steps".split()
-FOUND = (
+#: Columns of the settings of a run.
+REQUESTED = "scene material E nu element cells hessian predictor steps".split()
+#: Columns of the results of a run.
+MEASURED = (
     "converged status load newton clamped linear energy volume_ratio min_J residual "
     "seconds num_cells dofs"
 ).split()
 
 
 class Table:
-    """Rows by point in a CSV file. Only one process may write it."""
+    """The rows of a study in a CSV file, one row per point. Only one process may write it.
+
+    Parameters
+    ----------
+    path : the file; rows that it holds already are kept.
+    columns : names of the columns; ``point`` is the key.
+    """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self.path, self.columns = path, list(columns)
-        self._write(self.rows() if path.exists() else [])
+        self.replace(self.rows() if path.exists() else [])
 
     def rows(self) -> list[dict[str, str]]:
-        """The rows as text; a last line that was cut off is left out."""
-        whole = self.path.read_text(encoding="utf-8")
-        whole = whole[: whole.rfind("\n") + 1]
-        return list(csv.DictReader(io.StringIO(whole)))
+        """Return the rows as text, without a last line that was cut off."""
+        text = self.path.read_text(encoding="utf-8")
+        complete = text[: text.rfind("\n") + 1]
+        return list(csv.DictReader(io.StringIO(complete)))
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add one row and see it on the disk; what is not a column is left out."""
+        """Append one row and flush it to the disk; keys that are no columns are left out."""
         with self.path.open("a", encoding="utf-8", newline="") as file:
-            file.write(self._line(row))
+            self._writer(file).writerow(row)
             file.flush()
             os.fsync(file.fileno())
 
-    def replace(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Put these rows in place of all there are."""
-        self._write(rows)
+    def replace(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Replace all rows."""
+        text = io.StringIO()
+        writer = self._writer(text)
+        writer.writeheader()
+        writer.writerows(rows)
+        put(self.path, text.getvalue())
 
     def drop(self, points: Iterable[str]) -> None:
-        """Take the rows of these points out."""
-        gone = set(points)
-        self._write([row for row in self.rows() if row["point"] not in gone])
+        """Remove the rows of these points."""
+        removed = set(points)
+        self.replace(row for row in self.rows() if row["point"] not in removed)
 
-    def _write(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        lines = [self._line(dict(zip(self.columns, self.columns, strict=True)))]
-        put(self.path, "".join(lines + [self._line(row) for row in rows]))
-
-    def _line(self, row: Mapping[str, Any]) -> str:
-        line = io.StringIO()
-        csv.DictWriter(line, self.columns, restval="", extrasaction="ignore").writerow(row)
-        return line.getvalue().replace("\r\n", "\n")
+    def _writer(self, file: Any) -> csv.DictWriter[str]:
+        return csv.DictWriter(
+            file, self.columns, restval="", extrasaction="ignore", lineterminator="\n"
+        )
 
 
 def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
-    """The record that a point left in its folder; empty if it did not come so far."""
+    """Return the record that a point left in its folder; empty if it left none."""
     try:
         record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -67,33 +75,39 @@ def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
     return record
 
 
-def found(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
-    """What a run has to say, as the columns FOUND: its run.json, its log and its exit code.
+def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
+    """Return the results of a run as the columns MEASURED, ``nonfinite`` and ``max_u``.
 
-    Iterations and the like are summed over all steps, whatever became of them; energy, volume and
-    the like are those of the last step that converged. Besides FOUND: ``nonfinite``, ``max_u``.
+    Iterations are summed over all steps, converged or not; energy, volume and the other state
+    variables are those of the last converged step.
+
+    Parameters
+    ----------
+    record : its run.json; empty if there is none.
+    log : its output.
+    code : its exit code.
     """
     steps = record.get("steps", [])
-    good = [step for step in steps if step.get("converged")]
-    counted = ("newton", "clamped", "linear", "nonfinite")
-    row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in counted}
-    row |= {key: good[-1].get(key) for key in ("load", "energy", "volume_ratio") if good}
-    row |= {key: good[-1].get(key) for key in ("min_J", "residual", "max_u") if good}
+    converged = [step for step in steps if step.get("converged")]
+    summed = ("newton", "clamped", "linear", "nonfinite")
+    last = ("load", "energy", "volume_ratio", "min_J", "residual", "max_u")
+    row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in summed}
+    row |= {key: converged[-1].get(key) for key in last if converged}
     row["converged"] = code == 0 and record.get("converged") is True
     row["status"] = record.get("status") if code in (0, 1) else None
-    row["status"] = row["status"] or last_words(log, code)
+    row["status"] = row["status"] or failure_message(log, code)
     row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
     row["seconds"] = record.get("seconds", {}).get("total")
     if "hessian" in record:
-        row["hessian"] = record["hessian"]  # a scene that names none takes what suits it
+        row["hessian"] = record["hessian"]  # the default, if the scene names none
     return row
 
 
-def last_words(log: Path, code: int) -> str:
-    """Why a point ended that could not say so in its record."""
+def failure_message(log: Path, code: int) -> str:
+    """Return why a point failed, from its log: its error message, or its last line."""
     reason = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
     lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
-    told = [line for line in lines if "fem-snh: error: " in line]
-    if told:
-        return told[-1].partition("fem-snh: error: ")[2]
+    errors = [line for line in lines if "fem-snh: error: " in line]
+    if errors:
+        return errors[-1].partition("fem-snh: error: ")[2]
     return f"{reason}: {lines[-1][:200]}" if lines else reason

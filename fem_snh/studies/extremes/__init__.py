@@ -1,21 +1,24 @@
-"""What the material and the solver survive: cases that must hold, one process each.
+"""Extremes: what materials and the solver must survive, each case in a process of its own.
 
     >>> from fem_snh.studies.extremes.study import extremes
     >>> extremes("out/extremes", quick=True, jobs=2).failures
     {}
 
-A family of cases is a module (`FAMILIES`) with (demands and pictures only if it has any)
+A family of cases is a module of `FAMILIES` with
 
-    title    a few words
-    about    what is asked, and what theory says, in Markdown
-    cases(quick, seeds) -> list of `fem_snh.studies.extremes.cases.Case`
-    tables(rows) -> Markdown of what came out
-    demands(rows) -> what is asked of several together, in words: why it does not hold, or ""
-    pictures(out) -> pictures to draw, `fem_snh.studies.extremes.pictures.Picture`
+    title     a few words
+    about     what is tested, and what theory says, in Markdown
+    cases(quick, seeds, material) -> list of `fem_snh.studies.extremes.cases.Case`
+    tables(rows) -> Markdown tables of the results
 
-A case runs alone with ``fem-snh run``, or, where it is no run of a scene, with
-``python -m fem_snh.studies.extremes FAMILY CASE FOLDER``.
+and, if it has any,
+
+    aggregate_criteria(rows) -> criteria of several cases together: {criterion: why it fails or ""}
+    pictures(out) -> list of `fem_snh.studies.extremes.pictures.Picture`
+
+Most cases are runs of scenes, which ``fem-snh run`` repeats; a case of ``pointwise`` is repeated by
+``python -m fem_snh.studies.extremes.pointwise MATERIAL FOLDER``.
 """
 
 #: In the order of the page.
-FAMILIES = ("pointwise", "scramble", "crush", "loads", "faults")
+FAMILIES = ("pointwise", "scramble", "crush", "loads")

@@ -1,4 +1,4 @@
-"""A case: what is run, what is asked of it, and whether it must hold."""
+"""A case: what is run, its acceptance criterion, and whether it is expected to pass."""
 
 from __future__ import annotations
 
@@ -6,78 +6,91 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
-from fem_snh.studies.campaign import Point
+from fem_snh.studies.point import Point
 from fem_snh.studies.scene_points import ScenePoint
-from fem_snh.studies.table import ASKED, FOUND, last_words
+from fem_snh.studies.table import MEASURED, REQUESTED
 
-#: A case's record (empty if it left none) and its row.
+#: The record of a case (empty if it left none) and its row.
 Record = Mapping[str, Any]
 Row = Mapping[str, Any]
-#: Why a case does not hold, in words; nothing if it holds.
+#: Returns why a case fails its criterion, or "" if it passes.
 Check = Callable[[Record, Row], str]
 
-#: What every row of the table has.
+#: Values of the column ``expected``. Cases that may fail are run for comparison.
+PASS, MAY_FAIL = "pass", "may fail"
+
+#: Columns of the table.
 COLUMNS = (
-    "point", "family", "asked", "must", "holds", "why",
-    *ASKED, "seed", "ranks", *FOUND, "max_u", "nonfinite",
+    "point", "family", "criterion", "expected", "passed", "reason",
+    *REQUESTED, "seed", "ranks", *MEASURED, "max_u", "nonfinite",
 )  # fmt: skip
 
-
-#: Seconds for a case that is only there to be compared.
-_COMPARED = 200.0
+#: Timeout of a case that may fail [s].
+_MAY_FAIL_TIMEOUT = 200.0
+#: Largest displacement at which a unit cube counts as being at rest.
+REST_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Case:
     """One row of the study.
 
-    Attributes:
-        name: of its folder: unique, its family first.
-        asked: what it is to do, in words.
-        point: what runs.
-        check: of a run that came to its end.
-        must: whether the study fails if it does not hold; if not, it is there to be compared.
+    Parameters
+    ----------
+    name : of its folder: unique, with its family first.
+    point : what is run.
+    check : evaluates its acceptance criterion.
+    required : whether the study fails if this case fails.
     """
 
     name: str
-    asked: str
     point: Point
     check: Check
-    must: bool = True
+    required: bool = True
 
     @property
     def family(self) -> str:
+        """The family that the case belongs to."""
         return self.name.partition("-")[0]
 
-    def judged(self, record: Record, row: Row) -> dict[str, Any]:
-        """Whether it holds, and why not: the columns ``holds`` and ``why``."""
-        why = self.check(record, row) if record else str(row["status"])
-        return {"holds": not why, "why": why}
+    def evaluate(self, record: Record, row: Row) -> dict[str, Any]:
+        """Evaluate the acceptance criterion; return the columns ``passed`` and ``reason``."""
+        reason = self.check(record, row) if record else str(row["status"])
+        remark = ""
+        if reason:
+            remark = "failed" if self.required else "failed; this case may fail"
+        return {"passed": not reason, "reason": reason, "remark": remark}
 
 
-def run_of(
-    scene: str, name: str, asked: str, check: Check, *, must: bool = True, **values: Any
+def scene_case(
+    scene: str, name: str, criterion: str, check: Check, *, required: bool = True, **values: Any
 ) -> Case:
-    """A case that is a run of a scene, with values as `fem_snh.scenes.load` takes them."""
+    """Return a case that runs a scene with keyword arguments of `fem_snh.scenes.load`."""
     family = name.partition("-")[0]
-    columns = {"family": family, "asked": asked, "must": must, "seed": values.get("seed")}
-    loaded = _loaded(scene, json.dumps({k: v for k, v in values.items() if k != "seed"}))
-    point = ScenePoint(scene, values, loaded, columns=columns, timeout=None if must else _COMPARED)
-    return Case(name, asked, point, check, must)
+    columns = case_columns(family, criterion, required) | {"seed": values.get("seed")}
+    loaded = _load_scene(scene, json.dumps({k: v for k, v in values.items() if k != "seed"}))
+    timeout = None if required else _MAY_FAIL_TIMEOUT
+    point = ScenePoint(scene, values, loaded, columns=columns, timeout=timeout)
+    return Case(name, point, check, required)
+
+
+def case_columns(family: str, criterion: str, required: bool) -> dict[str, Any]:
+    """Return the columns of a case that are known before it runs."""
+    expected = PASS if required else MAY_FAIL
+    return {"family": family, "criterion": criterion, "expected": expected}
 
 
 @cache
-def _loaded(scene: str, values: str) -> scenes.Scene:
-    """A scene as its row needs it: no column depends on the seed, and loading takes its time."""
+def _load_scene(scene: str, values: str) -> scenes.Scene:
+    """Return a scene for the columns of its row; cached, as no column depends on the seed."""
     return scenes.load(scene, **json.loads(values))
 
 
 def converged(record: Record, row: Row) -> str:
-    """It came to load 1, in the steps asked for."""
+    """Check that the run reached load 1 in the number of steps asked for."""
     if row["converged"] is not True:
         return str(row["status"])
     attempted = len(record["steps"])
@@ -85,59 +98,11 @@ def converged(record: Record, row: Row) -> str:
 
 
 def at_rest(record: Record, row: Row) -> str:
-    """No point is further than 1e-6 of the side (of a unit cube) from where it was at rest."""
-    why = converged(record, row)
-    if why or row["max_u"] < 1e-6:
-        return why
+    """Check that every point of a unit cube is within `REST_TOLERANCE` of its rest position."""
+    reason = converged(record, row)
+    if reason or row["max_u"] < REST_TOLERANCE:
+        return reason
     return (
         f"another equilibrium: max |u| {row['max_u']:.2g}, energy {row['energy']:.2g}, "
         f"min J {row['min_J']:.2f}"
     )
-
-
-@dataclass(frozen=True)
-class OwnPoint(Point):
-    """A case of a family that is no run of a scene, by ``python -m fem_snh.studies.extremes``.
-
-    It leaves rows (tables with ``holds`` and what else is measured). One row's own ``status``,
-    ``newton``, ``linear`` and the like are the case's; of several it is told how many hold.
-    """
-
-    family: str
-    case: str
-    quick: bool
-
-    module = "fem_snh.studies.extremes"
-    parallel = False
-    record = "record.json"
-
-    def words(self, folder: Path) -> list[str]:
-        return [self.family, self.case, str(folder), *(["--quick"] if self.quick else [])]
-
-    def asked(self) -> Mapping[str, Any]:
-        return {}
-
-    def found(self, record: Record, log: Path, code: int) -> Mapping[str, Any]:
-        rows = record.get("rows", []) if code == 0 else []
-        if not rows:
-            return {"status": last_words(log, code), "seconds": record.get("seconds")}
-        row = dict(rows[0]) if len(rows) == 1 else {}
-        good = sum(bool(r["holds"]) for r in rows)
-        row.setdefault("status", f"{good} of {len(rows)} hold")
-        row.setdefault("seconds", record["seconds"])
-        return row
-
-
-def all_hold(record: Record, row: Row) -> str:
-    """Every row of the record holds; if not, those that do not, by their texts."""
-    bad = [r for r in record["rows"] if not r["holds"]]
-    named = [" ".join(str(v) for v in r.values() if isinstance(v, str)) for r in bad[:3]]
-    more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
-    return ("; ".join(named) or str(row["status"])) + more if bad else ""
-
-
-def own(family: str, case: str, asked: str, quick: bool) -> Case:
-    """A case of `OwnPoint`."""
-    columns = {"family": family, "asked": asked, "must": True}
-    point = OwnPoint(family, case, quick, columns=columns)
-    return Case(f"{family}-{case}", asked, point, all_hold)

@@ -1,4 +1,4 @@
-"""Crush and release: every element pressed to a plane, a line, a point, or turned inside out."""
+"""Crush and release: every element collapsed to a plane, a line, a point, or inverted."""
 
 from __future__ import annotations
 
@@ -8,96 +8,103 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, run_of
-from fem_snh.studies.extremes.pictures import Picture, bodies, counts
-from fem_snh.studies.markdown import markdown
+from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, scene_case
+from fem_snh.studies.extremes.pictures import COUNTS, Picture, body_picture, counts
+from fem_snh.studies.markdown import markdown_table
 
 title = "Crush and release"
 about = """\
-A cube that begins with the same F in every cell, held at three corners by no more than keeps it
-somewhere (`fem-snh run crush`), each with and without every node moved at random by up to 1e-6.
-With P = mu F + (lam (J - 1) - mu) cof F (the paper's eq. 13, nu >= 0.4) and, with the barrier,
-P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4):
+A cube starts with the same F in every cell, its rigid motions removed by constraints at three
+corners (`fem-snh run crush`), exactly and with every node moved at random by up to 1e-6. The stress
+is P = mu F + (lam (J - 1) - mu) cof F (Smith et al. 2018, eq. 13, nu >= 0.4), and with the barrier
+P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4).
 
-- *Plane*, F = diag(1, 1, 0): cof F is the plane's normal, so P pushes along it, by -(mu + lam), or
-  -lam alpha, to one side: that of J > 0. The body must be back at rest.
-- *Line*, F = diag(1, 0, 0): cof F = 0, so nothing pushes away from the line, and along it mu F (eq.
-  14: half of it) pulls the body together: in exact arithmetic it ends as a point. Across the line
-  the Hessian has the eigenvalue mu - (mu + lam) < 0, so whatever disturbs it grows. Of eq. 13 the
-  energy along the line is a parabola, and Newton's step goes to its least, the point, before
-  anything has grown. With the barrier it is a slow quartic: a disturbed body must be back at rest,
-  and for an exact one rounding errors are enough, but with `abs`, which keeps it on the line. With
-  the barrier at nu = 0.49 it must leave, though each part its own way, so that kinks may stay; by
-  way of nu = 0.3 (`nu_continuation`) it must be back at rest.
-- *Point*, F = 0: no force. Of eq. 13 the Hessian is mu I, so the point is a minimum, of energy
-  (lam - mu) V/2 above rest, and the body must stay, disturbed or not. With the barrier the Hessian
-  is 0 and the energy falls to the third order, as -lam alpha J, so the point is no minimum; but the
-  force of a disturbance d is of the order lam (d/h)^2, for 1e-6 below the usual tolerances: the run
-  says `converged` at once, at a state that is not stable. With a tolerance below that force the
-  body must be back at rest at nu = 0.3; at 0.49 it must leave, and by way of 0.3 be back, as from
-  the line.
-- *Inverted*, F = -I: P = -2 (mu + lam) I (of eq. 13) pushes it through. Seen as diag(1, 1, -1)
-  turned by half, it is nearest to three poses: at rest but turned by half about an axis, which
-  these supports allow. Parts of the body may choose different ones, and without the barrier that
-  may be a minimum. So what must hold at nu = 0.49 is asked of runs that begin with nu = 0.3
-  (`nu_continuation`): they end with no energy and J = 1 everywhere. The plain ones are there to be
-  compared.
+- *Plane*, F = diag(1, 1, 0): cof F is normal to the plane. P acts along it, by -(mu + lam) or
+  -lam alpha, towards J > 0. The body must return to rest.
+- *Line*, F = diag(1, 0, 0): cof F = 0, so no stress acts across the line. Along it mu F (eq. 14:
+  half of it) contracts the body: in exact arithmetic it ends as a point. Across the line the
+  Hessian has the eigenvalue mu - (mu + lam) < 0, so disturbances grow. The energy of eq. 13 along
+  the line is a parabola, and Newton's step reaches its minimum, the point, before a disturbance has
+  grown. With the barrier it is a quartic, on which Newton's method is slow: a disturbed body must
+  return to rest, and for an exact one rounding errors suffice, except with `abs`, which keeps it on
+  the line. With the barrier at nu = 0.49 it must leave the line; each part may leave in its own
+  direction, so that folds may remain. Started at nu = 0.3 (`nu_continuation`) it must return to
+  rest.
+- *Point*, F = 0: no stress. The Hessian of eq. 13 is mu I, so the point is a minimum, of energy
+  (lam - mu) V/2 above rest, and the body must stay there, disturbed or not. With the barrier the
+  Hessian is 0 and the energy decreases to third order, as -lam alpha J, so the point is no minimum;
+  but the force of a disturbance d is of the order lam (d/h)^2, which for 1e-6 is below the default
+  tolerances: the run converges without a step, to an unstable state. With a tolerance below that
+  force the body must return to rest at nu = 0.3; at 0.49 it must leave the point and, started at
+  nu = 0.3, return to rest, as from the line.
+- *Inverted*, F = -I: P = -2 (mu + lam) I (eq. 13) acts towards inversion back. F is diag(1, 1, -1)
+  rotated by pi, and three poses are equally near: rest rotated by pi about an axis, which these
+  constraints allow. Parts of the body may choose different ones, and without the barrier the result
+  may be a minimum. At nu = 0.49 only runs that start at nu = 0.3 (`nu_continuation`) are expected
+  to pass: they end with zero energy and J = 1 everywhere. Those without continuation may fail.
 
-What `converged` means: the residual is small. The lowest eigenfrequency tells a minimum from
-another stationary state; the check asks for it."""
+`converged` means that the residual is small. The lowest eigenfrequency distinguishes a minimum from
+another stationary state; the criteria use it."""
 
-#: How far the lowest eigenfrequency [Hz] of a minimum is from zero, for E, density and side 1.
-_STIFF = 1e-2
+#: Lowest eigenfrequency [Hz] from which a state counts as a minimum, for E = density = side = 1.
+_MINIMUM_FREQUENCY = 1e-2
 _MODES: dict[str, Any] = {"modes.count": 1, "modes.density": 1.0}
 _NOISES = (0.0, 1e-6)
 _ELEMENTS = ("Q1", "P1", "Q1P0", "P2P0", "Q2", "P2")
-#: With the barrier and without: the material leaves it out from here on.
-_NUS, BARRIER = (0.3, 0.49), 0.4
+_NUS = (0.3, 0.49)
+#: The material has the barrier term below this nu (Smith et al. 2018, appendix D).
+BARRIER_NU = 0.4
 
 
-def cases(quick: bool, seeds: int) -> list[Case]:
-    """Every element and policy; those of ``trust``, and what no theory says, to be compared."""
-    tried = [(element, "adaptive") for element in (("Q1",) if quick else _ELEMENTS)]
+def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+    """Return every element and Hessian policy; ``trust`` may fail."""
+    elements = ("Q1",) if quick else _ELEMENTS
+    pairs = [(element, "adaptive") for element in elements]
     if not quick:
-        tried += [(e, hessian) for e in ("Q1", "P1") for hessian in ("clamp", "abs", "trust")]
+        pairs += [(e, hessian) for e in ("Q1", "P1") for hessian in ("clamp", "abs", "trust")]
     made = []
-    for element, hessian in tried:
+    for element, hessian in pairs:
         for to in ("plane", "line", "point", "inverted"):
             for noise in (1e-6,) if quick else _NOISES:
                 for nu in _NUS:
-                    sure = hessian != "trust" and (to != "inverted" or nu < BARRIER)
-                    made.append(_case(element, hessian, to, noise, nu, must=sure))
-    return made + list(_remedies(("Q1",) if quick else _ELEMENTS))
+                    required = hessian != "trust" and (to != "inverted" or nu < BARRIER_NU)
+                    made.append(_case(element, hessian, to, noise, nu, required, material))
+    return made if material else made + list(_continuation_cases(elements))
 
 
-def _case(element: str, hessian: str, to: str, noise: float, nu: float, must: bool) -> Case:
+def _case(
+    element: str, hessian: str, to: str, noise: float, nu: float, required: bool, material: str
+) -> Case:
     disturbed = "disturbed" if noise else "exact"
     name = f"crush-{element}-{hessian}-{to}-{disturbed}-nu{nu:g}"
-    asked, check = _theory(to, noise, nu)
-    return run_of(
-        "crush", name, asked, check, must=must,
-        element=element, hessian=hessian, to=to, noise=noise, nu=nu, **_MODES,
+    criterion, check = _theory(to, noise, nu)
+    own: dict[str, Any] = {}
+    if material:  # the theory is that of Stable Neo-Hookean
+        criterion, check, required, own = "at rest", _rest, False, {"material": material}
+    return scene_case(
+        "crush", name, criterion, check, required=required,
+        element=element, hessian=hessian, to=to, noise=noise, nu=nu, **_MODES, **own,
     )  # fmt: skip
 
 
 def _theory(to: str, noise: float, nu: float) -> tuple[str, Check]:
-    """What happens, in words, and whether it did."""
-    if to == "line" and nu < BARRIER and not noise:
+    """Return the state that theory predicts, in words and as a check."""
+    if to == "line" and nu < BARRIER_NU and not noise:
         return "at rest, or ends as a point, no minimum", _rest_or_point
-    if to == "point" and nu < BARRIER:
-        return "stays at the point, no minimum", _flat_point
-    if to in ("line", "point") and nu >= BARRIER:
+    if to == "point" and nu < BARRIER_NU:
+        return "stays at the point, no minimum", _unstable_point
+    if to in ("line", "point") and nu >= BARRIER_NU:
         return "ends as a point, a minimum", _minimum_point
-    return ("at rest, perhaps turned by half", _rest) if to == "inverted" else ("at rest", _rest)
+    return ("at rest, perhaps rotated by pi" if to == "inverted" else "at rest"), _rest
 
 
-def _remedies(elements: Sequence[str]) -> Iterator[Case]:
-    """What leaves the point and the line, and leads an inverted body home."""
-    below = {"petsc.snes_scaled_tol": 1e-13}
-    tried: dict[str, dict[str, Any]] = {
-        "point-tight": {"to": "point", "nu": 0.3, **below},
-        "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **below},
-        "point-softened": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **below},
+def _continuation_cases(elements: Sequence[str]) -> Iterator[Case]:
+    """Yield the settings with which the body leaves the point, the line and the inverted state."""
+    tight = {"petsc.snes_scaled_tol": 1e-13}
+    settings: dict[str, dict[str, Any]] = {
+        "point-tight": {"to": "point", "nu": 0.3, **tight},
+        "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **tight},
+        "point-softened": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **tight},
         "line-barrier": {"to": "line", "nu": 0.49, "material.barrier": True},
         "line-softened": {"to": "line", "nu": 0.49, "nu_continuation": [0.3]},
         "inverted-softened": {"to": "inverted", "nu": 0.49, "nu_continuation": [0.3]},
@@ -109,19 +116,19 @@ def _remedies(elements: Sequence[str]) -> Iterator[Case]:
         },
     }
     for element in elements:
-        for name, values in tried.items():
+        for name, values in settings.items():
             given = {"element": element, "noise": 1e-6, **_MODES, **values}
-            kinks = name.endswith("barrier")  # each part may leave its own way
-            asked, check = ("leaves, for good", _leaves) if kinks else ("at rest", _rest)
-            yield run_of("crush", f"crush-{element}-{name}", asked, check, **given)
+            folds = name.endswith("barrier")  # each part may leave in its own direction
+            criterion, check = ("leaves it", _leaves) if folds else ("at rest", _rest)
+            yield scene_case("crush", f"crush-{element}-{name}", criterion, check, **given)
 
 
 def _rest(record: Record, row: Row) -> str:
-    """No energy, J = 1 everywhere, and stable: at rest, moved as a rigid body or not."""
-    if why := converged(record, row):
-        return why
+    """Check for zero energy, J = 1 and stability: at rest, up to a rigid motion."""
+    if reason := converged(record, row):
+        return reason
     at_rest = abs(row["energy"]) < 1e-12 and abs(row["min_J"] - 1) < 1e-6
-    if at_rest and _frequency(record) > _STIFF:
+    if at_rest and _frequency(record) > _MINIMUM_FREQUENCY:
         return ""
     return (
         f"ends elsewhere: energy {row['energy']:.3g}, min J {row['min_J']:.3g}, "
@@ -129,69 +136,71 @@ def _rest(record: Record, row: Row) -> str:
     )
 
 
-def _flat_point(record: Record, row: Row) -> str:
-    """A point that is stationary and no minimum."""
-    return _point(record, row) or (
-        "it is a minimum" if _frequency(record) > _STIFF else ""
-    )  # of a Hessian that is zero: rounding decides the sign
+def _unstable_point(record: Record, row: Row) -> str:
+    """Check for a point that is stationary and no minimum."""
+    # Its Hessian is zero, so rounding decides the sign of the frequency.
+    minimum = _frequency(record) > _MINIMUM_FREQUENCY
+    return _point(record, row) or ("it is a minimum" if minimum else "")
 
 
 def _leaves(record: Record, row: Row) -> str:
-    """A minimum of about the volume at rest."""
-    if why := converged(record, row):
-        return why
-    if abs(row["volume_ratio"] - 1) < 0.1 and _frequency(record) > _STIFF:
+    """Check for a minimum whose volume is about that at rest."""
+    if reason := converged(record, row):
+        return reason
+    if abs(row["volume_ratio"] - 1) < 0.1 and _frequency(record) > _MINIMUM_FREQUENCY:
         return ""
     return f"volume {row['volume_ratio']:.3g}, lowest frequency {_frequency(record):.2g}"
 
 
 def _rest_or_point(record: Record, row: Row) -> str:
-    """What rounding, or exact arithmetic, makes of the line."""
-    why = _rest(record, row)
-    return why and _flat_point(record, row) and why
+    """Check for rest (by rounding errors) or an unstable point (in exact arithmetic)."""
+    reason = _rest(record, row)
+    return reason and _unstable_point(record, row) and reason
 
 
 def _minimum_point(record: Record, row: Row) -> str:
-    """A point, and a minimum, of the energy (lam - mu) V/2."""
-    if why := _point(record, row):
-        return why
+    """Check for a point that is a minimum, of the energy (lam - mu) V/2."""
+    if reason := _point(record, row):
+        return reason
     mu, lam = (record["material"]["parameters"][key] for key in ("mu", "lam"))
     if not abs(row["energy"] - (lam - mu) / 2) < 1e-9 * lam:
         return f"its energy is {row['energy']:.6g} instead of {(lam - mu) / 2:.6g}"
-    return "" if _frequency(record) > _STIFF else "it is no minimum"
+    return "" if _frequency(record) > _MINIMUM_FREQUENCY else "it is no minimum"
 
 
 def _point(record: Record, row: Row) -> str:
-    why = converged(record, row)
+    """Check that the body is a point."""
+    reason = converged(record, row)
     left = abs(row["volume_ratio"]) > 1e-12 or abs(row["min_J"]) > 1e-9
-    return why or (f"it left: volume {row['volume_ratio']:.3g}" if left else "")
+    return reason or (f"it left: volume {row['volume_ratio']:.3g}" if left else "")
 
 
 def _frequency(record: Record) -> float:
+    """Return the lowest eigenfrequency [Hz]; negative for an unstable mode."""
     return float(record["modes"]["frequencies"][0])
 
 
 def tables(rows: pd.DataFrame) -> str:
-    """A line for each policy, state, nu and what was asked; remedies one by one."""
+    """Return a line for each state, noise, nu, Hessian and criterion."""
     state = rows["point"].str.extract(r"(plane|line|point|inverted)")[0]
     kind = rows["point"].str.extract(r"(exact|disturbed|tight|barrier|softened)")[0]
     groups = rows.assign(state=state, kind=kind).groupby(
-        ["state", "kind", "nu", "hessian", "asked"], sort=False
+        ["state", "kind", "nu", "hessian", "criterion"], sort=False
     )
     lines = [
-        [at, how, f"{nu:g}", hessian, asked, *counts(mine)]
-        for (at, how, nu, hessian, asked), mine in groups
+        [to, how, f"{nu:g}", hessian, criterion, *counts(group)]
+        for (to, how, nu, hessian, criterion), group in groups
     ]
-    head = ["pressed to", "", "nu", "Hessian", "what must happen", *counts.head]
-    return markdown(head, lines)
+    head = ["collapsed to", "start", "nu", "Hessian", "criterion", *COUNTS]
+    return markdown_table(head, lines)
 
 
 def pictures(out: Path) -> list[Picture]:
-    """Where they begin, and where they end."""
+    """Return the collapsed bodies before and after their release."""
     panels = [
         (f"crush-Q1-adaptive-{to}-disturbed-nu0.3", load, f"{to}{after}")
         for load, after in ((0.0, ""), (1.0, ", released"))
         for to in ("plane", "line", "inverted")
     ]
-    caption = "Pressed flat, to a line, turned inside out; below: let go."
-    return [bodies(out, "crush.png", panels, caption)]
+    caption = "Collapsed to a plane, to a line, inverted; below: released."
+    return [body_picture(out, "crush.png", panels, caption)]

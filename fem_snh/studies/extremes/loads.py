@@ -1,4 +1,4 @@
-"""Big loads in one step: stretch, compression, twist."""
+"""Large loads in a single step: stretch, compression, twist."""
 
 from __future__ import annotations
 
@@ -8,32 +8,42 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, run_of
-from fem_snh.studies.extremes.pictures import Picture, bodies
-from fem_snh.studies.markdown import markdown
+from fem_snh.studies.extremes.cases import (
+    REST_TOLERANCE,
+    Case,
+    Check,
+    Record,
+    Row,
+    converged,
+    scene_case,
+)
+from fem_snh.studies.extremes.pictures import Picture, body_picture
+from fem_snh.studies.markdown import markdown_table
 
-title = "Big loads in one step"
+title = "Large loads in one step"
 about = """\
-The paper's cylinder stretched, or pressed together, and its cube twisted, all at once. A turn by
-2 pi in one step is the identity for the boundary: the body is at rest, and to be left so. 4 pi in
-eight steps, each a quarter turn, may end in either of two states: wound up twice, or, as a rotation
-by 4 pi can be undone without turning the ends back, at rest. A step that had to be halved does not
-hold. Where a body has several equilibria, which one is found depends on the way: compare energies.
+The cylinder of Smith et al. 2018 stretched or compressed, and their cube twisted, in one step. A
+turn by 2 pi in one step is the identity on the boundary: the body is at rest and must stay there.
+4 pi in eight steps, each of which is a quarter turn, can end in either of two states: twisted
+twice, or at rest, as a rotation by 4 pi can be undone without turning the ends back. A step that
+had to be halved fails. Where a body has several equilibria, the path decides which one is found:
+compare the energies.
 
-At nu = 0.4999 the element is Q1P0 and the steps begin with nu = 0.49 (`nu_continuation = [0.49]`).
-Q1 locks there, which is not only wrong (docs/results/elements.md) but full of states in which a
-descent gets stuck. It is there to be compared, as are plain steps of Q1P0, and `trust`."""
+At nu = 0.4999 the element is Q1P0 and the steps start with nu = 0.49 (`nu_continuation = [0.49]`).
+Q1 locks there (docs/results/elements.md), and has many states in which a descent stalls. Q1 at this
+nu, Q1P0 without continuation, and `trust` may fail; they are run for comparison."""
 
 NUS = (0.3, 0.49, 0.4999)
-#: From here on Q1 locks, and hardly finds its equilibrium; Q1P0 does not.
-LOCKS = 0.4999
-#: And from here on steps begin with this ratio.
-SOFTER = [0.49]
+#: From this nu on Q1 locks and Q1P0 takes its place.
+LOCKING_NU = 0.4999
+#: Poisson's ratios at which steps start from `LOCKING_NU` on.
+START_NUS = [0.49]
+#: Cells along the edge or diameter.
 CELLS = 6
-#: Newton iterations that the twist by pi may take with ``trust``; for which nu, and cells.
-TRUST = 40
-CRAWLS = (0.3, 0.49)
-FINER = (8, 10, 12, 15)
+#: Limit on the Newton iterations of the twist by pi with ``trust``, at these nu and cells.
+TRUST_LIMIT = 40
+TRUST_NUS = (0.3, 0.49)
+TRUST_CELLS = (8, 10, 12, 15)
 
 _LOADS: dict[str, tuple[str, dict[str, Any]]] = {
     "stretch-3.4": ("stretch", {"stretch": 3.4}),
@@ -46,19 +56,26 @@ _LOADS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def cases(quick: bool, seeds: int) -> list[Case]:
-    """Every load at every nu, and what is there to be compared."""
+def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
+    """Return every load at every nu, and the runs for comparison."""
+    own: dict[str, Any] = {"material": material} if material else {}
     if quick:
-        quickest = ("stretch-3.4", "twist-half-pi", "twist-2pi")
-        return [_case(name, nu, 4) for name in quickest for nu in (0.3, 0.49)]
-    made = [_case(name, nu, CELLS) for name in _LOADS for nu in NUS]
-    made += [_case("twist-pi", nu, n, hessian="trust") for nu in CRAWLS for n in FINER]
+        loads = ("stretch-3.4", "twist-half-pi", "twist-2pi")
+        return [_case(name, nu, 4, **own) for name in loads for nu in (0.3, 0.49)]
+    made = [_case(name, nu, CELLS, **own) for name in _LOADS for nu in NUS]
+    if own:
+        return made
+    made += [
+        _case("twist-pi", nu, cells, hessian="trust") for nu in TRUST_NUS for cells in TRUST_CELLS
+    ]
     plain = [
-        _case(name, LOCKS, CELLS, element=element, nu_continuation=[], must=False)
+        _case(name, LOCKING_NU, CELLS, element=element, nu_continuation=[], required=False)
         for element in ("Q1P0", "Q1")
         for name in _LOADS
     ]
-    trust = [_case(name, nu, CELLS, hessian="trust", must=False) for name in _LOADS for nu in NUS]
+    trust = [
+        _case(name, nu, CELLS, hessian="trust", required=False) for name in _LOADS for nu in NUS
+    ]
     return made + plain + trust
 
 
@@ -70,61 +87,63 @@ def _case(
     element: str = "",
     hessian: str = "adaptive",
     nu_continuation: list[float] | None = None,
-    must: bool = True,
+    required: bool = True,
+    **own: Any,
 ) -> Case:
     scene, values = _LOADS[name]
-    element = element or ("Q1P0" if nu >= LOCKS else "Q1")
-    if nu_continuation is None:
-        nu_continuation = SOFTER if nu >= LOCKS else []
-    check: Check = _unmoved if name == "twist-2pi" else converged
-    asked = "left at rest" if name == "twist-2pi" else "reaches its load"
-    if must and hessian == "trust":
-        check, asked = _few, f"reaches its load in at most {TRUST} Newton steps"
+    element = element or ("Q1P0" if nu >= LOCKING_NU else "Q1")
+    nu_continuation = (
+        START_NUS if nu_continuation is None and nu >= LOCKING_NU else nu_continuation or []
+    )
+    check: Check = _stays_at_rest if name == "twist-2pi" else converged
+    criterion = "stays at rest" if name == "twist-2pi" else "reaches its load"
+    if required and hessian == "trust":
+        check = _few_iterations
+        criterion = f"reaches its load in at most {TRUST_LIMIT} Newton iterations"
     full = {"steps": 1, **values, "predictor": "none", "petsc.snes_max_it": 1000}
-    full |= {"cells": cells, "nu": nu, "element": element, "hessian": hessian}
-    full |= {"nu_continuation": nu_continuation}
-    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{hessian}"
-    point += "-softened" if nu_continuation else ""
-    return run_of(scene, point, asked, check, must=must, **full)
+    full |= {
+        "cells": cells,
+        "nu": nu,
+        "element": element,
+        "hessian": hessian,
+        "nu_continuation": nu_continuation,
+    }
+    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{hessian}" + (
+        "-softened" if nu_continuation else ""
+    )
+    return scene_case(scene, point, criterion, check, required=required and not own, **full, **own)
 
 
-def _unmoved(record: Record, row: Row) -> str:
-    why = converged(record, row)
-    return why or ("" if row["max_u"] < 1e-6 else f"it moved by {row['max_u']:.2g}")
+def _stays_at_rest(record: Record, row: Row) -> str:
+    reason = converged(record, row)
+    return reason or ("" if row["max_u"] < REST_TOLERANCE else f"it moved by {row['max_u']:.2g}")
 
 
-def _few(record: Record, row: Row) -> str:
-    why = converged(record, row)
-    return why or ("" if row["newton"] <= TRUST else f"{row['newton']} Newton steps")
+def _few_iterations(record: Record, row: Row) -> str:
+    reason = converged(record, row)
+    few = row["newton"] <= TRUST_LIMIT
+    return reason or ("" if few else f"{row['newton']} Newton iterations")
 
 
 def tables(rows: pd.DataFrame) -> str:
-    """A line for each run."""
+    """Return a line for each run."""
     lines = [
         [
             row["point"].removeprefix("loads-").partition("-nu")[0] + f", {row['cells']:g}^3"
             + (", softened" if row["point"].endswith("softened") else ""),
-            f"{row['nu']:g}", row["element"], row["hessian"], row["why"] or row["status"],
+            f"{row['nu']:g}", row["element"], row["hessian"], row["reason"] or row["status"],
             *(_number(row[key], ",.0f") for key in ("newton", "clamped", "linear")),
             _number(row["min_J"], ".3f"), _number(row["energy"], ".4g"),
             _number(100 * (row["volume_ratio"] - 1), "+.2f"),
             _number(row["nonfinite"], ".0f"), _number(row["seconds"], ".1f"),
         ]
-        for row in rows.astype({"why": object}).fillna({"why": ""}).to_dict("records")
+        for row in rows.astype({"reason": object}).fillna({"reason": ""}).to_dict("records")
     ]  # fmt: skip
     head = [
-        "load",
-        "nu",
-        "element",
-        "Hessian",
-        "",
-        "Newton",
-        "filtered",
-        "linear",
-        "min J",
-        "energy",
-    ]
-    return markdown([*head, "volume [%]", "NaN seen", "seconds"], lines)
+        "load", "nu", "element", "Hessian", "result", "Newton", "filtered", "linear", "min J",
+        "energy", "volume [%]", "NaN seen", "seconds",
+    ]  # fmt: skip
+    return markdown_table(head, lines)
 
 
 def _number(value: float, format: str) -> str:
@@ -132,7 +151,7 @@ def _number(value: float, format: str) -> str:
 
 
 def pictures(out: Path) -> list[Picture]:
-    """Stretched, pressed, twisted; all at nu = 0.49."""
+    """Return the stretched, compressed and twisted bodies at nu = 0.49."""
 
     def panels(labels: dict[str, str]) -> list[tuple[str, float, str]]:
         return [
@@ -140,11 +159,11 @@ def pictures(out: Path) -> list[Picture]:
             for name, label in labels.items()
         ]
 
-    pulled = panels({"stretch-3.4": "to 3.4", "stretch-10": "to 10"})
-    pressed = panels({"compress-0.05": "to 5 %"})
-    turned = panels({"twist-half-pi": "π/2", "twist-pi": "π", "twist-4pi-in-8": "4π in eight"})
+    stretched = panels({"stretch-3.4": "to 3.4", "stretch-10": "to 10"})
+    compressed = panels({"compress-0.05": "to 5 %"})
+    twisted = panels({"twist-half-pi": "π/2", "twist-pi": "π", "twist-4pi-in-8": "4π in eight"})
     return [
-        bodies(out, "stretched.png", pulled, "Stretched in one step, nu = 0.49."),
-        bodies(out, "compressed.png", pressed, "Pressed together in one step, nu = 0.49."),
-        bodies(out, "twisted.png", turned, "Twisted, nu = 0.49."),
+        body_picture(out, "stretched.png", stretched, "Stretched in one step, nu = 0.49."),
+        body_picture(out, "compressed.png", compressed, "Compressed in one step, nu = 0.49."),
+        body_picture(out, "twisted.png", twisted, "Twisted, nu = 0.49."),
     ]

@@ -1,4 +1,4 @@
-"""The page of the study: what is asked, what came out, what did not hold, pictures."""
+"""The page of the study: criteria, results, failures and pictures, family by family."""
 
 from __future__ import annotations
 
@@ -10,72 +10,93 @@ from types import ModuleType
 import pandas as pd
 
 from fem_snh.atomic_files import put
-from fem_snh.studies.extremes import FAMILIES, measured
+from fem_snh.studies.extremes import FAMILIES
+from fem_snh.studies.extremes.cases import MAY_FAIL, PASS
 
-#: So many cases that do not hold are named, of each family.
-_NAMED = 30
+#: Failed cases that are listed for each family; more are counted.
+_LISTED = 30
 
 
 def write(table: pd.DataFrame, out: Path) -> Path:
-    """Draw what is to be drawn, and write extremes.md into the study's folder."""
-    parts = [_head(table)]
-    if (out / "extremes.png").exists():
-        parts.append("![Newton iterations of every case, by family](extremes.png)")
-    for family in FAMILIES:
-        rows = table[table["family"] == family]
-        if len(rows):
-            parts += _family(family, rows, out)
+    """Draw the pictures, write extremes.md into the study's folder and return its path."""
     path = out / "extremes.md"
-    put(path, "\n\n".join(parts) + "\n")
+    put(path, text(table, out))
     return path
 
 
-def demands(table: pd.DataFrame) -> dict[str, str]:
-    """What is asked of several cases together, in words: why it does not hold, or ""."""
+def text(table: pd.DataFrame, out: Path, links: str = "") -> str:
+    """Return the page of a table.
+
+    Parameters
+    ----------
+    table : the rows of extremes.csv.
+    out : the study's folder, for the pictures.
+    links : prefix of the links to the files of that folder.
+    """
+    parts = [_head(table)]
+    if (out / "extremes.png").exists():
+        parts.append(f"![Newton iterations of every case, by family]({links}extremes.png)")
+    for family in FAMILIES:
+        rows = table[table["family"] == family]
+        if len(rows):
+            parts += _family(family, rows, out, links)
+    return "\n\n".join(parts) + "\n"
+
+
+def aggregate_criteria(table: pd.DataFrame) -> dict[str, str]:
+    """Return the criteria of several cases together: {criterion: why it fails, or ""}."""
     found: dict[str, str] = {}
     for family, rows in table.groupby("family", sort=False):
-        found |= getattr(_module(str(family)), "demands", lambda rows: {})(rows)
+        module = _module(str(family))
+        if hasattr(module, "aggregate_criteria"):
+            found |= module.aggregate_criteria(rows)
     return found
 
 
 def _head(table: pd.DataFrame) -> str:
-    must = table[table["must"]]
-    held = int(must["holds"].sum())
-    lines = [f"- {asked}: {why or 'holds'}" for asked, why in demands(table).items()]
+    required = table[table["expected"] == PASS]
+    passed = int(required["passed"].sum())
+    aggregate = aggregate_criteria(table).items()
+    lines = [f"- {criterion}: {reason or 'passed'}" for criterion, reason in aggregate]
     return "\n".join(
         [
             "# Extremes",
             "",
-            f"{held} of the {len(must)} cases that must hold do; {len(table) - len(must)} more are",
-            "there to be compared. Written by `fem-snh extremes`; extremes.csv has a row for each.",
+            f"{passed} of the {len(required)} cases that are expected to pass do. "
+            f"{len(table) - len(required)} more may fail;",
+            "they are run for comparison. Written by `fem-snh extremes`; extremes.csv has one row "
+            "per case.",
             *(["", *lines] if lines else []),
         ]
     )
 
 
-def _family(family: str, rows: pd.DataFrame, out: Path) -> Iterator[str]:
+def _family(family: str, rows: pd.DataFrame, out: Path, links: str) -> Iterator[str]:
     module = _module(family)
-    yield f"## {getattr(module, 'title', family.capitalize())}"
-    yield str(getattr(module, "about", (module.__doc__ or "").strip()))
-    tables = getattr(module, "tables", measured.tables)
-    for must, head in ((True, "Must hold"), (False, "To be compared")):
-        mine = rows[rows["must"] == must]
-        if len(mine):
-            yield f"### {head}: {int(mine['holds'].sum())} of {len(mine)}"
-            yield tables(mine)
-            if bad := list(_bad(mine[~mine["holds"]])):
-                yield "\n".join(["These do not:", "", *bad])
+    yield f"## {module.title}"
+    yield str(module.about)
+    for expected, heading, failures in (
+        (PASS, "Expected to pass", "Failed:"),
+        (MAY_FAIL, "For comparison; these may fail", "Failed, as they may:"),
+    ):
+        group = rows[rows["expected"] == expected]
+        if len(group):
+            yield f"### {heading}: {int(group['passed'].sum())} of {len(group)} pass"
+            yield module.tables(group)
+            if failed := list(_failed(group[~group["passed"]])):
+                yield "\n".join([failures, "", *failed])
     if hasattr(module, "pictures"):
         for picture in module.pictures(out):
-            yield picture.markdown()
+            yield picture.markdown(links)
 
 
 def _module(family: str) -> ModuleType:
     return import_module(f"{__package__}.{family}")
 
 
-def _bad(rows: pd.DataFrame) -> Iterator[str]:
-    for row in rows.head(_NAMED).to_dict("records"):
-        yield f"- `{row['point']}`: {row['why']}"
-    if len(rows) > _NAMED:
-        yield f"- and {len(rows) - _NAMED} more"
+def _failed(rows: pd.DataFrame) -> Iterator[str]:
+    """Yield a line for each failed case, up to `_LISTED`."""
+    for row in rows.head(_LISTED).to_dict("records"):
+        yield f"- `{row['point']}`: {row['reason']}"
+    if len(rows) > _LISTED:
+        yield f"- and {len(rows) - _LISTED} more"

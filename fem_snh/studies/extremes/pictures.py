@@ -1,4 +1,4 @@
-"""What the families' parts of the page share: counts in a table's line, pictures of runs."""
+"""Pictures of runs and columns of counts for the page of the study."""
 
 from __future__ import annotations
 
@@ -14,56 +14,62 @@ from fem_snh.errors import BadInput
 
 @dataclass(frozen=True)
 class Picture:
-    """A file in the study's folder, what stands below it, and how it is made."""
+    """A picture of the page.
 
-    file: str
+    Parameters
+    ----------
+    path : of the file, in the study's folder.
+    caption : the text below it.
+    draw : draws the file; raises BadInput if it cannot.
+    """
+
+    path: Path
     caption: str
-    draw: Callable[[], Path]
+    draw: Callable[[], object]
 
-    def markdown(self) -> str:
-        """The picture, drawn; or why there is none."""
+    def markdown(self, links: str = "") -> str:
+        """Draw the picture and return its Markdown; without its runs, that of an earlier one."""
         try:
             self.draw()
         except BadInput as error:
-            return f"(no picture {self.file}: {error})"
-        return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
+            if not self.path.exists():
+                return f"(no picture {self.path.name}: {error})"
+        return f"![{self.caption}]({links}{self.path.name})\n\n*{self.caption}*"
 
 
-def bodies(out: Path, file: str, panels: Sequence[tuple[str, float, str]], caption: str) -> Picture:
-    """The bodies of cases, coloured by J: a panel for each (case, load, label)."""
+def body_picture(
+    out: Path, file: str, panels: Sequence[tuple[str, float, str]], caption: str
+) -> Picture:
+    """Return a picture of deformed bodies coloured by J, a panel for each (case, load, label)."""
 
-    def draw() -> Path:
-        shown = []
+    def draw() -> None:
+        drawn = []
         for case, load, label in panels:
             stored = render.stored_loads(out / case / "fields.pvd")
-            (at,) = render.choose_loads(sorted(stored), [load])
-            shown.append(render.Panel([str(piece) for piece in stored[at]], label))
+            (nearest,) = render.choose_loads(sorted(stored), [load])
+            drawn.append(render.Panel([str(piece) for piece in stored[nearest]], label))
         record = render.read_record(out / panels[0][0])
-        render.draw_elsewhere(render.Job("J", render.title(record), shown, str(out / file)))
-        return out / file
+        render.draw_elsewhere(render.Job("J", render.title(record), drawn, str(out / file)))
 
-    return Picture(file, caption, draw)
-
-
-class _Counts:
-    """Columns about a group of rows: how many hold, Newton iterations, and what they met."""
-
-    head = ("hold", "Newton: median", "worst", "linear: median", "NaN seen", "seconds: median")
-
-    def __call__(self, rows: pd.DataFrame) -> list[str]:
-        numbers = rows[["newton", "linear", "nonfinite", "seconds"]].apply(pd.to_numeric)
-        median, worst = numbers.median(), numbers.max()
-        return [
-            f"{rows['holds'].sum()} of {len(rows)}",
-            _count(median["newton"]),
-            _count(worst["newton"]),
-            _count(median["linear"]),
-            _count(numbers["nonfinite"].sum()),
-            f"{median['seconds']:.1f}",
-        ]
+    return Picture(out / file, caption, draw)
 
 
-counts = _Counts()
+#: The columns of `counts`.
+COUNTS = ("passed", "Newton: median", "worst", "linear: median", "NaN seen", "seconds: median")
+
+
+def counts(rows: pd.DataFrame) -> list[str]:
+    """Return the cells of the columns `COUNTS` for a group of rows."""
+    numbers = rows[["newton", "linear", "nonfinite", "seconds"]].apply(pd.to_numeric)
+    median, worst = numbers.median(), numbers.max()
+    return [
+        f"{rows['passed'].sum()} of {len(rows)}",
+        _count(median["newton"]),
+        _count(worst["newton"]),
+        _count(median["linear"]),
+        _count(numbers["nonfinite"].sum()),
+        f"{median['seconds']:.1f}",
+    ]
 
 
 def _count(number: float) -> str:

@@ -1,8 +1,8 @@
-"""The study: every case in a process of its own, a row each, a page.
+"""Run the extremes: every case in a process of its own, one row each, and a page.
 
-The folder holds extremes.json (what was asked), extremes.csv (a row the moment a case ends),
-extremes.md with its pictures, and a folder for each case with its log and record. Call it again and
-it goes on where it was ended, also with more families or seeds.
+The folder holds extremes.json (the definition), extremes.csv (a row is appended when a case ends),
+extremes.md with its pictures, and one folder per case with its log and record. An interrupted study
+continues when it is called again, also with more families or seeds.
 """
 
 from __future__ import annotations
@@ -16,33 +16,37 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.errors import BadInput, choose
-from fem_snh.studies.campaign import Campaign, Limits
-from fem_snh.studies.extremes import FAMILIES, measured, page
-from fem_snh.studies.extremes.cases import COLUMNS, Case
-
-#: Families whose cases measure by themselves.
-_OWN = ("pointwise", "faults")
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.extremes import FAMILIES, page
+from fem_snh.studies.extremes.cases import COLUMNS, PASS, Case
+from fem_snh.studies.point import Limits
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of the cases asked for.
+    """The results of the cases that were asked for.
 
-    Attributes:
-        table: a row for each.
-        demands: what is asked of several together, in words: why it does not hold, or "".
+    Attributes
+    ----------
+    table : one row per case.
+    aggregate : criteria of several cases together: {criterion: why it fails, or ""}.
     """
 
     table: pd.DataFrame
-    demands: dict[str, str]
+    aggregate: dict[str, str]
 
     @property
     def failures(self) -> dict[str, str]:
-        """What must hold and does not, with the reason."""
-        bad = self.table[self.table["must"] & ~self.table["holds"]]
-        return dict(zip(bad["point"], bad["why"], strict=True)) | {
-            asked: why for asked, why in self.demands.items() if why
+        """What is expected to pass and fails, with the reason."""
+        failed = self.table[(self.table["expected"] == PASS) & ~self.table["passed"]]
+        return dict(zip(failed["point"], failed["reason"], strict=True)) | {
+            criterion: reason for criterion, reason in self.aggregate.items() if reason
         }
+
+    @property
+    def required(self) -> int:
+        """The number of criteria that are expected to pass."""
+        return int((self.table["expected"] == PASS).sum()) + len(self.aggregate)
 
 
 def extremes(
@@ -51,47 +55,49 @@ def extremes(
     only: Sequence[str] = (),
     quick: bool = False,
     seeds: int = 100,
+    material: str = "",
     report: Callable[[str], None] = print,
     **limits: Any,
 ) -> Outcome:
-    """Run the cases that are not there yet; what came out of all that are asked for.
+    """Run the cases that have no row yet and return the results of all that are asked for.
 
-    Args:
-        out: the folder; a study that was begun there goes on.
-        only: families; none: all.
-        quick: a few small cases of each, in minutes.
-        seeds: scrambles of each small cube.
-        report: gets a line per case, and where the page is.
-        limits: jobs, timeout, memory, retry, overwrite, as of `fem_snh.studies.sweep`.
+    Parameters
+    ----------
+    out : the folder; a study that it holds is continued.
+    only : families; default: all.
+    quick : a few small cases of each family, in minutes.
+    seeds : scrambles of each small cube.
+    material : name of a material, or ``FILE.py:NAME`` for one of your own. Its pointwise errors
+        must be within their bounds; its runs may fail, as the theory of the page is that of Stable
+        Neo-Hookean. Default: every built-in material pointwise, Stable Neo-Hookean in the runs.
+    report : called with one line per case, and with the path of the page.
+    limits : jobs, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
-    Raises:
-        BadInput: before anything runs: a bad value, or another study in ``out``.
+    Raises
+    ------
+    BadInput
+        Before anything runs: for a bad value, or if ``out`` holds another study.
     """
     for family in only:
         choose("family", family, FAMILIES)
     if not isinstance(seeds, int) or isinstance(seeds, bool) or seeds < 1:
         raise BadInput(f"seeds = {seeds}: expected a whole number, 1 or more")
     flags = {key: limits.pop(key, False) for key in ("retry", "overwrite")}
-    chosen = {family: _cases(family, quick, seeds) for family in only or FAMILIES}
-    cases = {case.name: case for family in chosen.values() for case in family}
-    campaign = Campaign(
-        Path(out), "extremes", {"quick": quick}, COLUMNS, Limits(**limits),
-        good="holds", report=report, **flags,
+    families = [import_module(f"{__package__}.{family}") for family in only or FAMILIES]
+    chosen: list[list[Case]] = [family.cases(quick, seeds, material) for family in families]
+    cases = {case.name: case for family in chosen for case in family}
+    definition = {"quick": quick, "material": material}
+    batch = Batch(
+        Path(out), "extremes", definition, COLUMNS, Limits(**limits),
+        success="passed", report=report, **flags,
     )  # fmt: skip
 
-    def judged(record: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any]:
-        return cases[row["point"]].judged(record, row)
+    def evaluate(record: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any]:
+        return cases[row["point"]].evaluate(record, row)
 
-    campaign.run({name: case.point for name, case in cases.items()}, judged)
-    table = pd.read_csv(campaign.table.path)
-    campaign.draw()
+    batch.run({name: case.point for name, case in cases.items()}, evaluate)
+    table = pd.read_csv(batch.table.path)
+    batch.draw()
     report(f"page: {page.write(table, Path(out))}")
-    asked = table[table["point"].isin(list(cases))]
-    return Outcome(asked, page.demands(asked))
-
-
-def _cases(family: str, quick: bool, seeds: int) -> list[Case]:
-    if family in _OWN:
-        return measured.cases(family, quick)
-    made: list[Case] = import_module(f"{__package__}.{family}").cases(quick, seeds)
-    return made
+    requested = table[table["point"].isin(list(cases))]
+    return Outcome(requested, page.aggregate_criteria(requested))

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.studies.markdown import markdown
+from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff.errors import told
 
 #: Of the displacement, relative: what advice is given for.
@@ -129,7 +129,7 @@ def page(table: pd.DataFrame) -> str:
     asked = [percent(a) for a in ACCURACIES]
     head = ["nu", "element", *asked, "best"]
     sentences = "\n".join(f"- {sentence}" for sentence in words(table))
-    return f"{sentences}\n\n{markdown(head, by_element(table))}\n"
+    return f"{sentences}\n\n{markdown_table(head, by_element(table))}\n"
 
 
 def describe(row: Mapping[str, Any]) -> str:

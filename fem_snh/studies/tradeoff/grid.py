@@ -108,7 +108,7 @@ class Plan:
         overrides: Mapping[str, Any],
         petsc: Mapping[str, Any] | None = None,
     ) -> dict[str, ScenePoint]:
-        """The campaign's points at one nu, by name.
+        """The points at one nu, by name.
 
         A finer mesh waits for the coarser one, and so does a turned knob for the default.
         """

@@ -21,10 +21,11 @@ from fem_snh import scenes
 from fem_snh.atomic_files import put
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.studies.campaign import Campaign, Limits
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.point import Limits
 from fem_snh.studies.processes import environment, program
-from fem_snh.studies.scene_points import arguments, digests
-from fem_snh.studies.table import ASKED, FOUND
+from fem_snh.studies.scene_points import file_digests, run_arguments
+from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
 from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS
@@ -79,27 +80,33 @@ def tradeoff(
             f"{scene}: has no probe; a trade needs a displacement: [[probe]] name, point"
         )
     parts = [column for components in of.values() for column in components]
-    values = [column for column in parts if column not in FOUND]
-    columns = ["point", *(a for a in ASKED if a not in _FEATURES), *_FEATURES, "ranks", *FOUND]
+    values = [column for column in parts if column not in MEASURED]
+    columns = [
+        "point",
+        *(a for a in REQUESTED if a not in _FEATURES),
+        *_FEATURES,
+        "ranks",
+        *MEASURED,
+    ]
     options = dict(petsc or {})
     shared = {"scene": str(scene), "values": overrides, "petsc": options}
-    campaign = Campaign(
+    batch = Batch(
         Path(out),
         "tradeoff",
-        shared | {"files": digests(scene, [own])},
+        shared | {"files": file_digests(scene, [own])},
         [*columns, *_COST, *values, *errors.columns(of)],
         Limits(**limits),
         report=report,
         **flags,
     )
     studied = {nu: plan.points(scene, nu, overrides, options) for nu in plan.nus}
-    _warm_up(scene, plan, overrides, campaign)
+    _warm_up(scene, plan, overrides, batch)
     for nu, points in studied.items():
-        campaign.run(points, _measured)
-        _assess(campaign, of, nu)
-    table = pd.read_csv(campaign.table.path)
+        batch.run(points, _measured)
+        _assess(batch, of, nu)
+    table = pd.read_csv(batch.table.path)
     write_advice(table, Path(out))
-    campaign.draw()
+    batch.draw()
     return table
 
 
@@ -162,20 +169,18 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
     return [name for name, element in ELEMENTS.items() if element.cell == cell]
 
 
-def _warm_up(
-    scene: str | Path, plan: Plan, overrides: Mapping[str, Any], campaign: Campaign
-) -> None:
+def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch: Batch) -> None:
     """Compile each element's kernels: what is in the table must not hold the compiler's work."""
-    done = {row["element"] for row in campaign.table.rows()}
+    done = {row["element"] for row in batch.table.rows()}
     for element in plan.elements:
         nus = [nu for nu in plan.nus if nu < 0.5 or ELEMENTS[element].volume == "pressure"]
         if element in done or not nus:
             continue
         choice = plan.default(element, plan.resolutions[element][0])
         values = {"nu": nus[0]} | dict(overrides) | choice.values()
-        folder = campaign.out / f"warm-up_{element}"
+        folder = batch.out / f"warm-up_{element}"
         petsc = {"snes_max_it": 1}
-        command = [*program(1), *arguments(scene, folder, values, petsc)]
+        command = [*program(1), *run_arguments(scene, folder, values, petsc)]
         subprocess.run(command, env=environment(), capture_output=True)
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -195,14 +200,14 @@ def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, An
     return found
 
 
-def _assess(campaign: Campaign, of: Mapping[str, list[str]], nu: float) -> None:
+def _assess(batch: Batch, of: Mapping[str, list[str]], nu: float) -> None:
     """Put the errors of one nu's rows into the table."""
-    rows = campaign.table.rows()
-    numbers = pd.read_csv(campaign.table.path)
+    rows = batch.table.rows()
+    numbers = pd.read_csv(batch.table.path)
     mine = numbers[numbers["nu"] == nu]
     if mine.empty:
         return
-    found = errors.assess(mine, of, lambda line: campaign.report(f"  nu = {nu:g}, {line}"))
+    found = errors.assess(mine, of, lambda line: batch.report(f"  nu = {nu:g}, {line}"))
     for at, values in found[[c for c in errors.columns(of) if c in found]].iterrows():
         rows[at] |= {c: "" if v != v else repr(float(v)) for c, v in values.items()}
-    campaign.table.replace(rows)
+    batch.table.replace(rows)

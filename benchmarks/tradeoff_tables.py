@@ -1,15 +1,12 @@
-"""The tables of docs/results/tradeoff.md, made of the CSVs beside it.
+"""The tables of docs/results/tradeoff.md, rewritten from the CSV files beside it.
 
-    python -m fem_snh.studies.tradeoff.page docs/results/tradeoff.md
-
-replaces what is between ``<!-- table: SCENE KIND -->`` and ``<!-- end -->`` by a table of
-docs/results/tradeoff/SCENE.csv: `TABLES` has the kinds.
+The text between ``<!-- table: SCENE KIND -->`` and ``<!-- end -->`` is replaced by a table of
+docs/results/tradeoff/SCENE.csv; `TABLES` lists the kinds.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from benchmarks import Row
 from fem_snh.atomic_files import put
 from fem_snh.choices import SEARCHED
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.studies.markdown import markdown
+from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import differs
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
@@ -50,7 +48,7 @@ def locking(table: pd.DataFrame) -> str:
         dofs = f"{mine['dofs'].iloc[0]:,.0f}" if len(mine) else "-"
         cell = [advice.error(mine.loc[nu]) if nu in mine.index else "-" for nu in _nus(table)]
         lines.append([element, f"{cells:g}", dofs, *cell])
-    return markdown(["element", "cells", "dofs", *_heads(table)], lines)
+    return markdown_table(["element", "cells", "dofs", *_heads(table)], lines)
 
 
 def price(table: pd.DataFrame) -> str:
@@ -64,7 +62,7 @@ def price(table: pd.DataFrame) -> str:
                 mine = rows[(rows["element"] == element) & (rows["nu"] == nu)]
                 cell.append(_seconds(mine, accuracy))
             lines.append([element, advice.percent(accuracy), *cell])
-    return markdown(["element", "error", *_heads(table)], lines)
+    return markdown_table(["element", "error", *_heads(table)], lines)
 
 
 def _seconds(rows: pd.DataFrame, accuracy: float) -> str:
@@ -86,7 +84,7 @@ def iterations(table: pd.DataFrame) -> str:
         on = mine[mine["cells"] == cells].set_index("nu")
         cell = [_counted(on.loc[nu]) if nu in on.index else "-" for nu in _nus(table)]
         lines.append([element, f"{cells:g}", *cell])
-    return markdown(["element", "cells", *_heads(table)], lines)
+    return markdown_table(["element", "cells", *_heads(table)], lines)
 
 
 def _alike(table: pd.DataFrame, element: str) -> float:
@@ -107,7 +105,7 @@ def knobs(table: pd.DataFrame) -> str:
         for element in _elements(table):
             lines += list(_turned(table[(table["nu"] == nu) & (table["element"] == element)]))
     head = ["nu", "element", "cells", "knob", "Newton", "linear", "time", "shift of displacement"]
-    return markdown(head, lines)
+    return markdown_table(head, lines)
 
 
 def _turned(rows: pd.DataFrame) -> Iterator[list[str]]:
@@ -162,7 +160,7 @@ def filters(table: pd.DataFrame) -> str:
         if len(mine) > 1:
             said = [_filtered(mine, policy, default) for policy in SEARCHED]
             lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
-    return markdown(["nu", "element", "cells", *SEARCHED], lines)
+    return markdown_table(["nu", "element", "cells", *SEARCHED], lines)
 
 
 def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:
@@ -200,16 +198,26 @@ TABLES: dict[str, Callable[[pd.DataFrame], str]] = {
 }
 
 
-def main(path: Path) -> None:
-    """Fill the page from the CSVs in the folder of its name. BadInput if it cannot be read."""
+def rows(write: str = "docs/results/tradeoff.md") -> Iterator[Row]:
+    """Rewrite the tables of a page from the CSV files in the folder of the page's name.
+
+    Yields
+    ------
+    dict
+        One row per table: ``page``, ``scene``, ``table``.
+
+    Raises
+    ------
+    BadInput
+        If the page cannot be read.
+    """
+    page = Path(write)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = page.read_text(encoding="utf-8")
     except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}") from None
-    folder = path.with_suffix("")
+        raise BadInput(f"write = {page}: cannot be read: {error.strerror}") from None
+    folder = page.with_suffix("")
     tables = {csv.stem: pd.read_csv(csv) for csv in sorted(folder.glob("*.csv"))}
-    put(path, fill(text, tables))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    put(page, fill(text, tables))
+    for _, scene, kind, _ in _TABLE.findall(text):
+        yield {"page": write, "scene": scene, "table": kind}

@@ -4,7 +4,7 @@ dolfinx's NewtonSolver on UFL forms: exact tangent, full steps, MUMPS. A load st
 halved, as a careful user would; after one that succeeds the next is twice as large. Factors that
 take too much memory end it: a smaller step has as many.
 
-    python -m benchmarks.tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
+    python -m benchmarks.fenicsx_tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
 """
 
 from __future__ import annotations

@@ -1,0 +1,81 @@
+"""Faults of the operating system: a killed rank, a full disk, a termination signal."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from benchmarks import Row
+from benchmarks.faults.intervention import CONVERGED_STEPS
+from benchmarks.faults.pause import RESUME
+from benchmarks.faults.trial import Trial, resume_and_compare
+
+#: Limit on the size of a file [B]: between a checkpoint (30 KiB) and the fields of a step (51 KiB).
+_FILE_SIZE = 40 * 1024
+_MOUNT = ("mount", "-t", "tmpfs", "-o")
+
+
+def killed_rank(folder: Path) -> Row:
+    """Send SIGKILL to one of two ranks: mpirun ends the other."""
+    trial = Trial(folder)
+    child = trial.start_paused(2)
+    os.kill(child.ranks()[1], signal.SIGKILL)
+    code = trial.wait(child)
+    return resume_and_compare(trial, code, "signal 9", CONVERGED_STEPS, 1)
+
+
+def terminated(folder: Path) -> Row:
+    """Send SIGTERM to mpirun, which gives its ranks one second to end, as after Ctrl-C."""
+    trial = Trial(folder)
+    child = trial.start_paused(2)
+    child.signal(signal.SIGTERM)
+    code = trial.wait(child)
+    return resume_and_compare(trial, code, "interrupted", CONVERGED_STEPS, 1)
+
+
+def full_disk(folder: Path) -> Row:
+    """Write to a disk of 400 KiB, which is enlarged before the run is resumed.
+
+    Where no disk can be mounted, a limit on the size of files takes its place.
+    """
+    with _temporary_disk("400k") as disk:
+        if disk is None:
+            return file_size_limit(folder)
+        trial = Trial(folder, disk / "run")
+        code = trial.wait(trial.start(2))
+        subprocess.run([*_MOUNT, "remount,size=16m", "tmpfs", str(disk)], check=True)
+        return resume_and_compare(trial, code, "No space left on device", 1, 2)
+
+
+def file_size_limit(folder: Path) -> Row:
+    """Limit files to 40 KiB from one step on: the fields of a step are larger."""
+    trial = Trial(folder)
+    child = trial.start_paused(1)
+    resource.prlimit(child.ranks()[0], resource.RLIMIT_FSIZE, (_FILE_SIZE, _FILE_SIZE))
+    os.kill(child.ranks()[0], RESUME)
+    code = trial.wait(child)
+    return resume_and_compare(trial, code, "File too large", CONVERGED_STEPS, 1)
+
+
+@contextmanager
+def _temporary_disk(size: str) -> Iterator[Path | None]:
+    """Mount a tmpfs of this size; None without permission to mount.
+
+    It is not mounted inside the study's folder: after a SIGKILL the mount stays, and that folder
+    could not be emptied.
+    """
+    with tempfile.TemporaryDirectory(prefix="fem-snh-disk-") as path:
+        done = subprocess.run([*_MOUNT, f"size={size}", "tmpfs", path], capture_output=True)
+        if done.returncode != 0:
+            yield None
+            return
+        try:
+            yield Path(path)
+        finally:
+            subprocess.run(["umount", path], check=True)

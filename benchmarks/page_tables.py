@@ -1,0 +1,39 @@
+"""Rewrite the table of a documentation page that stands between two marker lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fem_snh.atomic_files import put
+from fem_snh.errors import BadInput
+
+
+def markers(benchmark: str) -> tuple[str, str]:
+    """Return the lines before and after the table that a benchmark writes."""
+    return f"<!-- made by python -m benchmarks {benchmark} -->", "<!-- until here -->"
+
+
+def split_page(page: Path, benchmark: str) -> tuple[str, str]:
+    """Return the text before and after the table of a page.
+
+    Raises
+    ------
+    BadInput
+        If the page cannot be read or has no such table.
+    """
+    begin, end = markers(benchmark)
+    try:
+        text = page.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"write = {page}: cannot be read: {error.strerror}") from None
+    before, found_begin, rest = text.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found_begin and found_end):
+        raise BadInput(f"write = {page}: expected a page with the lines {begin} and {end}")
+    return before, after
+
+
+def write_table(page: Path, benchmark: str, parts: tuple[str, str], table: str) -> None:
+    """Write the page with a new table between its two ``parts``."""
+    begin, end = markers(benchmark)
+    put(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")

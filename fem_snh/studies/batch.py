@@ -1,0 +1,205 @@
+"""Run the points of a study, each in processes of its own, and append a row when a point ends.
+
+A `Batch` owns a folder: NAME.json (the definition of the study), NAME.csv (the rows) and one folder
+per point with its log and its record. A point that has a row is not run again, so an interrupted
+study continues when it is started again.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fem_snh.atomic_files import put
+from fem_snh.errors import BadInput
+from fem_snh.runs.interrupts import Interrupts
+from fem_snh.studies.point import Limits, Point
+from fem_snh.studies.processes import Child, environment, program
+from fem_snh.studies.table import Table, read_record
+
+#: Computes further columns of a point's row from its record and the row so far. A key ``remark``
+#: is no column; it is printed in the progress line of the point.
+ExtraColumns = Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]]
+
+#: Seconds between two polls of the running points.
+_POLL_INTERVAL = 0.02
+
+
+class Batch:
+    """The folder and the table of a study, and the loop that runs its points.
+
+    Only one process may use a folder.
+
+    Parameters
+    ----------
+    out : the folder.
+    name : of the study: its files are NAME.json, NAME.csv, NAME.png.
+    definition : what all rows of the table have in common.
+    columns : of the table.
+    success : the column that tells whether a point need not be run again by ``retry``.
+    retry : run again the points of earlier calls that failed.
+    overwrite : delete an earlier study in ``out``.
+    report : called with one line per point.
+
+    Raises
+    ------
+    BadInput
+        If ``out`` holds a study of another definition and ``overwrite`` is false.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        name: str,
+        definition: Mapping[str, Any],
+        columns: Sequence[str],
+        limits: Limits,
+        *,
+        success: str = "converged",
+        retry: bool = False,
+        overwrite: bool = False,
+        report: Callable[[str], None] = print,
+    ) -> None:
+        self.out, self.name, self.limits, self.report = out, name, limits, report
+        program(limits.ranks)  # fails here, before anything runs, if there is no mpirun
+        definition = {**definition, "ranks": limits.ranks}
+        _prepare_folder(out, name, definition, overwrite)
+        self.table = Table(out / f"{name}.csv", columns)
+        self._success, self._retry = success, retry
+
+    def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> None:
+        """Run the points that have no row; a point that fails is a row with its reason."""
+        if self._retry:  # rows of points that are not asked for stay
+            failed = (r["point"] for r in self.table.rows() if r[self._success] != "True")
+            self.table.drop(name for name in failed if name in points)
+        rows = {row["point"]: row for row in self.table.rows()}
+        waiting = [name for name in points if name not in rows]
+        running: dict[str, Child] = {}
+        ended = len(points) - len(waiting)
+        if ended:
+            self.report(f"{ended} of {len(points)} points are there already")
+        with Interrupts() as interrupts:
+            try:
+                while waiting or running:
+                    with interrupts.undivided():  # an interrupt here would lose a new child
+                        for name in self._startable(waiting, running, points):
+                            waiting.remove(name)
+                            point = points[name]
+                            if reason := self._skip_reason(point, rows.get(point.after or "")):
+                                row = self._row(name, point)
+                                row |= {"converged": False, "status": reason}
+                                ended += 1
+                                rows[name] = self._append(name, row, ended, len(points))
+                            else:
+                                running[name] = self._start(name, point)
+                        for name in [name for name in running if running[name].poll() is not None]:
+                            row = self._result(name, points[name], running.pop(name), extra)
+                            ended += 1
+                            rows[name] = self._append(name, row, ended, len(points))
+                    time.sleep(_POLL_INTERVAL)
+            finally:
+                for child in running.values():
+                    child.end()
+
+    def draw(self) -> None:
+        """Draw NAME.png in a process of its own; a failure is reported and is no error."""
+        picture = self.out / f"{self.name}.png"
+        command = [*program(1), "plot", str(self.table.path), "--out", str(picture)]
+        drawn = subprocess.run(command, env=environment(), capture_output=True, text=True)
+        output = (drawn.stdout if drawn.returncode == 0 else drawn.stderr).strip().splitlines()
+        self.report(output[-1] if output else f"no picture: exit code {drawn.returncode}")
+
+    def _startable(
+        self, waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point]
+    ) -> list[str]:
+        """Return the points to start now: in order, none before the point it comes after."""
+        not_ended = {*waiting, *running}
+        ready = [name for name in waiting if points[name].after not in not_ended]
+        return ready[: self.limits.jobs - len(running)]
+
+    def _start(self, name: str, point: Point) -> Child:
+        folder = self.out / name
+        shutil.rmtree(folder, ignore_errors=True)  # of a point that was interrupted
+        folder.mkdir(parents=True)
+        command = [*program(self._ranks(point), point.module), *point.arguments(folder)]
+        return Child(command, folder / "log.txt", self._timeout(point), self.limits.memory)
+
+    def _ranks(self, point: Point) -> int:
+        return self.limits.ranks if point.parallel else 1
+
+    def _timeout(self, point: Point) -> float | None:
+        return point.timeout if point.timeout is not None else self.limits.timeout
+
+    def _skip_reason(self, point: Point, coarser: Mapping[str, Any] | None) -> str:
+        """Return why a point is skipped, from the row of its coarser point; "" if it is run."""
+        if coarser is None:
+            return ""
+        if str(coarser["status"]).startswith(("given up", "not tried")):
+            return f"not tried: {_coarser_status(coarser)}"
+        limit, seconds = self._timeout(point), float(coarser["seconds"] or 0)
+        if limit and seconds * point.growth > limit:
+            return f"not tried: would take more than {limit:g} s"
+        return ""
+
+    def _row(self, name: str, point: Point) -> dict[str, Any]:
+        """Return the columns of a point that are known before it runs."""
+        row = {"point": name, "ranks": self._ranks(point), **point.requested()}
+        return row | dict(point.columns)
+
+    def _result(
+        self, name: str, point: Point, child: Child, extra: ExtraColumns | None
+    ) -> dict[str, Any]:
+        """Return the row of a point that has ended."""
+        record = read_record(self.out / name, point.record)
+        row = self._row(name, point)
+        row |= point.measured(record, self.out / name / "log.txt", child.poll() or 0)
+        row["seconds"] = row["seconds"] or child.seconds
+        if child.limit_reached:
+            row |= {"converged": False, "status": child.limit_reached}
+        return row | dict(extra(record, row) if extra else {})
+
+    def _append(self, name: str, row: dict[str, Any], count: int, of: int) -> dict[str, Any]:
+        """Append a row to the table and report it."""
+        self.table.append(row)
+        seconds = f", {row['seconds']:.1f} s" if row.get("seconds") else ""
+        remark = f" ({row['remark']})" if row.get("remark") else ""
+        self.report(f"[{count}/{of}] {name}: {row['status']}{seconds}{remark}")
+        return row
+
+
+def _coarser_status(coarser: Mapping[str, Any]) -> str:
+    """Return the status of the coarsest mesh that failed, the same for all meshes above it."""
+    status = str(coarser["status"])
+    if status.startswith("not tried: "):
+        return status.removeprefix("not tried: ")
+    return f"{coarser['cells']} cells were {status}"
+
+
+def _prepare_folder(out: Path, name: str, definition: Mapping[str, Any], overwrite: bool) -> None:
+    """Create the folder of a study, or check that the study in it has the same definition."""
+    record = out / f"{name}.json"
+    definition = json.loads(json.dumps(definition))
+    try:
+        earlier = json.loads(record.read_text(encoding="utf-8")) if record.exists() else None
+    except ValueError:
+        earlier = {}
+    if earlier is not None and earlier != definition and not overwrite:
+        other = [key for key in definition if earlier.get(key) != definition[key]]
+        raise BadInput(
+            f"out = {out}: holds {name}.csv of other {', '.join(other)}: "
+            "expected another folder, or --overwrite"
+        )
+    if overwrite and earlier is not None:
+        for log in out.glob("*/log.txt"):  # every point has a log, also an interrupted one
+            shutil.rmtree(log.parent, ignore_errors=True)
+        (out / f"{name}.csv").unlink(missing_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"out = {out}: cannot be written: {error.strerror}") from None
+    put(record, json.dumps(definition, indent=1))

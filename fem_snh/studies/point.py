@@ -1,0 +1,93 @@
+"""One point of a study: the command that computes it, its limits and its row of the table."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from fem_snh.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How many points run at a time, and what each of them may use.
+
+    Parameters
+    ----------
+    jobs : points at a time.
+    ranks : MPI ranks of each point.
+    timeout : seconds after which a point is given up; None: never.
+    memory : resident memory above which a point is given up [GiB]; None: no limit.
+
+    Raises
+    ------
+    BadInput
+        For a value that is not positive.
+    """
+
+    jobs: int = 1
+    ranks: int = 1
+    timeout: float | None = None
+    memory: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("jobs", "ranks"):
+            count = getattr(self, key)
+            if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+                raise BadInput(f"{key} = {count}: expected a whole number, 1 or more")
+        for key, unit in {"timeout": "seconds", "memory": "GiB"}.items():
+            limit = getattr(self, key)
+            number = isinstance(limit, int | float) and not isinstance(limit, bool)
+            if limit is not None and not (number and limit > 0):
+                raise BadInput(f"{key} = {limit}: expected {unit}, a number > 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point(ABC):
+    """A command, and the row that it yields from the record it writes into its folder.
+
+    Parameters
+    ----------
+    timeout : of this point, in place of the one in `Limits`.
+    after : name of a point that must have ended before this one starts: a coarser mesh.
+    growth : lower bound of the time of this point over that of ``after``. If the product exceeds
+        the timeout, or ``after`` reached a limit itself, this point is skipped.
+    columns : further columns of its row, whatever its result.
+
+    Attributes
+    ----------
+    module : the module that is run.
+    parallel : whether it is started on several ranks.
+    record : the file that it writes into its folder.
+    """
+
+    timeout: float | None = None
+    after: str | None = None
+    growth: float = 1.0
+    columns: Mapping[str, Any] = field(default_factory=dict)
+
+    module: ClassVar[str] = "fem_snh"
+    parallel: ClassVar[bool] = True
+    record: ClassVar[str] = "run.json"
+
+    @abstractmethod
+    def arguments(self, folder: Path) -> list[str]:
+        """Return the arguments of the module for a point that writes into ``folder``."""
+
+    @abstractmethod
+    def requested(self) -> Mapping[str, Any]:
+        """Return the columns of its settings."""
+
+    @abstractmethod
+    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
+        """Return the columns of its results: ``converged``, ``status``, ``seconds`` and others.
+
+        Parameters
+        ----------
+        record : the record that it wrote; empty if there is none.
+        log : its output.
+        code : its exit code.
+        """
