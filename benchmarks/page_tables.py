@@ -1,4 +1,4 @@
-"""Rewrite the table of a documentation page that stands between two marker lines."""
+"""Rewrite the part of a documentation page between two marker lines."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from fem_snh.errors import BadInput
 
 
 def markers(benchmark: str) -> tuple[str, str]:
-    """Return the lines before and after the table that a benchmark writes."""
+    """Return the lines before and after the part that a benchmark writes."""
     return f"<!-- made by python -m benchmarks {benchmark} -->", "<!-- until here -->"
 
 
 def split_page(page: Path, benchmark: str) -> tuple[str, str]:
-    """Return the text before and after the table of a page.
+    """Return the text before and after that part of a page.
 
     Raises
     ------
     BadInput
-        If the page cannot be read or has no such table.
+        If the page cannot be read or has no such lines.
     """
     begin, end = markers(benchmark)
     try:
@@ -34,6 +34,6 @@ def split_page(page: Path, benchmark: str) -> tuple[str, str]:
 
 
 def write_table(page: Path, benchmark: str, parts: tuple[str, str], table: str) -> None:
-    """Write the page with a new table between its two ``parts``."""
+    """Write the page with a new table or text between its two ``parts``."""
     begin, end = markers(benchmark)
     put(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")

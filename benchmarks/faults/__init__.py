@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from benchmarks import Row, split_list
+from benchmarks import Row, page_tables, split_list
 from benchmarks.faults.solver_faults import (
     diverging_solve,
     factors_out_of_memory,
@@ -21,6 +21,7 @@ from benchmarks.faults.solver_faults import (
 )
 from benchmarks.faults.system_faults import file_size_limit, full_disk, killed_rank, terminated
 from fem_snh.errors import choose
+from fem_snh.studies.markdown import markdown_table
 
 FAULTS: dict[str, Callable[[Path], Row]] = {
     fault.__name__: fault
@@ -38,12 +39,13 @@ FAULTS: dict[str, Callable[[Path], Row]] = {
 }
 
 
-def rows(only: str = "") -> Iterator[Row]:
+def rows(only: str = "", write: str = "") -> Iterator[Row]:
     """Inject each fault into a run and yield one row per fault.
 
     Parameters
     ----------
     only : comma list of names of `FAULTS`; default: all.
+    write : a page whose table is replaced by these rows: docs/results/extremes.md.
 
     Yields
     ------
@@ -53,8 +55,24 @@ def rows(only: str = "") -> Iterator[Row]:
         message the user saw; ``newton``, ``linear``, ``seconds`` of all its runs; ``difference``,
         max ``|u - u'|`` over the extent of the body.
     """
-    for name in [choose("fault", name, FAULTS) for name in split_list(only)] or FAULTS:
+    names = [choose("fault", name, FAULTS) for name in split_list(only)] or FAULTS
+    parts = page_tables.split_page(Path(write), "faults") if write else ("", "")
+    done = []
+    for name in names:
         fault = FAULTS[name]
         description = (fault.__doc__ or "").strip().partition("\n")[0]
         with tempfile.TemporaryDirectory(prefix="fem-snh-fault-") as folder:
-            yield {"fault": name, "description": description} | fault(Path(folder))
+            done.append({"fault": name, "description": description} | fault(Path(folder)))
+        yield done[-1]
+    if write:
+        page_tables.write_table(Path(write), "faults", parts, table(done))
+
+
+def table(found: list[Row]) -> str:
+    """Return the rows as a Markdown table."""
+    head = ("fault", "what is done", "message", "passed", "seconds")
+    lines = [
+        [row["fault"], row["description"], row["status"], str(row["ok"]), f"{row['seconds']:.1f}"]
+        for row in found
+    ]
+    return markdown_table(head, lines)

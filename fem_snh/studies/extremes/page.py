@@ -20,12 +20,12 @@ _LISTED = 30
 def write(table: pd.DataFrame, out: Path) -> Path:
     """Draw the pictures, write extremes.md into the study's folder and return its path."""
     path = out / "extremes.md"
-    put(path, text(table, out))
+    put(path, f"# Extremes\n\n{text(table, out)}")
     return path
 
 
 def text(table: pd.DataFrame, out: Path, links: str = "") -> str:
-    """Return the page of a table.
+    """Return the page of a table, without its title.
 
     Parameters
     ----------
@@ -60,8 +60,6 @@ def _head(table: pd.DataFrame) -> str:
     lines = [f"- {criterion}: {reason or 'passed'}" for criterion, reason in aggregate]
     return "\n".join(
         [
-            "# Extremes",
-            "",
             f"{passed} of the {len(required)} cases that are expected to pass do. "
             f"{len(table) - len(required)} more may fail;",
             "they are run for comparison. Written by `fem-snh extremes`; extremes.csv has one row "

@@ -1,0 +1,26 @@
+"""The results of `fem-snh extremes` in docs/results/extremes.md, rewritten from its CSV file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from benchmarks import Row, page_tables
+from fem_snh.studies.extremes import page
+
+
+def rows(write: str = "docs/results/extremes.md") -> Iterator[Row]:
+    """Rewrite the part of a page between its markers.
+
+    The rows and pictures are those in the folder of the page's name. One row is yielded, with the
+    number of cases.
+    """
+    path = Path(write)
+    parts = page_tables.split_page(path, "extremes_page")
+    folder = path.with_suffix("")
+    table = pd.read_csv(folder / "extremes.csv")
+    text = page.text(table, folder, f"{folder.name}/")
+    page_tables.write_table(path, "extremes_page", parts, text.strip())
+    yield {"page": write, "cases": len(table)}
