@@ -1,8 +1,8 @@
-"""A scene as FEniCSx's tutorial on hyperelasticity solves it: what `bench solve` compares with.
+"""Solve a scene as the hyperelasticity tutorial of FEniCSx does, for `benchmarks.stretch_times`.
 
 dolfinx's NewtonSolver on UFL forms: exact tangent, full steps, MUMPS. A load step that fails is
-halved, as a careful user would; after one that succeeds the next is twice as large. Factors that
-take too much memory end it: a smaller step has as many.
+halved; after one that converges the next is twice as large. A factorisation that runs out of memory
+ends the run, as it needs as much for a smaller step.
 
     python -m benchmarks.fenicsx_tutorial FOLDER '{"scene": "stretch", "cells": 12, "nu": 0.49}'
 """
@@ -30,20 +30,27 @@ from fem_snh.fem import mesh as meshes
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import make_mesh
 
-#: A step is halved at most so often; Newton takes at most so many steps.
-HALVINGS, MOST = 6, 50
+#: Limits on the halvings of a step and on the Newton iterations of a step.
+HALVINGS, MAX_IT = 6, 50
 PETSC = {
     "ksp_type": "preonly",
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
-    "ksp_error_if_not_converged": None,  # else Newton's method goes on with what is no number
+    "ksp_error_if_not_converged": None,  # else Newton's method continues with NaN
 }
 
 
 def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[str, Any]:
-    """Solve a scene without tractions; ``folder``/run.json after every step. Collective.
+    """Solve a scene without tractions and write ``folder``/run.json after every step. Collective.
 
-    Residuals are in N; the ``tolerance`` is of E V^(2/3), as that of our own solver.
+    Parameters
+    ----------
+    tolerance : of the residual, in units of E V^(2/3) as for `fem_snh.solver`.
+
+    Returns
+    -------
+    dict
+        The record; its residuals are in N.
     """
     comm = MPI.COMM_WORLD
     element = elements.element(scene.element, scene.quadrature)
@@ -62,7 +69,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         ufl_forms.residual(law, u, v, dx), u, [_dolfinx.prescribed(g, n) for _, n, g in parts], JIT,
         PETSC,
     )  # fmt: skip
-    solver.rtol, solver.max_it = 0.0, MOST
+    solver.rtol, solver.max_it = 0.0, MAX_IT
     solver.atol = tolerance * law.E * meshes.volume(domain.domain) ** (2 / 3)
     points = V.tabulate_dof_coordinates()
     dofs = 3 * V.dofmap.index_map.size_global

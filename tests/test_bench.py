@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
-from benchmarks import assembly, solve, stretch, twist
+from benchmarks import assembly, stretch, stretch_times, twist
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment
 
@@ -56,25 +56,26 @@ def test_every_material_against_the_stable_one() -> None:
 
 def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     """A factorisation that is given a MB: its code, instead of Newton's method on no numbers."""
-    (row,) = solve.rows(cells="3", ways="tutorial", nu=0.3, ranks=1)
+    (row,) = stretch_times.rows(cells="3", ways="tutorial", nu=0.3, ranks=1)
     assert row["converged"] and row["load"] == 1 and row["newton"] == row["linear"] > row["steps"]
     monkeypatch.setenv("PETSC_OPTIONS", "-nls_solve_mat_mumps_icntl_23 1")
-    (row,) = solve.rows(cells="5", ways="tutorial")
+    (row,) = stretch_times.rows(cells="5", ways="tutorial")
     assert re.fullmatch(r"MUMPS cannot factorise the matrix: INFOG = -\d+, -?\d+", row["status"])
     assert not row["converged"] and (row["steps"], row["failed_steps"]) == (0, 1)
 
 
 def test_mistakes() -> None:
-    with pytest.raises(BadInput, match=r"bench = 'asembly': expected .*did you mean 'assembly'"):
+    said = r"benchmark = 'asembly': expected .*did you mean 'assembly'"
+    with pytest.raises(BadInput, match=said):
         benchmarks.main("asembly", {})
-    with pytest.raises(BadInput, match="unknown option of bench twist 'cell'"):
+    with pytest.raises(BadInput, match="unknown option of benchmark twist 'cell'"):
         benchmarks.main("twist", {"cell": 3})
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_measurement_that_is_ended_ends_its_runs(number, tmp_path) -> None:
     """They have a session of their own, which the signal does not reach."""
-    words = "solve --cells 30 --ways ours --ranks 1".split()
+    words = "stretch_times --cells 30 --ways ours --ranks 1".split()
     command, here = [sys.executable, "-m", "benchmarks", *words], environment()
     here["TMPDIR"] = str(tmp_path)  # where it puts the run's folder, so that we know the run
     running = subprocess.Popen(command, env=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

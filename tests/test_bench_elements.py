@@ -7,19 +7,26 @@ import json
 import pytest
 
 import benchmarks
-from benchmarks import bound, filters, orders, policies, quadrature, taylor_hood
+from benchmarks import (
+    convergence_orders,
+    hessian_filters,
+    negative_curvature,
+    quadrature,
+    taylor_hood,
+    volume_split,
+)
 from fem_snh.fem.elements import ELEMENTS
 
 
 def test_orders() -> None:
-    (locked, free) = orders.rows(elements="P1,P2P1", nus="0.4999", cells="2,4")
+    (locked, free) = convergence_orders.rows(elements="P1,P2P1", nus="0.4999", cells="2,4")
     assert locked["cells"] == free["cells"] == [2, 4] and locked["ok"] and free["ok"]
     assert locked["orders"]["H1"][0] < 0.7 and "pressure" not in locked
     assert free["orders"]["H1"][0] > 1.7 and free["orders"]["pressure"][0] > 1.7
 
 
 def test_orders_at_one_half_are_of_elements_with_a_pressure() -> None:
-    found = [row["element"] for row in orders.rows(nus="0.5", cells="2")]
+    found = [row["element"] for row in convergence_orders.rows(nus="0.5", cells="2")]
     assert found == [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
 
 
@@ -34,29 +41,29 @@ def test_quadrature() -> None:
 
 
 def test_bound_keeps_taylor_hood_cells_from_collapsing() -> None:
-    none, some = bound.rows(elements="Q2Q1", bounds="0,2", stretches="1,0.5", cells=2)
+    none, some = volume_split.rows(elements="Q2Q1", bounds="0,2", stretches="1,0.5", cells=2)
     assert none["least"]["0.5"] < 0 < some["least"]["0.5"]
     assert none["spurious"] == some["spurious"] == 0
     assert some["converged"] and len(some["newton"]) == 2 and some["min_J"][1] > 0.7
 
 
 def test_bound_is_put_back(capsys: pytest.CaptureFixture[str]) -> None:
-    with bound.split_at(0.0), bound.split_at(1.0):
+    with volume_split.split_at(0.0), volume_split.split_at(1.0):
         pass
-    assert benchmarks.main("bound", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
+    assert benchmarks.main("volume_split", {"elements": "Q1", "stretches": "1", "cells": 2}) == 0
     row = json.loads(capsys.readouterr().out)
     assert row["bound"] is None and row["least"]["1"] > 0
 
 
 def test_filters_reach_one_state_from_rough_starts() -> None:
-    (row,) = filters.rows(elements="Q2Q1", cases="twist", nus="0.49", cells="2", seeds=2)
+    (row,) = hessian_filters.rows(elements="Q2Q1", cases="twist", nus="0.49", cells="2", seeds=2)
     assert row["failed"] == {"clamp": 0, "abs": 0, "adaptive": 0} and row["states"] == 1
     assert row["newton"]["adaptive"] < row["newton"]["clamp"] < row["newton"]["abs"]
     assert row["better"] == 0
 
 
 def test_filters_count_what_is_given_up() -> None:
-    (row,) = filters.rows(
+    (row,) = hessian_filters.rows(
         elements="Q2", cases="press", nus="0.4999", cells="2", seeds=1, hessians="abs"
     )
     assert row["newton"] == {"abs": None} and row["failed"] == {"abs": 1} and row["states"] == 0
@@ -64,7 +71,9 @@ def test_filters_count_what_is_given_up() -> None:
 
 def test_policies_on_loads_in_one_step() -> None:
     found = list(
-        policies.rows(cases="quarter turn", cells="3", hessians="ratio,abs,trust", seeds=2)
+        negative_curvature.rows(
+            cases="quarter turn", cells="3", hessians="ratio,abs,trust", seeds=2
+        )
     )
     assert [(row["hessian"], row["allowed"]) for row in found] == [
         (hessian, allowed) for hessian in ("ratio", "abs", "trust") for allowed in (0, 20)

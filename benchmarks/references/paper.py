@@ -1,4 +1,4 @@
-"""The paper's own tables, as `bench twist` and `bench stretch` measure them."""
+"""The tables of Smith et al. 2018, by the benchmarks ``twist`` and ``stretch``."""
 
 from __future__ import annotations
 
