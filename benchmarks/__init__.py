@@ -107,6 +107,12 @@ def split_list(text: str) -> list[str]:
     return [item for item in str(text).split(",") if item]
 
 
+def policy(word: str) -> dict[str, str]:
+    """Return Hessian and globalization of "clamp" (a line search) or "clamp+trust_region"."""
+    hessian, _, globalization = word.partition("+")
+    return {"hessian": hessian, "globalization": globalization or "linesearch"}
+
+
 def search_path() -> dict[str, str]:
     """Return PYTHONPATH for a child that imports `benchmarks` from any working directory."""
     paths = [str(_HERE.parent), os.environ.get("PYTHONPATH", "")]

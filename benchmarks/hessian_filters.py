@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from benchmarks import Row, split_list
+from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh.errors import choose
 from fem_snh.fem import mesh
@@ -94,7 +94,7 @@ def solve(
     p.x.array[:n] = noise / cells * np.random.default_rng(seed).uniform(-1, 1, n)
     p.set_load(1.0)
     p.prescribe(p.x)
-    snes = solver.create(p, hessian)
+    snes = solver.create(p, **policy(hessian))
     snes.setTolerances(max_it=MOST)
     set_direct_solver(snes.getKSP())
     snes.solve(None, p.x)

@@ -66,7 +66,7 @@ def settle(problem: Problem, tolerance: float = 1e-9) -> int:
     First as far as the energy can be told from its rounding, then, undamped, until nothing but
     rounding is left of the residual. Raises BadInput if that is more than ``tolerance`` E V^(2/3).
     """
-    snes, most = solver.create(problem), 30
+    snes, most = solver.create(problem, globalization="linesearch"), 30
     snes.getPythonContext().options |= {"snes_scaled_tol": 1e-7, "snes_forcing_max": 0.0}
     ksp = snes.getKSP()
     set_direct_solver(ksp)
@@ -75,7 +75,7 @@ def settle(problem: Problem, tolerance: float = 1e-9) -> int:
     if not problem.saddle_point:
         snes.solve(None, x)
         if snes.getConvergedReason() <= 0:
-            raise BadInput(f"{problem.element.name}: {solver.reason(snes)}")
+            raise BadInput(f"{problem.element.name}: {solver.converged_reason(snes)}")
         its = int(snes.getIterationNumber())
     problem.residual(x, r)
     norm, bound = r.norm(), tolerance * problem.force_scale

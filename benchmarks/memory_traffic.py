@@ -75,7 +75,7 @@ def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
     element = element_of(scene.element)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
     p = Problem(make_mesh(comm, scene, element), element, law, scene.hold, scene.move)
-    solver.Predictor(p, solver.create(p), "tangent").predict(1 / 12)
+    solver.Predictor(p, solver.create(p, globalization="linesearch"), "tangent").predict(1 / 12)
     return p
 
 

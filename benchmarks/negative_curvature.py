@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from benchmarks import Row, split_list
+from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.errors import choose
@@ -30,29 +30,33 @@ TIGHT = {"snes_forcing_max": 5e-3}
 _TRUSTED = 0.01
 
 
-class Ratio(solver.Directions):
+class Ratio(solver.SearchDirection):
     """Chen, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
 
     clamp after a step whose gain was within 1 % of what the exact quadratic model had promised;
     abs after any other one, and at first.
     """
 
-    _promise: tuple[float, float] | None = None
+    _model: tuple[float, float, float] | None = None  # energy, slope and curvature
+    _length = 0.0
 
-    def find(self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, now: solver.Iteration) -> float | None:
-        self.options["snes_hessian"] = "abs"
-        if self._promise and len(self.history) > 1:
-            before, (slope, curvature) = self.history[-2], self._promise
-            promised = -before.step * (slope + before.step / 2 * curvature)
-            if abs(before.energy - now.energy - promised) <= _TRUSTED * abs(promised):
-                self.options["snes_hessian"] = "clamp"
-        slope_here = super().find(x, f, d, now)
-        if slope_here is not None:
-            self.fill(x, "exact")
+    def compute(self, start: solver.State, d: PETSc.Vec) -> solver.Direction:
+        self.hessian = "abs"
+        if self._model:
+            energy, slope, curvature = self._model
+            predicted = -self._length * (slope + self._length / 2 * curvature)
+            if abs(energy - start.energy - predicted) <= _TRUSTED * abs(predicted):
+                self.hessian = "clamp"
+        direction = super().compute(start, d)
+        if direction.slope is not None:
+            self.assemble(start.x, "exact")
             Ad = d.duplicate()
             self.snes.getJacobian()[0].mult(d, Ad)
-            self._promise = slope_here, Ad.dot(d)
-        return slope_here
+            self._model = start.energy, direction.slope, Ad.dot(d)
+        return direction
+
+    def accept_step(self, start_norm: float, step: solver.Step) -> None:
+        self._length = step.length
 
 
 def _turn(angle: float) -> dict[str, Any]:
@@ -95,20 +99,20 @@ def rows(
     cases: str = "half turn",
     nus: str = "0.3",
     cells: str = "8,10,12,15",
-    hessians: str = "trust",
-    corrections: str = "0,20",
+    hessians: str = "adaptive+trust_region",
+    lbfgs: str = "0,20",
     seeds: int = 3,
     noise: float = 1e-10,
     tolerance: float = 1e-7,
     most: int = 200,
     factors: bool = False,
 ) -> Iterator[Row]:
-    """One row per case, nu, mesh, policy and number of corrections: lists have a value per seed.
+    """One row per case, nu, mesh, policy and limit of L-BFGS iterations; lists by seed.
 
     Every node starts off by a random displacement of ``noise`` lengths, as rounding would have it.
-    hessians : of the solver's policies; "ratio": see `Ratio`.
-    corrections : quasi-Newton steps after each Newton step, at most; trust's default is 640. They
-        need a good preconditioner: ``factors`` gives every policy trust's, for its own.
+    hessians : H for a line search, H+trust_region; "ratio": see `Ratio`.
+    lbfgs : L-BFGS iterations after each Newton step, at most. They need a good preconditioner:
+        ``factors`` gives every policy that of the trust region.
     newton : None where a seed was given up after ``most``.
     """
     for case in split_list(cases):
@@ -116,11 +120,11 @@ def rows(
             for n in split_list(cells):
                 p = create(case, float(nu), int(n))
                 for hessian in split_list(hessians):
-                    for extra in split_list(corrections):
+                    for extra in split_list(lbfgs):
                         row: Row = {"case": case, "nu": float(nu), "cells": int(n)}
-                        row |= {"ranks": p.comm.size, "hessian": hessian, "allowed": int(extra)}
+                        row |= {"ranks": p.comm.size, **policy(hessian), "allowed": int(extra)}
                         settings: dict[str, Any] = TIGHT | (ICC if factors else {})
-                        settings |= {"snes_corrections": int(extra), "snes_max_it": most}
+                        settings |= {"snes_lbfgs_max_it": int(extra), "snes_max_it": most}
                         settings["snes_scaled_tol"] = tolerance
                         runs = [
                             solve(p, case, int(n), hessian, noise, seed, settings)
@@ -155,17 +159,17 @@ def solve(
     p.set_load(1.0)
     p.prescribe(p.x)
     with default_options(solver.PREFIX, settings):
-        snes = solver.create(p, "abs" if hessian == "ratio" else hessian)
+        snes = solver.create(p, **policy("abs" if hessian == "ratio" else hessian))
         context = snes.getPythonContext()
     if hessian == "ratio":
-        context.directions = Ratio
+        context.search_direction = Ratio
     began = perf_counter()
     snes.solve(None, p.x)
     took = perf_counter() - began
     history = context.history
     return {
         "newton": len(history) if snes.getConvergedReason() > 0 else None,
-        "corrections": sum(i.corrections for i in history),
+        "lbfgs": sum(i.lbfgs for i in history),
         "linear": sum(i.linear for i in history),
         "energy": round(p.energy(p.x), 6),
         "seconds": took,

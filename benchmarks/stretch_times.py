@@ -27,6 +27,7 @@ WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
     "paper": (
         {
             "hessian": "clamp",
+            "globalization": "linesearch",
             "petsc": {"pc_type": "jacobi", "snes_forcing_max": 0.0, "ksp_rtol": 1e-5},
         },
         1,

@@ -16,7 +16,7 @@ import pandas as pd
 
 from benchmarks import Row
 from fem_snh.atomic_files import put
-from fem_snh.choices import SEARCHED
+from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
@@ -158,9 +158,9 @@ def filters(table: pd.DataFrame) -> str:
         ]
         mine = rows[only].set_index("hessian")
         if len(mine) > 1:
-            said = [_filtered(mine, policy, default) for policy in SEARCHED]
+            said = [_filtered(mine, policy, default) for policy in HESSIANS]
             lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
-    return markdown_table(["nu", "element", "cells", *SEARCHED], lines)
+    return markdown_table(["nu", "element", "cells", *HESSIANS], lines)
 
 
 def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmarks import Row, split_list
+from benchmarks import Row, policy, split_list
 from fem_snh.runs import run
 
 #: The paper's iterations for the two quarter turns, to a looser tolerance.
@@ -28,9 +28,10 @@ def rows(
     """
     for hessian in split_list(hessians):
         options = {"snes_scaled_tol": tolerance, "snes_max_it": most}
-        settings: dict[str, Any] = {"cells": cells, "nu": nu, "steps": steps, "hessian": hessian}
+        settings: dict[str, Any] = {"cells": cells, "nu": nu, "steps": steps}
+        settings |= policy(hessian)
         result = run("twist", **settings, petsc=options, progress=False)
-        row: Row = {"hessian": hessian, "cells": cells, "ranks": result.record["ranks"]}
+        row: Row = policy(hessian) | {"cells": cells, "ranks": result.record["ranks"]}
         row |= {"nu": nu, "filtered": [step["clamped"] for step in result.steps]}
         for key in ("newton", "linear", "residual", "energy", "seconds"):
             row[key] = [step[key] for step in result.steps]

@@ -98,6 +98,7 @@ def twist(kind: Element, cells: int, hessian: str) -> Row:
         nu=0.49,
         cells=cells,
         hessian=hessian,
+        globalization="linesearch",
         petsc=DIRECT_SOLVER,
         progress=False,
     )

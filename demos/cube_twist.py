@@ -32,7 +32,12 @@ PAPER = {
 ENOUGH = 30  # Newton steps: the two that resolve the twist need 24 at most
 runs = {}
 for material in PAPER:
-    options = {"cells": args.cells, "hessian": args.hessian, "petsc": {"snes_max_it": ENOUGH}}
+    options = {
+        "cells": args.cells,
+        "hessian": args.hessian,
+        "globalization": "linesearch",
+        "petsc": {"snes_max_it": ENOUGH},
+    }
     out = args.out / material
     runs[material] = fem_snh.run("twist", material=material, out=out, overwrite=True, **options)
 

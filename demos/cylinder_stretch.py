@@ -36,7 +36,12 @@ for material in PAPER:
         "stretch", material=material, cells=args.cells, out=out, overwrite=True
     )
     assert runs[material].converged, runs[material].status
-collapse = {"cells": min(args.cells, 8), "hessian": "clamp", "petsc": DIRECT}
+collapse = {
+    "cells": min(args.cells, 8),
+    "hessian": "clamp",
+    "globalization": "linesearch",
+    "petsc": DIRECT,
+}
 out = args.out / "corotational"
 runs["corotational"] = fem_snh.run(
     "stretch", material="corotational", out=out, overwrite=True, **collapse

@@ -1,15 +1,70 @@
-"""Words that scenes, kernels and solver share, spelled the same everywhere."""
+"""Named choices that scenes, kernels and solver share, and their defaults."""
 
-#: What is done to a Hessian at a quadrature point, in the order of material_point.h.
+from __future__ import annotations
+
+from fem_snh.errors import bad_value, note_rename
+
+#: Eigenvalue filters of a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
 
-#: Which of them Newton's method asks for before a line search; ``adaptive`` decides by itself.
-SEARCHED = (*FILTERS, "adaptive")
-#: ``trust``: the exact one, within a trust region.
-HESSIANS = (*SEARCHED, "trust")
+#: Hessians of Newton's method: one filter throughout, or ``adaptive``: exact while the linear
+#: solver finds it positive definite, filtered when it does not.
+HESSIANS = (*FILTERS, "adaptive")
 
-#: Of the 3x3 scaling block; the default first (docs/results/eigensolver.md).
+#: What makes Newton's method converge from a distant start (Nocedal & Wright 2006, chapters 3, 4).
+GLOBALIZATIONS = ("linesearch", "trust_region")
+
+#: Eigensolvers of the Hessian's 3x3 scaling block; the default first (docs/results/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")
 
-#: Where a load step starts.
+#: First guesses of a load step.
 PREDICTORS = ("none", "extrapolate", "tangent")
+
+#: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike. The default
+#: globalization depends on the problem: see `default_globalization`.
+DEFAULT_HESSIAN = "adaptive"
+DEFAULT_PREDICTOR = "extrapolate"
+DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
+
+#: L-BFGS iterations after a Newton step, at most: with a line search, and in a trust region (more
+#: than 80 were never used; see docs/speed.md).
+DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
+
+#: ``hessian = "trust"``, the name of a choice of both until 0.1.0.
+_ALIAS, _MEANING = "trust", ("adaptive", "trust_region")
+
+
+def default_globalization(minimisation: bool) -> str:
+    """Return ``trust_region`` for a minimisation problem, ``linesearch`` for any other.
+
+    A saddle-point problem (Taylor-Hood elements) and a stress without an energy have no objective
+    that a trust region could reduce.
+    """
+    return "trust_region" if minimisation else "linesearch"
+
+
+def replace_alias(
+    hessian: str | None, globalization: str | None, warn: bool = True
+) -> tuple[str | None, str | None]:
+    """Return the two choices with ``hessian = 'trust'`` replaced by what it stands for.
+
+    Parameters
+    ----------
+    hessian, globalization : str or None
+        As given by a user; None where nothing was said.
+    warn : bool
+        Issue a note (`RenamedKey`) if the alias is used: to be asked on one rank only.
+
+    Raises
+    ------
+    BadInput
+        If the alias contradicts ``globalization``.
+    """
+    if hessian != _ALIAS:
+        return hessian, globalization
+    if globalization not in (None, _MEANING[1]):
+        accepted = f"'{_MEANING[1]}', which hessian = 'trust' stands for"
+        raise bad_value("globalization", globalization, accepted)
+    if warn:
+        note_rename("hessian = trust", "hessian = {}, globalization = {}".format(*_MEANING))
+    return _MEANING

@@ -42,6 +42,7 @@ LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 
 #: What a part may know where the layers alone would allow more.
 ONLY = {
+    "choices": {"errors"},
     "materials": {"errors", "references"},
     "kernels": {"errors", "choices", "materials"},
     "linalg": {"errors", "_petsc", "kernels"},

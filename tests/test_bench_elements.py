@@ -72,15 +72,15 @@ def test_filters_count_what_is_given_up() -> None:
 def test_policies_on_loads_in_one_step() -> None:
     found = list(
         negative_curvature.rows(
-            cases="quarter turn", cells="3", hessians="ratio,abs,trust", seeds=2
+            cases="quarter turn", cells="3", hessians="ratio,abs,adaptive+trust_region", seeds=2
         )
     )
     assert [(row["hessian"], row["allowed"]) for row in found] == [
-        (hessian, allowed) for hessian in ("ratio", "abs", "trust") for allowed in (0, 20)
+        (hessian, allowed) for hessian in ("ratio", "abs", "adaptive") for allowed in (0, 20)
     ]
     assert all(len(row["newton"]) == 2 and all(row["newton"]) for row in found)
     assert len({energy for row in found for energy in row["energy"]}) == 1
-    assert not any(sum(row["corrections"]) for row in found if row["allowed"] == 0)
+    assert not any(sum(row["lbfgs"]) for row in found if row["allowed"] == 0)
 
 
 @pytest.mark.parametrize("element", ["P2P1", "Q2Q1"])

@@ -13,7 +13,7 @@ from bodies import MINIMISING, Hold, cube, problem, put, wave
 from fem_snh._petsc import default_options
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.solver import EisenstatCG, own_errors
+from fem_snh.solver import EisenstatCG, callback_errors
 
 mpi = pytest.mark.mpi
 Reason = PETSc.KSP.ConvergedReason
@@ -179,5 +179,5 @@ def test_monitors_and_history_are_those_of_any_ksp(comm):
 def test_other_blocks_are_refused(comm):
     indptr = np.arange(5, dtype=PETSc.IntType)
     A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
-    with pytest.raises(BadInput, match="3x3 blocks"), own_errors():
+    with pytest.raises(BadInput, match="3x3 blocks"), callback_errors():
         solve(SimpleNamespace(A=A, coordinates=None), A.createVecLeft())

@@ -51,13 +51,13 @@ def test_minres_and_a_factorisation_find_the_same_state(element, nu):
 @pytest.mark.parametrize("hessian", ["clamp", "abs"])
 def test_every_direction_is_one_of_the_merit(element, hessian, monkeypatch):
     """A filtered one, too: it is there that the penalty is raised."""
-    seen, slope = [], saddle_point.SaddleSearch.slope
+    seen, slope = [], saddle_point.MeritLineSearch.slope
 
     def looked_at(self, *vectors):
         seen.append(slope(self, *vectors))
         return seen[-1]
 
-    monkeypatch.setattr(saddle_point.SaddleSearch, "slope", looked_at)
+    monkeypatch.setattr(saddle_point.MeritLineSearch, "slope", looked_at)
     result = turned(element=element, nu=0.49, hessian=hessian)
     assert result.converged
     assert len(seen) == result.steps[-1]["newton"] and all(s < 0 for s in seen)
@@ -100,13 +100,12 @@ def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
     p.saddle_point.pressure_dofs(p.x)[:] = 0.2
     p.prescribe(p.x)
     snes = solver.create(p, hessian="exact")
-    context, f, d = snes.getPythonContext(), p.x.duplicate(), p.x.duplicate()
+    f, d = p.x.duplicate(), p.x.duplicate()
     snes.setUp()
     p.residual(p.x, f)
-    context.filter = "exact"
     assert p.jacobian(p.x, "clamp") > 0
     A = snes.getJacobian()[0]
-    with saddle_point.preconditioner_of(snes.getKSP(), A, A):
+    with saddle_point.frozen_preconditioner(snes.getKSP(), A, A):
         assert p.jacobian(p.x, "exact") > 0
         products = []
         for seed in range(5):

@@ -43,7 +43,7 @@ def solve(p, load=1.0, tolerance=1e-12, **kwargs):
     predictor = solver.Predictor(p, snes, "tangent")
     predictor.predict(load)
     snes.solve(None, p.x)
-    assert solver.reason(snes) == "CONVERGED_FNORM_ABS"
+    assert solver.converged_reason(snes) == "CONVERGED_FNORM_ABS"
     return snes
 
 

@@ -25,6 +25,7 @@ from bodies import PRESS
 
 import fem_snh
 from fem_snh import solver
+from fem_snh.choices import GLOBALIZATIONS
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem import gmsh_input
 from fem_snh.runs.folder import COLUMNS
@@ -51,9 +52,9 @@ def rows(folder):
 # --- what a run leaves ---------------------------------------------------------------------------
 
 KEYS = {
-    "scene", "material", "element", "hessian", "terms", "cells", "dofs", "ranks", "converged",
-    "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name", "load_range",
-    "quadrature", "eigensolver",
+    "scene", "material", "element", "hessian", "globalization", "terms", "cells", "dofs", "ranks",
+    "converged", "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name",
+    "load_range", "quadrature", "eigensolver",
 }  # fmt: skip
 
 
@@ -73,8 +74,28 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
             zip(("mu", "lam"), result.problem.material.expression.values, strict=True), barrier=None
         ),
     }
-    plain = ("scene", "element", "hessian", "terms", "cells", "dofs", "ranks", "status")
-    values = ["twist", "Q1", "trust", ["elastic"], 27, 192, comm.size, "converged"]
+    plain = (
+        "scene",
+        "element",
+        "hessian",
+        "globalization",
+        "terms",
+        "cells",
+        "dofs",
+        "ranks",
+        "status",
+    )
+    values = [
+        "twist",
+        "Q1",
+        "adaptive",
+        "trust_region",
+        ["elastic"],
+        27,
+        192,
+        comm.size,
+        "converged",
+    ]
     assert [found[key] for key in plain] == values
     assert found["converged"] is True and result.converged and result.status == "converged"
     assert (found["load_name"], found["load_range"]) == ("angle", [0, 0.6])
@@ -325,7 +346,7 @@ def test_an_interrupted_run_leaves_its_record(tmp_path, ranks, name):
     ],
 )
 def test_any_number_of_ranks_gives_the_same_run(comm, scene, hessian, petsc):
-    setup = {"cells": 6, "hessian": hessian, "petsc": petsc}
+    setup = {"cells": 6, "hessian": hessian, "globalization": "linesearch", "petsc": petsc}
     alone = solve(scene, comm=MPI.COMM_SELF, **setup).steps
     together = solve(scene, comm=comm, **setup).steps
     assert [s["newton"] for s in together] == [s["newton"] for s in alone]
@@ -460,14 +481,14 @@ def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder
 
 
 @mpi
-@pytest.mark.parametrize("hessian", ["adaptive", "trust"])
-def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, hessian):
+@pytest.mark.parametrize("globalization", GLOBALIZATIONS)
+def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalization):
     """A millimetre of steel takes the Newton and linear iterations of a metre of jelly.
 
-    `trust` with linear solves in double precision: its matrices are nearly singular, and the
-    single precision of the default solver is seen in a tenth of the iterations.
+    In a trust region linear solves are in double precision: its matrices are nearly singular, and
+    the single precision of the default solver changes a tenth of the iterations.
     """
-    petsc = {"ksp_type": "cg", "pc_type": "jacobi"} if hessian == "trust" else {}
+    petsc = {"ksp_type": "cg", "pc_type": "jacobi"} if globalization == "trust_region" else {}
     found = []
     for name, scale, E in (("large", 1.0, 1.0), ("small", 1e-3, 1e6)):
         on_root(comm, own_mesh, folder / f"{name}.msh", scale)
@@ -484,7 +505,7 @@ def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, hessian):
             ],
             petsc=petsc,
         )
-        found.append(solve(Scene(**scene), hessian=hessian).steps)
+        found.append(solve(Scene(**scene), globalization=globalization).steps)
     for one, other in zip(*found, strict=True):
         assert [one[k] for k in ("newton", "clamped", "reason")] == [
             other[k] for k in ("newton", "clamped", "reason")

@@ -209,7 +209,7 @@ def test_poisson_continuation_unfolds_what_a_plain_descent_does_not() -> None:
     away = []
     for seed in range(4):
         given = {"cells": 4, "element": "P1", "nu": 0.45, "seed": seed, "progress": False}
-        plain = fem_snh.run("scramble", hessian="adaptive", **given)
+        plain = fem_snh.run("scramble", hessian="adaptive", globalization="linesearch", **given)
         assert plain.converged
         away.append(plain.steps[-1]["max_u"] > 0.1 and plain.steps[-1]["energy"] > 0.01)
         soft = fem_snh.run("scramble", nu_continuation=[-0.3], **given)

@@ -18,7 +18,7 @@ def run_with_intervention(intervene: Callable[[Any], None]) -> None:
     The call follows the convergence test of the first Newton iteration; in a monitor PETSc locks
     the solution vector, so that it could not be changed.
     """
-    solves, original_test = 0, ProjectedNewton._test
+    solves, original_test = 0, ProjectedNewton._test_convergence
 
     def test(self: ProjectedNewton, snes: Any, its: int, *arguments: Any) -> bool:
         nonlocal solves
@@ -28,5 +28,5 @@ def run_with_intervention(intervene: Callable[[Any], None]) -> None:
             intervene(snes)
         return converged
 
-    ProjectedNewton._test = test  # type: ignore[assignment,method-assign]
+    ProjectedNewton._test_convergence = test  # type: ignore[assignment,method-assign]
     runpy.run_module("fem_snh", run_name="__main__")

@@ -15,7 +15,11 @@ TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT_SOLVER}
 
 def solve(scene: str | Scene, **overrides: Any) -> tuple[Result, Any]:
     """A run and its last step, None if it did not get there. Collective."""
-    options = {"hessian": "adaptive", "petsc": DIRECT_SOLVER} | overrides
+    options = {
+        "hessian": "adaptive",
+        "globalization": "linesearch",
+        "petsc": DIRECT_SOLVER,
+    } | overrides
     result = run(scene, progress=False, **options)
     return result, result.steps[-1] if result.converged else None
 

@@ -6,6 +6,13 @@ import argparse
 import tomllib
 from typing import Any, NoReturn
 
+from fem_snh.choices import (
+    DEFAULT_HESSIAN,
+    DEFAULT_PREDICTOR,
+    GLOBALIZATIONS,
+    HESSIANS,
+    PREDICTORS,
+)
 from fem_snh.errors import BadInput, unknown_name
 from fem_snh.fem.elements import ELEMENTS
 
@@ -17,9 +24,15 @@ SCENE_OPTIONS = (
     ("cells", "N", "resolution of a built-in geometry"),
     ("element", "E", f"{', '.join(ELEMENTS)}; P tetrahedra, Q hexahedra"),
     ("quadrature", "N", "polynomial degree that is integrated exactly; default: the element's"),
-    ("hessian", "H", "exact, clamp, abs, adaptive or trust (the default, but for Taylor-Hood)"),
+    ("hessian", "H", f"{', '.join(HESSIANS)}; default: {DEFAULT_HESSIAN}"),
+    (
+        "globalization",
+        "G",
+        f"{' or '.join(GLOBALIZATIONS)}; default: trust_region, linesearch for Taylor-Hood "
+        "elements and for a stress without an energy",
+    ),
     ("steps", "N", "load steps"),
-    ("predictor", "P", "start of a step: none, extrapolate or tangent"),
+    ("predictor", "P", f"start of a step: {', '.join(PREDICTORS)}; default: {DEFAULT_PREDICTOR}"),
 )
 
 

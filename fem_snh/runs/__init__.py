@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
+from warnings import catch_warnings
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, RenamedKey
 from fem_snh.fem import elements, modes
 from fem_snh.fem import mesh as meshes
 from fem_snh.fem.initial_state import set_initial_state
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material, material
+from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.interrupts import Interrupts
@@ -87,8 +89,8 @@ def run(
     progress : print a line per step on rank 0.
     note : what run.json is to hold besides.
     overrides : as `fem_snh.scenes.load` takes them: material, E, nu, cells, element, hessian,
-        steps, predictor, quadrature, eigensolver, petsc (a dict of PETSc options), and a scene's
-        own parameters.
+        globalization, steps, predictor, quadrature, eigensolver, petsc (a dict of PETSc options),
+        and a scene's own parameters.
 
     A step that fails is rolled back and halved, down to 1/64; when that fails too the run ends with
     ``converged`` False and keeps what it has. Raises BadInput, on every rank; Failed if memory runs
@@ -97,12 +99,15 @@ def run(
     began = perf_counter()
     if resume and (out is None or overwrite):
         raise BadInput("--resume goes with --out DIR, and without --overwrite")
-    scene = scenes.load(scene, **overrides)
+    # Every rank loads the scene; rank 0 alone says that a key was renamed.
+    silent = catch_warnings(action="ignore", category=RenamedKey)
+    with silent if comm.rank else nullcontext():
+        scene = scenes.load(scene, **overrides)
     folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
     stored = Checkpoint.read(folder, scene) if resume and folder else None
     show = Progress(comm, progress)
-    smoothers = solver.smoothers(scene.material.E)
-    with solver.failures(), petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
+    smoothers = multigrid.smoothers(scene.material.E)
+    with solver.petsc_failures(), petsc_options(solver.PREFIX, scene.petsc, smoothers) as unused:
         element = elements.element(scene.element, scene.quadrature)
         chosen = scene.material
 
@@ -123,10 +128,10 @@ def run(
         probes = Probes(problem.u, scene.probe) if scene.probe else None
         if scene.modes:
             modes.check(problem, scene.modes.count)
-        hessian = scene.hessian or solver.usual(problem)
-        snes = solver.create(problem, hessian)
+        choices = scene.hessian, scene.globalization
+        snes = solver.create(problem, *choices)
         nus = scene.nu_continuation
-        continuation = PoissonContinuation(nus, made, hessian) if nus else None
+        continuation = PoissonContinuation(nus, made, *choices) if nus else None
         stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, continuation)
         jit = problem.seconds["jit"] + (continuation.jit if continuation else 0.0)
         seconds = {
@@ -145,7 +150,7 @@ def run(
         checkpoint = Writer(folder, scene, stepper) if folder else None
         earlier = stored.record if stored else None
         recorder = Recorder(about, stepper, folder, checkpoint, seconds, began, worked, earlier)
-        with _interrupts(comm, snes) as interrupts, recorder, solver.failures():
+        with _interrupts(comm, snes) as interrupts, recorder, solver.petsc_failures():
             recorder.keep("running", state=True)
             for step in stepper:
                 show.step(step)

@@ -35,7 +35,7 @@ from fem_snh.scenes.schema import RENAMED
 Array = npt.NDArray[Any]
 
 #: Keys of a scene that say how it is solved, not what: a resumed run may have others.
-HOW = ("hessian", "eigensolver", "predictor", "petsc")
+HOW = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
 #: Seconds of steps that a loss of power may cost: to wait for the disk takes longer than many do.
 _UNSAFE = 1.0
 

@@ -23,7 +23,7 @@ from fem_snh.fem.problem import Problem
 from fem_snh.scenes import Scene
 
 COLUMNS = (
-    "load", "converged", "reason", "newton", "clamped", "linear", "corrections", "residual",
+    "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
     "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 CHECKPOINT = "checkpoint.npz"
@@ -34,6 +34,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
     """run.json's content before the first step. Collective."""
     law = problem.material.expression
     mu, lam = problem.material.lame
+    solver_options = snes.getPythonContext().options
     own = {str(c): v for c, v in zip(law.constants, law.values, strict=True)}
     return {
         "scene": scene.name,
@@ -47,7 +48,8 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         },
         "element": scene.element,
         "quadrature": problem.element.quadrature,
-        "hessian": snes.getPythonContext().options["snes_hessian"],
+        "hessian": solver_options["snes_hessian"],
+        "globalization": solver_options["snes_globalization"],
         "eigensolver": problem.eigensolver,
         "terms": [term.name for term in problem.terms],
         "cells": problem.mesh.num_cells,
@@ -55,8 +57,8 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "ranks": problem.comm.size,
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
-        "linear_solver": solver.linear_solver(snes),
-        "tolerance": snes.getPythonContext().options["snes_scaled_tol"] * problem.force_scale,
+        "linear_solver": solver.linear_solver_name(snes),
+        "tolerance": solver_options["snes_scaled_tol"] * problem.force_scale,
         "converged": False,
         "status": "running",
         "steps": [],

@@ -23,7 +23,8 @@ class PoissonContinuation:
     make_problem : callable
         Returns the problem with the Poisson's ratio that it is given. Collective.
     hessian : str
-        The Hessian policy of their solvers.
+    globalization : str or None
+        Those of their solvers: see `fem_snh.solver.create`.
 
     Attributes
     ----------
@@ -32,12 +33,16 @@ class PoissonContinuation:
     """
 
     def __init__(
-        self, nus: Sequence[float], make_problem: Callable[[float], Problem], hessian: str
+        self,
+        nus: Sequence[float],
+        make_problem: Callable[[float], Problem],
+        hessian: str,
+        globalization: str | None,
     ) -> None:
         self._stages = []
         for nu in nus:
             stage = make_problem(nu)
-            self._stages.append((stage, solver.create(stage, hessian)))
+            self._stages.append((stage, solver.create(stage, hessian, globalization)))
         self.jit = sum(stage.seconds["jit"] for stage, _ in self._stages)
 
     def solve(self, problem: Problem) -> list[solver.Iteration]:
@@ -56,7 +61,7 @@ class PoissonContinuation:
             stage.set_load(problem.load)
             problem.x.copy(stage.x)
             assembling, nonfinite = stage.seconds["assemble"], stage.nonfinite
-            with solver.own_errors():
+            with solver.callback_errors():
                 snes.solve(None, stage.x)
             stage.x.copy(problem.x)
             history += snes.getPythonContext().history

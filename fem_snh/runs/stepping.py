@@ -87,11 +87,11 @@ class Stepper:
         kept, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
         history = self.continuation.solve(problem) if self.continuation else []
-        with solver.own_errors():
+        with solver.callback_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = [*history, *self.snes.getPythonContext().history]
-        residual, why = self.snes.getFunctionNorm(), solver.why(self.snes)
+        residual, why = self.snes.getFunctionNorm(), solver.failure_reason(self.snes)
         nonfinite = problem.nonfinite - nonfinite
         if converged:
             self.predictor.accept()
@@ -106,7 +106,7 @@ class Stepper:
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": predicted + sum(i.linear for i in history),
-            "corrections": sum(i.corrections for i in history),
+            "lbfgs": sum(i.lbfgs for i in history),
             "residual": residual,
             "energy": problem.energy(problem.x) if problem.has_energy else None,
             **problem.measures(problem.x),

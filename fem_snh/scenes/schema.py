@@ -14,7 +14,16 @@ from pydantic import (
     model_validator,
 )
 
-from fem_snh.choices import EIGENSOLVERS, HESSIANS, PREDICTORS
+from fem_snh.choices import (
+    DEFAULT_EIGENSOLVER,
+    DEFAULT_HESSIAN,
+    DEFAULT_PREDICTOR,
+    EIGENSOLVERS,
+    GLOBALIZATIONS,
+    HESSIANS,
+    PREDICTORS,
+    replace_alias,
+)
 from fem_snh.errors import BadInput, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._conditions import Hold, Move, Rotate, Start, Traction
@@ -74,12 +83,12 @@ class Scene(Table):
     The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
     ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
     groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
-    for eigenfrequencies at the end. ``hessian`` is None for what suits the problem. ``start`` is
-    where the first step begins: there is nothing to predict it from, so it needs ``predictor``
-    none. ``nu_continuation`` are Poisson's ratios with which each step is solved before it is with
-    the material's own. ``quadrature`` is a polynomial degree, None the element's own; ``eigensolver``
-    is of the Hessian's 3x3 scaling block. ``petsc`` holds PETSc options without the leading dash,
-    to go under the solver's prefix; a flag's value is None.
+    for eigenfrequencies at the end. ``hessian`` and ``globalization`` are Newton's method's
+    (`fem_snh.solver.create`). ``start`` is where the first step begins: there is nothing to predict
+    it from, so it needs ``predictor`` none. ``nu_continuation`` are Poisson's ratios with which
+    each step is solved before it is with the material's own. ``quadrature`` is a polynomial degree,
+    None the element's own; ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds
+    PETSc options without the leading dash, to go under the solver's prefix; a flag's value is None.
     """
 
     name: Text
@@ -87,8 +96,9 @@ class Scene(Table):
     cells: Count | None = None
     element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))]
     quadrature: Count | None = None
-    hessian: str | None = None
-    eigensolver: str = EIGENSOLVERS[0]
+    hessian: str = DEFAULT_HESSIAN
+    globalization: str | None = None
+    eigensolver: str = DEFAULT_EIGENSOLVER
     steps: Count = 1
     material: MaterialChoice
     hold: list[Hold] = []
@@ -101,7 +111,7 @@ class Scene(Table):
     ] = []
     probe: list[Probe] = []
     modes: Modes | None = None
-    predictor: str = "extrapolate"
+    predictor: str = DEFAULT_PREDICTOR
     petsc: Annotated[
         dict[str, Scalar | None], Expect("a table of numbers, texts, true and false")
     ] = {}
@@ -111,14 +121,18 @@ class Scene(Table):
     @model_validator(mode="before")
     @classmethod
     def _renamed(cls, data: Any) -> Any:
-        """Accept the old names of keys, with a note."""
-        if not isinstance(data, dict) or not (old := [key for key in data if key in RENAMED]):
+        """Accept the old names of keys and values, with a note."""
+        if not isinstance(data, dict):
             return data
-        for key in old:
+        for key in [key for key in data if key in RENAMED]:
             note_rename(key, RENAMED[key])
-        return {RENAMED.get(key, key): value for key, value in data.items()}
+        data = {RENAMED.get(key, key): value for key, value in data.items()}
+        if "hessian" in data:
+            choices = replace_alias(data["hessian"], data.get("globalization"))
+            data |= dict(zip(("hessian", "globalization"), choices, strict=True))
+        return data
 
-    @field_validator("element", "hessian", "eigensolver", "predictor")
+    @field_validator("element", "hessian", "globalization", "eigensolver", "predictor")
     @classmethod
     def _known(cls, name: str | None, info: ValidationInfo) -> str | None:
         if name is None:
@@ -126,6 +140,7 @@ class Scene(Table):
         known = {
             "element": ELEMENTS,
             "hessian": HESSIANS,
+            "globalization": GLOBALIZATIONS,
             "eigensolver": EIGENSOLVERS,
             "predictor": PREDICTORS,
         }

@@ -2,120 +2,144 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from math import isfinite
 
 from petsc4py import PETSc
 
-#: Change of the energy below which its sign is rounding: relative to the energy, and to E V. The
-#: latter, as an energy density is a difference of numbers of size E, however small the strain.
-_NOISE, _ROUNDING = 1e-12, 4e-15
-#: A Newton step that has to be shorter than this was out of the range of its model.
+from fem_snh.solver.step import State, Step
+
+#: Change of the energy below which its sign is rounding, relative to the energy and to E V. The
+#: latter because an energy density is a difference of numbers of size E, however small the strain:
+#: about 20 roundings.
+_ENERGY_ROUNDING, _STIFFNESS_ROUNDING = 1e-12, 4e-15
+#: A shorter Newton step shows that its quadratic model did not hold.
 SHORT = 0.25
-#: A full step is lengthened where the slope at its end is still this fraction of that at its start.
+#: A full step is extended if the slope at its end is more than this fraction of that at its start.
 _STEEP = 0.3
+#: And at most to this length.
+_LONGEST = 3.0
+#: A shorter trial step is between these fractions of the last (Nocedal & Wright 2006, section 3.5).
+_LEAST_CUT, _MOST_CUT = 0.5, 0.1
 
 
-@dataclass
 class LineSearch:
-    """Finds a step along d that lowers the energy; ``trial`` and ``f_trial`` hold state, residual.
+    r"""Backtracking from a full step until the energy decreases sufficiently.
 
-    ``energy_scale`` is E V [J], the size of the numbers that the energy is the small difference of.
+    .. math:: E(x + s d) \le E(x) + c\, s\, f \cdot d, \quad c = 10^{-4}
 
-    Backtracks to the minimum of the parabola through both energies and the slope (between a tenth
-    and half of the step); by halves where the energy is infinite. Where the energy no longer
-    changes in floating point, Armijo's condition is put on the slopes at both ends instead (Hager &
-    Zhang 2005, eq. 4.1; Longva et al. 2023 for projected Newton).
+    (Armijo's condition; Nocedal & Wright 2006, eq. 3.4 and alg. 3.1). The next trial step minimises
+    the parabola through both energies and the slope (eq. 3.57); it is half as long where the energy
+    is infinite. Where the energy no longer changes in floating point, the condition is put on the
+    slopes at both ends instead (Hager & Zhang 2005, eq. 4.1; Longva et al. 2023 for projected
+    Newton).
 
-    A filtered Hessian is too stiff, so a full step may end where the energy still falls steeply:
-    one secant step on the slope then goes on, up to three times as far. It costs an energy and a
-    residual, and saves most of the linearly convergent iterations of clamp and abs near a solution
-    with negative eigenvalues.
+    A filtered Hessian is too stiff, so a full step may end where the energy still decreases
+    steeply. One secant step on the slope then extends it, up to three times. It costs an energy and
+    a residual, and saves most of the linearly convergent iterations of clamp and abs near a
+    solution with negative eigenvalues.
 
-    Without an energy (``has_energy``) the search is on the residual alone: it goes along d until
-    the residual there no longer points further back than it did forward at the start.
+    Without an energy the search is on the residual alone: for a step at whose end the residual
+    does not point further back along d than it pointed forward at the start.
+
+    Parameters
+    ----------
+    snes : SNES
+        Evaluates energy and residual.
+    energy_scale : float
+        E V [J]: the size of the numbers whose small difference the energy is.
+    has_energy : bool
+        Whether the SNES has an objective.
+    armijo, min_step : float
+        The constant c, and the shortest step.
     """
 
-    snes: PETSc.SNES
-    trial: PETSc.Vec
-    f_trial: PETSc.Vec
-    energy_scale: float = 0.0
-    has_energy: bool = True
-    armijo: float = 1e-4
-    min_step: float = 1e-10
+    def __init__(
+        self,
+        snes: PETSc.SNES,
+        energy_scale: float = 0.0,
+        has_energy: bool = True,
+        armijo: float = 1e-4,
+        min_step: float = 1e-10,
+    ) -> None:
+        self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
+        self.armijo, self.min_step = armijo, min_step
+        self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
-        """The energy's slope f.d < 0, or None if A shows negative curvature along d."""
-        # PETSc's CG can miss an indefinite matrix: look at the curvature along d, too.
+        """Return the energy's slope f.d < 0 along d; None if A shows negative curvature along d."""
+        # PETSc's CG can miss an indefinite matrix, so the curvature along d is checked here.
         slope = float(f.dot(d))
         return slope if slope < 0 < Ad.dot(d) else None
 
-    def search(
-        self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float
-    ) -> tuple[float, float] | None:
-        """From ``x`` with ``energy`` and ``slope`` = f.d < 0: (step, energy there), or None."""
-        step = 1.0
+    def search(self, start: State, d: PETSc.Vec, slope: float, trial: State) -> Step:
+        """Search from ``start`` along ``d`` with ``slope`` = f.d < 0.
+
+        The step found ends in ``trial``, whose vectors are overwritten in any case.
+        """
+        step, energy = 1.0, start.energy
         while step >= self.min_step:
-            there = self.energy_at(x, d, step)
+            there = self.evaluate_energy(start.x, d, step, trial)
             change = there - energy
             if not isfinite(there):
-                step *= 0.5
+                step *= _LEAST_CUT
                 continue
-            flat = self.flat(change, energy)
+            flat = self.is_rounding(change, energy)
             if flat or change <= self.armijo * step * slope:
-                end = self._slope(d)
+                end = self._evaluate_slope(d, trial)
                 if not flat or end <= (2 * self.armijo - 1) * slope:
                     if step == 1.0 and slope < end < _STEEP * slope:
-                        return self._lengthen(x, d, there, slope, end)
-                    return step, there
+                        return self._extended(start.x, d, slope, end, trial)
+                    return Step(trial, step)
                 if not self.has_energy:
-                    step *= min(0.5, max(0.1, slope / (slope - end)))  # the secant's zero
+                    # The secant's zero.
+                    step *= min(_LEAST_CUT, max(_MOST_CUT, slope / (slope - end)))
                     continue
-            step = self._shorter(step, change, slope)
-        return None
+            step = self._shortened(step, change, slope)
+        return Step()
 
-    def flat(self, change: float, energy: float) -> bool:
-        """Whether a change of the energy may be rounding."""
+    def is_rounding(self, change: float, energy: float) -> bool:
+        """Return whether a change of the energy is within its rounding error."""
         size = max(abs(energy), abs(energy + change))
-        return abs(change) <= max(_NOISE * size, _ROUNDING * self.energy_scale)
+        rounding = max(_ENERGY_ROUNDING * size, _STIFFNESS_ROUNDING * self.energy_scale)
+        return abs(change) <= rounding
+
+    def evaluate_energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float, trial: State) -> float:
+        """Set ``trial``'s unknowns to x + step d and its energy; return the energy."""
+        d.copy(trial.x)
+        trial.x.aypx(step, x)
+        trial.energy = float(self.snes.computeObjective(trial.x)) if self.has_energy else 0.0
+        return trial.energy
+
+    def evaluate_residual(self, trial: State) -> None:
+        """Set ``trial``'s residual."""
+        self.snes.computeFunction(trial.x, trial.residual)
 
     @staticmethod
-    def _shorter(step: float, change: float, slope: float) -> float:
-        """The minimum of the parabola, between a tenth and half of the step."""
+    def _shortened(step: float, change: float, slope: float) -> float:
+        """The parabola's minimum, within bounds."""
         parabola = change - step * slope
         best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
-        return min(0.5 * step, max(0.1 * step, best))
+        return min(_LEAST_CUT * step, max(_MOST_CUT * step, best))
 
-    def _lengthen(
-        self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float, end: float
-    ) -> tuple[float, float]:
-        """From a full step with ``energy`` and slope ``end``: the better of it and a longer one."""
-        kept, f_kept = self._kept
-        self.trial.copy(kept)
-        self.f_trial.copy(f_kept)
-        longer = min(3.0, slope / (slope - end))
-        there = self.energy_at(x, d, longer)
-        if isfinite(there) and there <= energy and abs(self._slope(d)) < abs(end):
-            return longer, there
-        kept.copy(self.trial)
-        f_kept.copy(self.f_trial)
-        return 1.0, energy
+    def _extended(self, x: PETSc.Vec, d: PETSc.Vec, slope: float, end: float, trial: State) -> Step:
+        """The better of the full step to ``trial``, with slope ``end``, and a longer one."""
+        full = self._copy(trial)
+        longer = min(_LONGEST, slope / (slope - end))
+        there = self.evaluate_energy(x, d, longer, trial)
+        lower = isfinite(there) and there <= full.energy
+        if lower and abs(self._evaluate_slope(d, trial)) < abs(end):
+            return Step(trial, longer)
+        full.copy_to(trial)
+        return Step(trial, 1.0)
 
-    @cached_property
-    def _kept(self) -> tuple[PETSc.Vec, PETSc.Vec]:
-        """Where a state and its residual wait."""
-        return self.trial.duplicate(), self.f_trial.duplicate()
+    def _copy(self, trial: State) -> State:
+        """A copy of ``trial``, in vectors that are kept."""
+        if self._stored is None:
+            self._stored = State.like(trial)
+        trial.copy_to(self._stored)
+        return self._stored
 
-    def energy_at(self, x: PETSc.Vec, d: PETSc.Vec, step: float) -> float:
-        """Put x + step d into ``trial``; the energy there, 0 where there is none."""
-        d.copy(self.trial)
-        self.trial.aypx(step, x)
-        if not self.has_energy:
-            return 0.0
-        return float(self.snes.computeObjective(self.trial))
-
-    def _slope(self, d: PETSc.Vec) -> float:
-        """Put the residual at ``trial`` into ``f_trial``; the energy's slope along d there."""
-        self.snes.computeFunction(self.trial, self.f_trial)
-        return float(self.f_trial.dot(d))
+    def _evaluate_slope(self, d: PETSc.Vec, trial: State) -> float:
+        """The energy's slope along d at ``trial``, whose residual is set."""
+        self.evaluate_residual(trial)
+        return float(trial.residual.dot(d))

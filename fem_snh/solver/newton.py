@@ -1,180 +1,215 @@
-"""Projected Newton as a PETSc SNES: filter policy, forcing, convergence, history.
+"""Projected Newton as a PETSc SNES: iteration, convergence tests, history.
 
-`ProjectedNewton` is a context for a SNES of type "python". It uses only what the SNES was given
+`ProjectedNewton` is the context of a SNES of type "python". It uses only what the SNES was given
 (function, Jacobian, objective, KSP), so monitors, converged reasons, ``-snes_view``, convergence
 tests and options work as for PETSc's own types.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
-from typing import Any
 
 from petsc4py import PETSc
 
 from fem_snh.solver import options
-from fem_snh.solver.direction import Directions, Iteration
+from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.globalization import Globalization, LineSearchNewton
 from fem_snh.solver.line_search import LineSearch
-from fem_snh.solver.quasi_newton import Corrections
-from fem_snh.solver.saddle_point import SaddleSearch
+from fem_snh.solver.protocol import SaddlePoint
+from fem_snh.solver.quasi_newton import QuasiNewton
+from fem_snh.solver.saddle_point import MeritLineSearch
+from fem_snh.solver.search_direction import SearchDirection
+from fem_snh.solver.step import Iteration, State
 from fem_snh.solver.trust_region import TrustRegion
 
 Reason = PETSc.SNES.ConvergedReason
 
 
 class ProjectedNewton:
-    """Newton's method on an energy, with Hessians filtered as a policy says.
+    r"""Newton's method on an energy, with filtered Hessians.
 
-    exact     never filtered; a direction that is not downhill is a failure
-    clamp     negative eigenvalues -> 0 at every quadrature point (the paper)
-    abs       negative eigenvalues -> their absolute value
-    adaptive  exact while the linear solver finds no negative curvature, filtered when it does
-    trust     as adaptive; when filtered steps gain little, exact within a trust region: negative
-              curvature is followed, see `TrustRegion`; with `Corrections` between Newton's steps
+    `SearchDirection` describes the Hessians, `LineSearch` and `TrustRegion` the globalizations,
+    `QuasiNewton` the iterations between Newton steps.
 
-    Convergence: ||residual||_2 <= snes_scaled_tol * force_scale with force_scale = E V^(2/3), the
-    same for a body of any size and stiffness; ``-snes_atol`` [N] adds an absolute tolerance, and
-    ``-snes_rtol``, ``-snes_stol`` theirs, as PETSc defines them.
+    Converged when
 
-    See `Directions` for the linear solves, `LineSearch` for the steps.
+    .. math:: \|f\|_2 \le \texttt{snes\_scaled\_tol}\; E\, V^{2/3},
+
+    which is invariant to scale and stiffness. ``-snes_atol`` [N], ``-snes_rtol`` and ``-snes_stol``
+    add PETSc's own tests.
+
+    Parameters
+    ----------
+    jacobian : callable
+        ``jacobian(x, filter)`` assembles the SNES's matrix; it returns the quadrature points
+        filtered.
+    force_scale : float
+        E V^(2/3) [N].
+    energy_scale : float
+        E V [J].
+    has_energy : bool
+        Whether the SNES has an objective; if not, the line search is on the residual.
+    saddle_point : SaddlePoint, optional
+        The pressure of a saddle-point problem.
+
+    Attributes
+    ----------
+    history : list of Iteration
+        Of the last solve.
+    trust_ksp : KSP or None
+        The linear solver of `TrustRegion`; None with a line search.
     """
 
-    directions = Directions
+    #: The class of the search directions: benchmarks compare others.
+    search_direction: type[SearchDirection] = SearchDirection
 
     def __init__(
         self,
-        jacobian: Any,
+        jacobian: Callable[[PETSc.Vec, str], int],
         force_scale: float = 1.0,
         energy_scale: float = 0.0,
         has_energy: bool = True,
-        saddle: Any = None,
+        saddle_point: SaddlePoint | None = None,
     ) -> None:
-        """``jacobian(x, filter)`` fills the SNES's matrix; it returns the points filtered.
-
-        ``has_energy``: whether the SNES has an objective; if not, the line search is on the
-        residual. ``saddle``: of a problem that is one, see `SaddleSearch`.
-        """
-        self.saddle = saddle
-        self._fill, self.has_energy = jacobian, has_energy
+        self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
-        self.options = dict(options.OPTIONS)
+        self.options = options.defaults_for("linesearch")
         self.history: list[Iteration] = []
-        self.filter = "exact"
-        self.within_region: PETSc.KSP | None = None  # the linear solver of `TrustRegion`
-        self.divergence_asked_for = False
+        self.trust_ksp: PETSc.KSP | None = None
+        self._filter, self._filtered_points = "exact", 0
+        self._dtol_given = False
 
-    # --- what PETSc calls ------------------------------------------------------------------------
+    # --- PETSc's callbacks -----------------------------------------------------------------------
 
     def setFromOptions(self, snes: PETSc.SNES) -> None:
+        """Read the options under the SNES's prefix. BadInput for a bad value."""
         prefix = snes.getOptionsPrefix()
-        asked = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
-        self.divergence_asked_for = asked
+        self._dtol_given = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
         self.options = options.read(prefix, self.options)
-        what = "a saddle (Taylor-Hood)" if self.saddle else "a material without an energy"
-        options.check(self.options, "" if self.has_energy and not self.saddle else what)
+        problem = ""
+        if self.saddle_point is not None:
+            problem = "Taylor-Hood elements give a saddle-point problem"
+        elif not self.has_energy:
+            problem = "this one has a material without an energy"
+        options.check(self.options, problem)
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:
+        """Print the options, as part of ``-snes_view``."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
-            viewer.printfASCII("  projected Newton with a line search\n")
+            strategy = {"linesearch": "line search", "trust_region": "trust region"}
+            name = strategy[str(self.options["snes_globalization"])]
+            viewer.printfASCII(f"  projected Newton with a {name}\n")
             for name, value in self.options.items():
-                viewer.printfASCII(f"  {name} = {value}\n")
+                if name.startswith("snes_tr_") and self.trust_ksp is None:
+                    continue
+                viewer.printfASCII(f"  {name} = {_plain(value)}\n")
             # PETSc's own count below stays 0: only its built-in types can add to it.
             linear = sum(iteration.linear for iteration in self.history)
             viewer.printfASCII(f"  linear iterations of the last solve = {linear}\n")
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        """The SNES's Jacobian callback: filtered as the current iteration asks."""
-        self.filtered_points = self._fill(x, self.filter)
+        """The SNES's Jacobian callback: filtered as the present iteration asks."""
+        self._filtered_points = self._assemble(x, self._filter)
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
-        f = snes.getFunction()[0]
-        d = x.duplicate()
-        line = self._line_search(snes, x, f)
+        """Iterate from ``x``, in place. Collective."""
         self.history = []
-
-        def fill(x: PETSc.Vec, filter: str) -> int:
-            self.filter = filter
-            snes.computeJacobian(x, *snes.getJacobian()[:2])
-            return self.filtered_points
-
-        directions = self.directions(snes, fill, line, self.options, self.history, self.saddle)
-        most = int(float(self.options["snes_corrections"]))
-        region = self.within_region if self.options["snes_hessian"] == "trust" else None
-        corrections = Corrections(region or snes.getKSP(), line, most, self._goal)
-        trust = TrustRegion(directions, region, corrections) if region else None
-        energy = snes.computeObjective(x) if self.has_energy else 0.0
-        if not isfinite(energy):
+        state = State(x, snes.getFunction()[0])
+        trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
+        globalization = self._globalization(snes, forcing)
+        state.energy = snes.computeObjective(x) if self.has_energy else 0.0
+        if not isfinite(state.energy):
             snes.setIterationNumber(0)  # not those of an earlier solve
-            snes.setFunctionNorm(energy)
+            snes.setFunctionNorm(state.energy)
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
-        snes.computeFunction(x, f)
-        norm, step_norm = f.norm(), 0.0
-        last = snes.getTolerances()[3]
-        for its in range(last + 1):
-            if self._test(snes, its, x.norm(), step_norm, norm):
+        snes.computeFunction(x, state.residual)
+        norm, step_norm = state.residual.norm(), 0.0
+        max_it = snes.getTolerances()[3]
+        for its in range(max_it + 1):
+            if self._test_convergence(snes, its, x.norm(), step_norm, norm):
                 return
-            if its == last:
+            if its == max_it:
                 break
-            now = Iteration(residual=norm, energy=energy)
-            self.history.append(now)
-            found = None
-            if trust and trust.called:
-                found = trust.step(x, f, d, energy, now)
-            if found is None:  # no region is called, or in none is a better state to be found
-                slope = directions.find(x, f, d, now)
-                if slope is None:
-                    snes.setConvergedReason(Reason.DIVERGED_LINEAR_SOLVE)
-                    return
-                found = line.search(x, d, energy, slope)
-                if found and not trust:
-                    end, now.corrections = corrections.improve(norm, found[1])
-                    found = found[0], end
-            if found is None:
-                snes.setConvergedReason(Reason.DIVERGED_LINE_SEARCH)
+            forcing.update(norm)
+            step = globalization.step(state, d, trial)
+            self.history.append(
+                Iteration(
+                    norm, state.energy, step.filter, step.filtered_points,
+                    step.linear, step.length, step.lbfgs,
+                )
+            )  # fmt: skip
+            if step.end is None:
+                snes.setConvergedReason(step.diverged)
                 return
-            now.step, energy = found
-            if trust:
-                trust.look(now, energy)
-            directions.judge(now)
-            if now.corrections:
-                d.waxpy(-1.0, x, line.trial)
-            line.trial.copy(x)
-            line.f_trial.copy(f)
-            step_norm = d.norm() * (1.0 if now.corrections else now.step)
-            norm = f.norm()
-            PETSc.garbage_cleanup(x.comm)  # petsc4py 3.18 frees what was dropped only if told to
+            if step.lbfgs:
+                d.waxpy(-1.0, x, step.end.x)
+            step.end.copy_to(state)
+            step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
+            norm = state.residual.norm()
+            PETSc.garbage_cleanup(x.comm)  # petsc4py 3.18 frees dropped objects only when told to
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- its parts -------------------------------------------------------------------------------
 
-    def _line_search(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> LineSearch:
-        common = (
-            snes,
-            x.duplicate(),
-            f.duplicate(),
-            self.energy_scale,
-            self.has_energy,
-            float(self.options["snes_armijo"]),
-            float(self.options["snes_min_step"]),
+    def _forcing(self) -> ForcingTerm:
+        return ForcingTerm(float(self.options["snes_forcing_max"]))
+
+    def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
+        """The strategy of one solve, with its parts."""
+        line_search = self._line_search(snes)
+
+        def assemble(x: PETSc.Vec, filter: str) -> int:
+            self._filter = filter
+            snes.computeJacobian(x, *snes.getJacobian()[:2])
+            return self._filtered_points
+
+        direction = self.search_direction(
+            snes, assemble, line_search, forcing, self.options, self.saddle_point
         )
-        return SaddleSearch(*common, self.saddle) if self.saddle else LineSearch(*common)
+        ksp = self.trust_ksp
+        quasi_newton = QuasiNewton(
+            ksp or snes.getKSP(),
+            line_search,
+            int(float(self.options["snes_lbfgs_max_it"])),
+            float(self.options["snes_lbfgs_rtol"]),
+            self._scaled_tolerance,
+        )
+        if ksp is None:
+            return LineSearchNewton(direction, line_search, quasi_newton)
+        ordinary = LineSearchNewton(direction, line_search)
+        return TrustRegion(ordinary, ksp, quasi_newton, self.options)
+
+    def _line_search(self, snes: PETSc.SNES) -> LineSearch:
+        armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
+        common = (snes, self.energy_scale, self.has_energy, armijo, shortest)
+        if self.saddle_point is not None:
+            return MeritLineSearch(self.saddle_point, *common)
+        return LineSearch(*common)
 
     @property
-    def _goal(self) -> float:
+    def _scaled_tolerance(self) -> float:
         """The residual's norm [N] of a solution."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
-    def _test(self, snes: PETSc.SNES, its: int, x: float, step: float, norm: float) -> bool:
-        """Tell the SNES where it is; whether to stop, for PETSc's reasons or the scaled one."""
+    def _test_convergence(
+        self, snes: PETSc.SNES, its: int, x_norm: float, step_norm: float, norm: float
+    ) -> bool:
+        """Report the iteration to the SNES; whether to stop, for PETSc's reasons or the scaled."""
         snes.setIterationNumber(its)
         snes.setFunctionNorm(norm)
         snes.logConvergenceHistory(norm)
-        reason = snes.callConvergenceTest(its, x, step, norm)
-        if reason == Reason.DIVERGED_DTOL and not self.divergence_asked_for:
-            reason = 0  # away from an unstable state the residual grows while the energy falls
-        if norm <= self._goal:
+        reason = snes.callConvergenceTest(its, x_norm, step_norm, norm)
+        if reason == Reason.DIVERGED_DTOL and not self._dtol_given:
+            reason = 0  # near an unstable state the residual grows while the energy decreases
+        if norm <= self._scaled_tolerance:
             reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
+
+
+def _plain(value: options.Value) -> str:
+    """A value as it would be given: whole numbers without a point."""
+    return f"{value:g}" if isinstance(value, float) else value

@@ -1,44 +1,191 @@
-"""PETSc options of projected Newton, beside SNES's own."""
+"""PETSc options of projected Newton, beside those of SNES and KSP: one table.
+
+``docs`` and ``-snes_view`` read `OPTIONS`. Options that have a counterpart in PETSc's SNESNEWTONTR
+have its name (PETSc 3.22 and later); their defaults are ours.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from petsc4py import PETSc
 
-from fem_snh.choices import HESSIANS
+from fem_snh.choices import (
+    DEFAULT_HESSIAN,
+    DEFAULT_LBFGS_MAX_IT,
+    FILTERS,
+    GLOBALIZATIONS,
+    HESSIANS,
+    replace_alias,
+)
 from fem_snh.errors import BadInput, choose
 
-Options = dict[str, str | float]
-
-#: Under the same prefix as SNES's, with their defaults.
-OPTIONS: Options = {
-    "snes_hessian": "adaptive",  # exact | clamp | abs | adaptive | trust
-    "snes_adaptive_filter": "clamp",  # what adaptive falls back to: clamp | abs
-    "snes_adaptive_retry": 0.1,  # after it did: exact again when the residual fell by this factor
-    "snes_scaled_tol": 1e-7,  # converged when ||residual||_2 <= this * E V^(2/3)
-    "snes_forcing_max": 0.1,  # largest relative tolerance of a linear solve; 0: always ksp_rtol
-    "snes_corrections": 0,  # quasi-Newton steps after a step, at most; trust: 640, in its region
-    "snes_armijo": 1e-4,  # sufficient decrease
-    "snes_min_step": 1e-10,  # shortest step of the line search
-}
+Value = str | float
+Values = dict[str, Value]
 
 
-def read(prefix: str, given: Options) -> Options:
-    """What PETSc's database has of them, else as given."""
-    database, found = PETSc.Options(prefix), {}
-    for name, default in OPTIONS.items():
-        get = database.getString if isinstance(default, str) else database.getReal
+class Option(NamedTuple):
+    """An option under the solver's prefix.
+
+    Attributes
+    ----------
+    default : str or float
+    meaning : str
+    origin : str
+        The source of name and default.
+    """
+
+    default: Value
+    meaning: str
+    origin: str
+
+
+_NW = "Nocedal & Wright 2006"
+_TWIST = "measured: python -m benchmarks policies"
+
+#: By name, without the leading dash. The defaults of ``snes_globalization`` and
+#: ``snes_lbfgs_max_it`` are those of a problem without an energy: see `defaults_for`.
+OPTIONS: dict[str, Option] = {
+    "snes_hessian": Option(
+        DEFAULT_HESSIAN, "Hessian: exact, clamp, abs or adaptive", "Teran et al. 2005 (clamp)"
+    ),
+    "snes_globalization": Option(
+        "linesearch", "linesearch or trust_region", f"{_NW}, chapters 3 and 4"
+    ),
+    "snes_adaptive_filter": Option(
+        "clamp", "filter that adaptive falls back to: clamp or abs", _TWIST
+    ),
+    "snes_adaptive_retry": Option(
+        0.1, "adaptive: exact again once the residual has fallen by this factor", _TWIST
+    ),
+    "snes_scaled_tol": Option(
+        1e-7, "converged when ||residual||_2 <= this * E V^(2/3)", "scale-invariant -snes_atol"
+    ),
+    "snes_forcing_max": Option(
+        0.1,
+        "largest relative tolerance of a linear solve; 0: always -ksp_rtol",
+        "Eisenstat & Walker 1996, choice 2; PETSc's -snes_ksp_ew_rtolmax",
+    ),
+    "snes_armijo": Option(
+        1e-4, "sufficient decrease of the line search", f"{_NW}, eq. 3.4; -snes_linesearch_alpha"
+    ),
+    "snes_min_step": Option(
+        1e-10, "shortest step of the line search", "PETSc's -snes_linesearch_minlambda"
+    ),
+    "snes_lbfgs_max_it": Option(
+        0.0, "L-BFGS iterations after a Newton step, at most", f"{_NW}, alg. 7.4"
+    ),
+    "snes_lbfgs_rtol": Option(
+        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _TWIST
+    ),
+    "snes_tr_eta1": Option(
+        0.05, "a step is accepted for a ratio of at least this", "SNESNEWTONTR (0.001)"
+    ),
+    "snes_tr_eta2": Option(
+        0.05, "the radius shrinks for a ratio below this", "SNESNEWTONTR (0.25)"
+    ),
+    "snes_tr_eta3": Option(
+        0.75, "the radius grows for a ratio above this", f"SNESNEWTONTR (0.75); {_NW}, alg. 4.1"
+    ),
+    "snes_tr_t1": Option(0.5, "factor by which the radius shrinks", "SNESNEWTONTR (0.25)"),
+    "snes_tr_t2": Option(
+        2.0, "factor by which the radius grows", f"SNESNEWTONTR (2); {_NW}, alg. 4.1"
+    ),
+    "snes_tr_delta0": Option(
+        0.0, "initial radius [J^1/2]; 0: the length of the first step", "SNESNEWTONTR (0.2)"
+    ),
+    "snes_tr_deltamax": Option(
+        float("inf"), "largest radius [J^1/2]", "SNESNEWTONTR (1e10)"
+    ),
+    "snes_tr_max_attempts": Option(
+        12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius"
+    ),
+    "snes_tr_enter_decrease": Option(
+        0.01, "entered when a filtered step decreases the energy by less than this part of the "
+        "decrease since the start, ...", _TWIST,
+    ),
+    "snes_tr_enter_residual": Option(
+        0.5, "... and leaves more than this part of the residual", _TWIST
+    ),
+    "snes_tr_exit_residual": Option(
+        0.1, "exited when a step leaves less than this part of the residual", _TWIST
+    ),
+}  # fmt: skip
+
+#: Options of earlier versions, and what replaced them.
+_RENAMED = {"snes_corrections": "snes_lbfgs_max_it"}
+
+
+def defaults_for(globalization: str) -> Values:
+    """Return the default of each option with this globalization."""
+    values = {name: option.default for name, option in OPTIONS.items()}
+    values["snes_globalization"] = globalization
+    values["snes_lbfgs_max_it"] = float(DEFAULT_LBFGS_MAX_IT[globalization])
+    return values
+
+
+def read_choices(
+    prefix: str, hessian: str, globalization: str | None, warn: bool
+) -> tuple[str, str | None]:
+    """Return Hessian and globalization: PETSc's options, where given, before the arguments.
+
+    ``globalization`` is None where neither says one. ``warn``: of an alias, on one rank only.
+
+    Raises
+    ------
+    BadInput
+        For an unknown value.
+    """
+    database = PETSc.Options(prefix)
+    given = database.getString("snes_hessian", "") or None
+    named = database.getString("snes_globalization", "") or None
+    chosen, wanted = replace_alias(hessian, globalization, warn)
+    choose("hessian", str(chosen), HESSIANS)
+    if given:
+        chosen, implied = replace_alias(given, named, warn)
+        wanted = implied or globalization
+    chosen = choose("hessian", str(chosen), HESSIANS)
+    wanted = named or wanted
+    return chosen, wanted and choose("globalization", wanted, GLOBALIZATIONS)
+
+
+def read(prefix: str, given: Values) -> Values:
+    """Return the options in PETSc's database; those that it does not have as in ``given``.
+
+    Raises
+    ------
+    BadInput
+        For the name of an earlier version.
+    """
+    database, found = PETSc.Options(prefix), dict(given)
+    for old, new in _RENAMED.items():
+        if database.hasName(old):
+            raise BadInput(f"unknown PETSc option '{old}' (did you mean '{new}'?)")
+    for name, option in OPTIONS.items():
+        if name in ("snes_hessian", "snes_globalization"):
+            continue
+        get = database.getString if isinstance(option.default, str) else database.getReal
         found[name] = get(name, given[name])
     return found
 
 
-def check(options: Options, not_least: str) -> None:
-    """Raises BadInput for words that are none, and for what a problem cannot do.
+def check(options: Values, problem: str) -> None:
+    """Raise BadInput for an unknown value, or one that the problem does not support.
 
-    ``not_least``: what kind of a problem it is whose energy is not least at a solution, or "".
+    Parameters
+    ----------
+    problem : str
+        Why the problem is no minimisation problem; empty if it is one.
     """
-    policy = choose("hessian", str(options["snes_hessian"]), HESSIANS)
-    if not_least and policy == "trust":
-        raise BadInput(f"hessian 'trust' needs an energy that is least: not {not_least}")
-    if not_least and float(options["snes_corrections"]) > 0:
-        raise BadInput(f"snes_corrections needs an energy that is least: not {not_least}")
-    choose("snes_adaptive_filter", str(options["snes_adaptive_filter"]), ("clamp", "abs"))
+    choose("hessian", str(options["snes_hessian"]), HESSIANS)
+    globalization = choose("globalization", str(options["snes_globalization"]), GLOBALIZATIONS)
+    if problem and globalization == "trust_region":
+        raise BadInput(
+            f"globalization = 'trust_region': requires a minimisation problem; {problem}"
+        )
+    if problem and float(options["snes_lbfgs_max_it"]) > 0:
+        raise BadInput(
+            f"snes_lbfgs_max_it = {options['snes_lbfgs_max_it']:g}: "
+            f"requires a minimisation problem; {problem}"
+        )
+    choose("snes_adaptive_filter", str(options["snes_adaptive_filter"]), FILTERS[1:])

@@ -1,42 +1,55 @@
-"""Where Newton's method starts when the load changes."""
+"""First guesses of Newton's method when the load changes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
-
 from petsc4py import PETSc
 
-from fem_snh.choices import PREDICTORS
+from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import choose
+from fem_snh.solver.forcing import relative_tolerance
+from fem_snh.solver.protocol import NonlinearProblem
 
-_CUT_SHORT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+_MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+#: Relative tolerance of the tangent's linear solve, at least: its model is no better than that.
+_RTOL = 1e-2
+#: Length of the central difference along the boundary's motion, relative to the body: about the
+#: cube root of the rounding error, where truncation and rounding are balanced.
+_DIFFERENCE = 1e-6
 
 
-@dataclass
 class Predictor:
-    """Moves ``problem.x`` from the equilibrium of one load to a first guess for the next.
+    """Moves ``problem.x`` from the equilibrium at one load to a first guess at the next.
 
-    none         the new boundary values, nothing else moves
-    extrapolate  on along the last step, in proportion; tangent where there was none
-    tangent      the linearised response to the change of load: one linear solve
+    ===============  ==============================================================================
+    ``none``         the new boundary values; nothing else moves
+    ``extrapolate``  the last step's displacement, continued in proportion to the load; the tangent
+                     at the first step
+    ``tangent``      the linearised response to the change of load: one linear solve
+    ===============  ==============================================================================
+
+    Parameters
+    ----------
+    problem : NonlinearProblem
+    snes : SNES
+        Its linear solver is used.
+    kind : str
 
     Attributes
     ----------
-    before : load and vector of the equilibrium before the present one, which extrapolation goes on
-        from; None if there is none. All that it remembers between steps.
+    before : (float, Vec) or None
+        Load and unknowns of the equilibrium before the present one, from which it extrapolates;
+        None if there is none. Nothing else is kept between steps.
     """
 
-    problem: Any
-    snes: PETSc.SNES
-    kind: str = "tangent"
-    before: tuple[float, PETSc.Vec] | None = field(default=None, init=False)
-
-    def __post_init__(self) -> None:
-        choose("predictor", self.kind, PREDICTORS)
+    def __init__(
+        self, problem: NonlinearProblem, snes: PETSc.SNES, kind: str = DEFAULT_PREDICTOR
+    ) -> None:
+        self.problem, self.snes = problem, snes
+        self.kind = choose("predictor", kind, PREDICTORS)
+        self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float) -> int:
-        """Set the load and the first guess; the linear iterations it took. Collective."""
+        """Set the load and the first guess; return the linear iterations it took. Collective."""
         problem, x, old = self.problem, self.problem.x, self.problem.load
         here, linear = x.copy(), 0
         problem.set_load(load)
@@ -51,14 +64,14 @@ class Predictor:
         return linear
 
     def accept(self) -> None:
-        """The step from the last prediction converged: extrapolation may use it."""
+        """Extrapolate from the last prediction's start: its step converged."""
         self.before = self._last
 
     def _tangent(self) -> int:
-        """x -= H^-1 (residual at the new load + H_free,prescribed * jump of the boundary values).
+        """x -= H^-1 (residual at the new load + H_free,constrained * jump of the boundary values).
 
-        The product is a central difference of residuals along the jump: the matrix has no
-        columns for prescribed values. H is clamped, so that CG cannot fail.
+        The product is a central difference of residuals along the jump: the matrix has no columns
+        for constrained unknowns. H is clamped, so that CG cannot fail.
         """
         problem, x = self.problem, self.problem.x
         jump = x.copy()
@@ -68,7 +81,7 @@ class Predictor:
         right, other, moved = (x.duplicate() for _ in range(3))
         problem.residual(x, right)
         if size > 0:
-            h = 1e-6 * problem.length / size
+            h = _DIFFERENCE * problem.length / size
             for sign in (1, -1):
                 moved.waxpy(sign * h, jump, x)
                 problem.residual(moved, other)
@@ -76,11 +89,9 @@ class Predictor:
         problem.jacobian(x, "clamp")
         ksp = self.snes.getKSP()
         ksp.setOperators(problem.A)
-        tolerance = ksp.getTolerances()[0]
-        ksp.setTolerances(rtol=max(tolerance, 1e-2))
-        ksp.solve(right, other)
-        ksp.setTolerances(rtol=tolerance)
-        # Newton's own linear solve will say what is wrong; a direction that is not one hides it.
-        if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _CUT_SHORT:
+        with relative_tolerance(ksp, max(ksp.getTolerances()[0], _RTOL)):
+            ksp.solve(right, other)
+        # After any other failure the guess is the old state: Newton's linear solve will report it.
+        if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:
             x.axpy(-1.0, other)
         return int(ksp.getIterationNumber())

@@ -1,71 +1,85 @@
-"""Quasi-Newton steps between Newton's: a curved valley is followed without a new Hessian."""
+"""L-BFGS iterations between Newton's: a curved valley is followed without a new Hessian."""
 
 from __future__ import annotations
 
-from functools import cached_property
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
 from fem_snh._petsc import call
 from fem_snh.solver.line_search import LineSearch
-
-#: A step that left less than this of the residual: Newton's method converges by itself.
-CONVERGING = 0.1
+from fem_snh.solver.step import State, Step
 
 
-class Corrections:
-    """L-BFGS from where a Newton step ended, its first inverse Hessian that step's preconditioner.
+class _Memory(NamedTuple):
+    """PETSc's limited-memory inverse Hessian, with the state and the direction of an iteration."""
 
-    From a rough start a quadratic model holds for a short way only, however well it is minimised.
-    A correction costs the energy and the residual that its line search asks for, and one
-    application of the preconditioner: no Hessian, no factors, no linear solve. With the factors of
-    a filtered Hessian, which are definite, it descends. It goes on until Newton's method, which is
-    faster near a solution, can be expected to converge.
+    inverse: PETSc.Mat
+    start: State
+    d: PETSc.Vec
+
+
+class QuasiNewton:
+    """L-BFGS from the end of a Newton step (Nocedal & Wright 2006, alg. 7.4 and 7.5).
+
+    The first inverse Hessian is the preconditioner of that step. From a distant start a quadratic
+    model holds for a short way only, however well it is minimised. An L-BFGS iteration costs the
+    energies and residuals of its line search and one application of the preconditioner: no Hessian,
+    no factors, no linear solve. The factors of a filtered Hessian are positive definite, so its
+    directions descend. It ends when Newton's method, which is faster near a solution, can be
+    expected to converge.
+
+    Parameters
+    ----------
+    ksp : KSP
+        Has the preconditioner.
+    line_search : LineSearch
+    max_it : int
+        Iterations after one Newton step, at most.
+    rtol, atol : float
+        It ends once the residual's norm is below ``rtol`` times that before the Newton step, or
+        below ``atol`` [N].
     """
 
-    def __init__(self, ksp: PETSc.KSP, line: LineSearch, most: int, goal: float) -> None:
-        """``most`` corrections after a step; none below ``goal``, a residual's norm [N].
+    def __init__(
+        self, ksp: PETSc.KSP, line_search: LineSearch, max_it: int, rtol: float, atol: float
+    ) -> None:
+        self.max_it, self.rtol, self.atol = max_it, rtol, atol
+        self._line_search, self._pc = line_search, ksp.getPC()
+        self._memory: _Memory | None = None
 
-        ``ksp`` has the preconditioner.
+    def continue_from(self, step: Step, start_norm: float) -> Step:
+        """Continue from the end of a Newton step that began with a residual of ``start_norm`` [N].
+
+        The step is updated, and returned.
         """
-        self.line, self.most, self.goal = line, most, goal
-        self._pc = ksp.getPC()
-
-    def improve(self, before: float, energy: float) -> tuple[float, int]:
-        """Go on from the line search's ``trial``, of ``energy``; ``before``: the residual's norm.
-
-        State and residual are in the line search's vectors, then as before. Returns the energy
-        there, and the corrections made. Stops where the residual has become small.
-        """
-        line, enough = self.line, max(CONVERGING * before, self.goal)
-        for count in range(self.most):
-            if line.f_trial.norm() <= enough:
-                return energy, count
-            memory, x, f, d = self._vectors
-            if not count:
-                call("MatLMVMReset", memory, 0)
-            line.trial.copy(x)
-            line.f_trial.copy(f)
-            call("MatLMVMUpdate", memory, x, f)
-            memory.solve(f, d)
+        end, enough = step.end, max(self.rtol * start_norm, self.atol)
+        assert end is not None
+        while step.lbfgs < self.max_it and end.residual.norm() > enough:
+            inverse, start, d = self._allocated(end)
+            if not step.lbfgs:
+                call("MatLMVMReset", inverse, 0)
+            end.copy_to(start)
+            call("MatLMVMUpdate", inverse, start.x, start.residual)
+            inverse.solve(start.residual, d)
             d.scale(-1.0)
-            slope = float(f.dot(d))
-            found = line.search(x, d, energy, slope) if slope < 0 else None
-            if found is None:
-                x.copy(line.trial)
-                f.copy(line.f_trial)
-                return energy, count
-            energy = found[1]
-        return energy, self.most
+            slope = float(start.residual.dot(d))
+            found = slope < 0 and self._line_search.search(start, d, slope, end).end
+            if not found:
+                start.copy_to(end)
+                break
+            step.lbfgs += 1
+        return step
 
-    @cached_property
-    def _vectors(self) -> tuple[PETSc.Mat, PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-        """PETSc's limited-memory inverse Hessian; a state, its residual, and a direction."""
-        x, f, d = (self.line.trial.duplicate() for _ in range(3))
-        memory = PETSc.Mat().create(x.comm)
-        memory.setSizes([x.getSizes()] * 2)
-        memory.setType(PETSc.Mat.Type.LMVMBFGS)
-        memory.setUp()
-        call("MatLMVMAllocate", memory, x, f)
-        call("MatLMVMSetJ0PC", memory, self._pc)
-        return memory, x, f, d
+    def _allocated(self, like: State) -> _Memory:
+        """The vectors and PETSc's matrix, created when they are first needed."""
+        if self._memory is None:
+            start, d = State.like(like), like.x.duplicate()
+            inverse = PETSc.Mat().create(d.comm)
+            inverse.setSizes([d.getSizes()] * 2)
+            inverse.setType(PETSc.Mat.Type.LMVMBFGS)
+            inverse.setUp()
+            call("MatLMVMAllocate", inverse, start.x, start.residual)
+            call("MatLMVMSetJ0PC", inverse, self._pc)
+            self._memory = _Memory(inverse, start, d)
+        return self._memory

@@ -1,10 +1,9 @@
-"""Saddle points: the block preconditioner of a Taylor-Hood problem, and its line search."""
+"""Saddle-point problems (Taylor-Hood elements): block preconditioner and merit function."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
@@ -13,42 +12,45 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.protocol import Array, SaddlePoint
+from fem_snh.solver.step import State, Step
 
-#: PETSc options of the blocks, unless others are given. The smoothers of BoomerAMG converge for
-#: every definite matrix; GAMG's polynomial one needs an estimate of the largest eigenvalue, and
-#: where that is too low, the preconditioner is indefinite.
-BLOCKS = {
+#: Defaults of the blocks' PETSc options. BoomerAMG's smoothers converge for every positive definite
+#: matrix. GAMG's polynomial smoother needs an estimate of the largest eigenvalue; where it is too
+#: low, the preconditioner is indefinite.
+BLOCK_OPTIONS = {
     "fieldsplit_u_ksp_type": "preonly",
     "fieldsplit_u_pc_type": "hypre",
     "fieldsplit_u_pc_hypre_boomeramg_strong_threshold": "0.7",
     "fieldsplit_p_ksp_type": "preonly",
     "fieldsplit_p_pc_type": "bjacobi",
 }
-#: Linear iterations after which a direction is taken for what it is.
-MOST = 500
+#: Iterations of MINRES after which its approximate solution is used as a search direction.
+MAX_IT = 500
 
 
-def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle: Any) -> None:
-    """MINRES with a block-diagonal PETSc fieldsplit, as options are free to change. Collective.
+def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint) -> None:
+    """Make ``ksp`` MINRES with a block-diagonal PETSc fieldsplit. Collective.
 
-    Blocks: "u", the filtered Hessian; "p", which stands for the Schur complement -(B H^-1 B^T + C),
-    the pressure's mass matrix by the moduli. By the inf-sup condition its spectrum beside that of
-    the Schur complement knows neither nu nor the mesh.
+    The block "u" is the filtered Hessian. The block "p" replaces the Schur complement
+    -(B H^-1 B^T + C) by the pressure's mass matrix divided by the moduli: by the inf-sup condition
+    the two are spectrally equivalent, with bounds that depend neither on nu nor on the mesh
+    (Elman, Silvester & Wathen 2014, section 4.2).
     """
     ksp.setType(PETSc.KSP.Type.MINRES)
-    ksp.setTolerances(max_it=MOST)
+    ksp.setTolerances(max_it=MAX_IT)
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
-    pc.setFieldSplitIS(*saddle.index_sets.items())
+    pc.setFieldSplitIS(*saddle_point.index_sets.items())
     pc.setFieldSplitType(PETSc.PC.CompositeType.SCHUR)
     pc.setFieldSplitSchurFactType(PETSc.PC.SchurFactType.DIAG)
-    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle.schur_approximation)
+    pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle_point.schur_approximation)
     ksp.setOperators(A)
 
 
 @contextmanager
-def preconditioner_of(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
-    """Meanwhile the preconditioner stays that of A as it is now. Collective."""
+def frozen_preconditioner(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
+    """Set up the preconditioner of A as it is now, and keep it inside the block. Collective."""
     ksp.setOperators(A, P)
     ksp.setUp()
     ksp.getPC().setReusePreconditioner(True)
@@ -58,31 +60,38 @@ def preconditioner_of(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[No
         ksp.getPC().setReusePreconditioner(False)
 
 
-@dataclass
-class SaddleSearch(LineSearch):
-    """Finds a step along d = (du, dp) to a saddle: down in u, up in p.
+class MeritLineSearch(LineSearch):
+    r"""A line search for a saddle-point problem: least in u, greatest in p.
 
-    What falls is the augmented Lagrangian L(u, p) + penalty/2 sum_a w_a r_a^2 [J], r the residual
-    of the volume condition, 1/w_a each pressure's share of the volume. With H positive definite the
-    direction descends once the penalty is large enough, and it is raised where it is not (Nocedal &
-    Wright 2006, section 18.4, for the same with constraints).
+    The merit function is the augmented Lagrangian [J]
+
+    .. math:: L(u, p) + \frac{\gamma}{2} \sum_a w_a r_a^2,
+
+    r the residual of the volume condition, 1/w_a each pressure's share of the volume. With H
+    positive definite a Newton direction descends once the penalty is large enough; it is raised
+    where it is not (Nocedal & Wright 2006, section 18.4, for constrained problems).
+
+    Attributes
+    ----------
+    penalty : float
+        The penalty gamma [Pa].
     """
 
-    saddle: Any = None
-    penalty: float = 0.0  # [Pa]
-    _square: float = 0.0
-    _norm: float = 0.0
+    def __init__(self, saddle_point: SaddlePoint, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
+        self.saddle_point, self.penalty = saddle_point, 0.0
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
-        """The merit's slope along d, at most -(du.H du + dp.C dp)/2; None if there is none.
+        """Return the merit function's slope along d, at most -(du.H du + dp.C dp)/2.
 
-        Raises the penalty as needed.
+        The penalty is raised as needed. None if no penalty gives descent.
         """
-        gap = self._gap(f)
-        mine = np.array([self._gap(d) @ self._gap(Ad), self._weigh(gap) @ self._gap(Ad)])
-        both, gain = f.comm.tompi4py().allreduce(mine)
+        volume = self._pressures(f)
+        local = np.array(
+            [self._pressures(d) @ self._pressures(Ad), self._weigh(volume) @ self._pressures(Ad)]
+        )
+        both, gain = f.comm.tompi4py().allreduce(local)
         curvature, descent = Ad.dot(d) - 2 * both, f.dot(d)
-        self._square, self._norm = self._squares(f), f.norm()
         if not curvature > 0:
             return None
         excess = descent + curvature / 2
@@ -90,32 +99,36 @@ class SaddleSearch(LineSearch):
             if gain >= 0:
                 return None
             self.penalty = -2 * excess / gain
-        return descent + self.penalty * gain
+        return float(descent + self.penalty * gain)
 
-    def search(
-        self, x: PETSc.Vec, d: PETSc.Vec, energy: float, slope: float
-    ) -> tuple[float, float] | None:
-        """From ``x`` with Lagrangian ``energy`` and the merit's ``slope``: (step, energy there)."""
-        step, start = 1.0, energy + self.penalty / 2 * self._square
+    def search(self, start: State, d: PETSc.Vec, slope: float, trial: State) -> Step:
+        """Search from ``start`` along ``d``, the merit function's slope given.
+
+        The step found ends in ``trial``, whose vectors are overwritten in any case.
+        """
+        norm = start.residual.norm()
+        step, merit = 1.0, start.energy + self.penalty / 2 * self._squares(start.residual)
         while step >= self.min_step:
-            there = self.energy_at(x, d, step)
-            self.snes.computeFunction(self.trial, self.f_trial)
-            change = there + self.penalty / 2 * self._squares(self.f_trial) - start
+            there = self.evaluate_energy(start.x, d, step, trial)
+            self.evaluate_residual(trial)
+            change = there + self.penalty / 2 * self._squares(trial.residual) - merit
             if not isfinite(change):
                 step *= 0.5
                 continue
-            falls = change <= self.armijo * step * slope
-            if falls or (self.flat(change, start) and self.f_trial.norm() <= self._norm):
-                return step, there
-            step = self._shorter(step, change, slope)
-        return None
+            decreases = change <= self.armijo * step * slope
+            rounding = self.is_rounding(change, merit)
+            if decreases or (rounding and trial.residual.norm() <= norm):
+                return Step(trial, step)
+            step = self._shortened(step, change, slope)
+        return Step()
 
-    def _gap(self, vector: PETSc.Vec) -> Any:
-        return self.saddle.pressure_dofs(vector)
+    def _pressures(self, vector: PETSc.Vec) -> Array:
+        return self.saddle_point.pressure_dofs(vector)
 
-    def _weigh(self, gap: Any) -> Any:
-        return self.saddle.inverse_lumped_mass * gap
+    def _weigh(self, volume: Array) -> Array:
+        return self.saddle_point.inverse_lumped_mass * volume
 
     def _squares(self, f: PETSc.Vec) -> float:
-        gap = self._gap(f)
-        return float(f.comm.tompi4py().allreduce(self._weigh(gap) @ gap))
+        """The volume residual's weighted square, of all ranks."""
+        volume = self._pressures(f)
+        return float(f.comm.tompi4py().allreduce(self._weigh(volume) @ volume))

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 from math import isfinite, isnan
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi
 from fem_snh.errors import choose
-from fem_snh.solver.direction import Directions, Iteration
+from fem_snh.solver.globalization import LineSearchNewton
 from fem_snh.solver.line_search import SHORT
-from fem_snh.solver.quasi_newton import CONVERGING, Corrections
-from fem_snh.solver.saddle_point import preconditioner_of
+from fem_snh.solver.options import Values
+from fem_snh.solver.quasi_newton import QuasiNewton
+from fem_snh.solver.saddle_point import frozen_preconditioner
+from fem_snh.solver.step import State, Step
 
 _Linear = PETSc.KSP.ConvergedReason
 _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
-#: Of the energy's change that the model promised: to take the step, and for a larger radius.
-_ENOUGH, _GOOD = 0.05, 0.75
-_SHRINK, _GROW = 0.5, 2.0
-#: A filtered step's part of all that was gained, below which the trust region is called; unless it
-#: left less than this of the residual: it converges, then.
-_LITTLE, _LEFT = 0.01, 0.5
-#: Radii tried before the clamped Hessian is asked.
-_ATTEMPTS = 12
 
-#: Linear solvers that know a radius. (PETSc's gltr has one, too, and frees memory twice.)
+#: Linear solvers that accept a radius. (PETSc's gltr does, too, but frees memory twice.)
 SOLVERS = ("stcg", "nash")
-#: PETSc options, unless others are given: quasi-Newton steps, and the region's linear solver.
-OPTIONS = {
-    "snes_corrections": 640,
+#: Defaults of the linear solver's PETSc options.
+LINEAR_OPTIONS = {
     "trust_ksp_type": "stcg",
     "trust_pc_type": "bjacobi",
     "trust_sub_pc_type": "icc",
@@ -36,9 +30,12 @@ OPTIONS = {
 
 
 def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
-    """The solver of the region's steps, from the options under ``prefix`` + trust_. Collective.
+    """Return the linear solver of the trust region, from options under prefix + trust_. Collective.
 
-    Raises BadInput for one that knows no radius.
+    Raises
+    ------
+    BadInput
+        For a solver that accepts no radius.
     """
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOptionsPrefix(f"{prefix}trust_")
@@ -46,94 +43,163 @@ def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp.setOperators(A)
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
-        ksp.getPC().setUp()  # the blocks read their options, once
-    choose("linear solver within a trust region, trust_ksp_type", ksp.getType(), SOLVERS)
+        ksp.getPC().setUp()  # the blocks read their options now, and only now
+    choose("trust_ksp_type", ksp.getType(), SOLVERS)
     return ksp
 
 
+class _Thresholds(NamedTuple):
+    """The options ``-snes_tr_*``: see `fem_snh.solver.options.OPTIONS`."""
+
+    eta1: float
+    eta2: float
+    eta3: float
+    t1: float
+    t2: float
+    delta0: float
+    deltamax: float
+    max_attempts: float
+    enter_decrease: float
+    enter_residual: float
+    exit_residual: float
+
+
 class TrustRegion:
-    """The step of least exact quadratic model within a radius (Steihaug 1983, Toint 1981).
+    r"""Newton's method with a trust region where filtered steps make little progress.
 
-    Conjugate gradients stop at the radius, along the direction of negative curvature if they meet
-    one. The norm is the preconditioner's, made of the clamped Hessian; so the radius is a square
-    root of energy [J^1/2]. The first step has no radius yet, and if it meets negative curvature
-    it is the clamped Hessian's, as is every one for which no radius will do.
+    A step in the region minimises the exact quadratic model within a radius,
 
-    Far from a solution the clamped Hessian goes faster. So the region is ``called`` once a filtered
-    step gains less than a hundredth of what all have and leaves half of the residual: at a state
-    that is nearly unstable. Once a step leaves less than a tenth of the residual, it is no more.
+    .. math:: \min_d\; f \cdot d + \tfrac12\, d \cdot H d \quad \text{for}\quad \|d\|_P \le \delta,
+
+    by conjugate gradients that stop at the radius, or follow a direction of negative curvature to
+    it (Steihaug 1983; Toint 1981; Nocedal & Wright 2006, alg. 7.2). The norm is that of the
+    preconditioner P, made of the clamped Hessian, so the radius is the square root of an energy
+    [J^1/2]. The ratio of the energy's decrease to the model's decides on step and radius
+    (alg. 4.1). L-BFGS iterations follow each step.
+
+    Without a radius (before the first step) the linear solver is not bounded; the length of its
+    step becomes the radius. If it meets negative curvature, or if no radius gives an acceptable
+    step, the clamped Hessian's step is taken.
+
+    Far from a solution the filtered Hessian makes faster progress. The region is entered after a
+    filtered step that decreases the energy by less than ``-snes_tr_enter_decrease`` of the decrease
+    since the start, and leaves more than ``-snes_tr_enter_residual`` of the residual: near an
+    unstable state. With ``-snes_hessian exact`` it is also entered where the exact Hessian gives no
+    descent direction. It is exited after a step that leaves less than ``-snes_tr_exit_residual`` of
+    the residual.
+
+    Parameters
+    ----------
+    ordinary : LineSearchNewton
+        The steps outside the region.
+    ksp : KSP
+        See `linear_solver`.
+    quasi_newton : QuasiNewton
+        The iterations after a step in the region.
+    options : dict
+        See `fem_snh.solver.options.OPTIONS`.
+
+    Attributes
+    ----------
+    radius : float or None
+        None before the first step.
+    entered : bool
+        Whether the next step is one in the region.
     """
 
-    def __init__(self, directions: Directions, ksp: PETSc.KSP, corrections: Corrections) -> None:
-        self.directions, self.ksp, self.corrections = directions, ksp, corrections
-        self.snes, self.line = directions.snes, directions.line
-        self.radius: float | None = None
-        self.called, self._start = False, float("nan")
-        self._Ad = self.line.trial.duplicate()
+    def __init__(
+        self, ordinary: LineSearchNewton, ksp: PETSc.KSP, quasi_newton: QuasiNewton, options: Values
+    ) -> None:
+        self.ordinary, self.ksp, self.quasi_newton = ordinary, ksp, quasi_newton
+        self.direction, self.line_search = ordinary.direction, ordinary.line_search
+        self.snes = self.direction.snes
+        given = {name: float(options[f"snes_tr_{name}"]) for name in _Thresholds._fields}
+        self.thresholds = _Thresholds(**given)
+        self.radius: float | None = given["delta0"] or None
+        self.entered, self._first_energy = False, float("nan")
+        self._Ad: PETSc.Vec | None = None
 
-    def look(self, now: Iteration, energy: float) -> None:
-        """See what an iteration gained that ended at ``energy``."""
-        if isnan(self._start):
-            self._start = now.energy
-        gain, whole = now.energy - energy, self._start - energy
-        left = self.line.f_trial.norm() / now.residual
-        if now.filter in ("clamp", "abs"):
-            self.called |= gain < _LITTLE * whole and left > _LEFT
-        elif left < CONVERGING:
-            self.called = False
+    def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
+        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+        norm, linear = start.residual.norm(), 0
+        step, tried = Step(), self.entered
+        if tried:
+            step = self._step_in_region(start, d, trial)
+            linear = step.linear
+        if step.end is None:
+            step = self.ordinary.step(start, d, trial)
+            step.linear += linear
+            failed = step.diverged == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+            if failed and not tried and self.direction.hessian == "exact":
+                ordinary, self.entered = step, True
+                step = self._step_in_region(start, d, trial)
+                step.linear += ordinary.linear
+                step.diverged = 0 if step.end else ordinary.diverged
+        if step.end is not None:
+            self._update(start, norm, step, step.end)
+        return step
 
-    def step(
-        self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float, now: Iteration
-    ) -> tuple[float, float] | None:
-        """From ``x`` along ``d``, which is found: (step, energy there), or None if there is none.
+    def _update(self, start: State, norm: float, step: Step, end: State) -> None:
+        """Enter or exit the region, by the progress of a step."""
+        if isnan(self._first_energy):
+            self._first_energy = start.energy
+        decrease, whole = start.energy - end.energy, self._first_energy - end.energy
+        left = end.residual.norm() / norm
+        if step.filter in ("clamp", "abs"):
+            little = decrease < self.thresholds.enter_decrease * whole
+            self.entered |= little and left > self.thresholds.enter_residual
+        elif left < self.thresholds.exit_residual:
+            self.entered = False
 
-        State and residual are then in the line search's vectors.
-        """
+    def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
+        """The exact model's step, or the clamped one's."""
         A, P = self.snes.getJacobian()[:2]
-        ksp, directions = self.ksp, self.directions
-        now.filtered_points = directions.fill(x, "clamp")
-        now.filter = "exact" if now.filtered_points else "none needed"
-        with directions.forcing(ksp):
-            with preconditioner_of(ksp, A, P):
-                if now.filtered_points:
-                    directions.fill(x, "exact")
-                if found := self._within(x, f, d, energy, now):
-                    now.step, end = found
-                    end, now.corrections = self.corrections.improve(now.residual, end)
-                    return now.step, end
-            if now.filtered_points:
-                now.filter = "clamp"
-                directions.fill(x, "clamp")
+        ksp, assemble = self.ksp, self.direction.assemble
+        step = Step(filtered_points=assemble(start.x, "clamp"))
+        step.filter = "exact" if step.filtered_points else "none needed"
+        with self.direction.forcing.applied(ksp):
+            with frozen_preconditioner(ksp, A, P):
+                if step.filtered_points:
+                    assemble(start.x, "exact")
+                if self._minimise_model(start, d, trial, step):
+                    return self.quasi_newton.continue_from(step, start.residual.norm())
+            if step.filtered_points:
+                step.filter = "clamp"
+                assemble(start.x, "clamp")
                 self.radius = None
-                found = self._within(x, f, d, energy, now)
-        return found
+                self._minimise_model(start, d, trial, step)
+        return step
 
-    def _within(
-        self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float, now: Iteration
-    ) -> tuple[float, float] | None:
-        """The step of the present matrix, its radius found; None if there is none."""
-        for _ in range(_ATTEMPTS):
-            size, reason = self._solve(f, d, now)
+    def _minimise_model(self, start: State, d: PETSc.Vec, trial: State, step: Step) -> bool:
+        """Complete ``step`` with the present matrix, adapting the radius; whether it succeeded."""
+        f = start.residual
+        for _ in range(int(self.thresholds.max_attempts)):
+            size, reason, Ad = self._solve(f, d, step)
             if reason in _INSIDE:
-                slope = self.line.slope(f, d, self._Ad)
-                found = None if slope is None else self.line.search(x, d, energy, slope)
-                if found and (found[0] >= SHORT or self.radius is None):
-                    self.radius = max(self.radius or 0.0, found[0] * size)
-                    return found
+                slope = self.line_search.slope(f, d, Ad)
+                found = Step() if slope is None else self.line_search.search(start, d, slope, trial)
+                if found.end and (found.length >= SHORT or self.radius is None):
+                    longest = max(self.radius or 0.0, found.length * size)
+                    self.radius = min(longest, self.thresholds.deltamax)
+                    step.end, step.length = found.end, found.length
+                    return True
                 if self.radius is None:
-                    return None
-                self.radius = _SHRINK * min(self.radius, size)
+                    return False
+                self.radius = self.thresholds.t1 * min(self.radius, size)
             elif reason < 0 or self.radius is None:
-                return None
-            elif (there := self._judge(x, f, d, energy)) is not None:
-                if now.filter == "exact":
-                    now.filter = "trust"
-                return 1.0, there
-        return None
+                return False
+            elif self._accept(start, d, Ad, trial):
+                if step.filter == "exact":
+                    step.filter = "trust_region"
+                step.end, step.length = trial, 1.0
+                return True
+        return False
 
-    def _solve(self, f: PETSc.Vec, d: PETSc.Vec, now: Iteration) -> tuple[float, int]:
-        """Put the step within the radius into ``d``; its norm and why the solver ended."""
+    def _solve(self, f: PETSc.Vec, d: PETSc.Vec, step: Step) -> tuple[float, int, PETSc.Vec]:
+        """Set ``d`` to the model's minimum; its norm, the linear solver's reason, and A d."""
         ksp, norm = self.ksp, ffi.new("double *")
+        if self._Ad is None:
+            self._Ad = d.duplicate()
         call("KSPCGSetRadius", ksp, self.radius or 0.0)  # 0: none
         d.set(0.0)
         try:
@@ -141,23 +207,29 @@ class TrustRegion:
         finally:
             call("KSPCGSetRadius", ksp, 0.0)
         d.scale(-1.0)
-        now.linear += ksp.getIterationNumber()
+        step.linear += ksp.getIterationNumber()
         call("KSPCGGetNormD", ksp, norm)
         ksp.getOperators()[0].mult(d, self._Ad)
-        return norm[0], ksp.getConvergedReason()
+        return norm[0], ksp.getConvergedReason(), self._Ad
 
-    def _judge(self, x: PETSc.Vec, f: PETSc.Vec, d: PETSc.Vec, energy: float) -> float | None:
-        """The energy after a step to the radius, or None if it is not taken; adapts the radius."""
+    def _accept(self, start: State, d: PETSc.Vec, Ad: PETSc.Vec, trial: State) -> bool:
+        """Evaluate a step to the radius, and adapt the radius; whether the step is accepted.
+
+        Where the energies differ by rounding, the residual's norm decides instead of the ratio.
+        """
         assert self.radius is not None
-        line = self.line
-        promised = -(f.dot(d) + self._Ad.dot(d) / 2)
-        there = line.energy_at(x, d, 1.0)
-        flat = isfinite(there) and line.flat(there - energy, energy)
-        ratio = (energy - there) / promised if isfinite(there) and promised > 0 else 0.0
-        if flat or ratio >= _ENOUGH:
-            self.snes.computeFunction(line.trial, line.f_trial)
-            if not flat or line.f_trial.norm() <= f.norm():
-                self.radius *= _GROW if ratio > _GOOD else 1.0
-                return there
-        self.radius *= _SHRINK
-        return None
+        search, limits = self.line_search, self.thresholds
+        predicted = -(start.residual.dot(d) + Ad.dot(d) / 2)
+        there = search.evaluate_energy(start.x, d, 1.0, trial)
+        flat = isfinite(there) and search.is_rounding(there - start.energy, start.energy)
+        ratio = (start.energy - there) / predicted if isfinite(there) and predicted > 0 else 0.0
+        if flat or ratio >= limits.eta1:
+            search.evaluate_residual(trial)
+            if not flat or trial.residual.norm() <= start.residual.norm():
+                if ratio > limits.eta3:
+                    self.radius = min(self.radius * limits.t2, limits.deltamax)
+                elif ratio < limits.eta2 and not flat:
+                    self.radius *= limits.t1
+                return True
+        self.radius *= limits.t1
+        return False

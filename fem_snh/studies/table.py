@@ -13,7 +13,7 @@ from typing import Any
 from fem_snh.atomic_files import put
 
 #: Columns of the settings of a run.
-REQUESTED = "scene material E nu element cells hessian predictor steps".split()
+REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
 #: Columns of the results of a run.
 MEASURED = (
     "converged status load newton clamped linear energy volume_ratio min_J residual "
@@ -98,8 +98,8 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     row["status"] = row["status"] or failure_message(log, code)
     row |= {"num_cells": record.get("cells"), "dofs": record.get("dofs")}
     row["seconds"] = record.get("seconds", {}).get("total")
-    if "hessian" in record:
-        row["hessian"] = record["hessian"]  # the default, if the scene names none
+    # The defaults, if the scene names none.
+    row |= {key: record[key] for key in ("hessian", "globalization") if key in record}
     return row
 
 

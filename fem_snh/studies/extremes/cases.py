@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from fem_snh import scenes
+from fem_snh.choices import HESSIANS
 from fem_snh.studies.point import Point
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.table import MEASURED, REQUESTED
@@ -21,6 +22,10 @@ Check = Callable[[Record, Row], str]
 
 #: Values of the column ``expected``. Cases that may fail are run for comparison.
 PASS, MAY_FAIL = "pass", "may fail"
+
+#: Hessian and globalization of each policy, by the word for both in a case's name.
+POLICIES = {h: {"hessian": h, "globalization": "linesearch"} for h in HESSIANS}
+POLICIES["trust"] = {"hessian": "adaptive", "globalization": "trust_region"}
 
 #: Columns of the table.
 COLUMNS = (

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.studies.extremes.cases import Case, Check, Record, Row, converged, scene_case
+from fem_snh.studies.extremes.cases import POLICIES, Case, Check, Record, Row, converged, scene_case
 from fem_snh.studies.extremes.pictures import COUNTS, Picture, body_picture, counts
 from fem_snh.studies.markdown import markdown_table
 
@@ -57,33 +57,33 @@ BARRIER_NU = 0.4
 
 
 def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
-    """Return every element and Hessian policy; ``trust`` may fail."""
+    """Return every element and policy; the trust region may fail."""
     elements = ("Q1",) if quick else _ELEMENTS
     pairs = [(element, "adaptive") for element in elements]
     if not quick:
-        pairs += [(e, hessian) for e in ("Q1", "P1") for hessian in ("clamp", "abs", "trust")]
+        pairs += [(e, policy) for e in ("Q1", "P1") for policy in ("clamp", "abs", "trust")]
     made = []
-    for element, hessian in pairs:
+    for element, policy in pairs:
         for to in ("plane", "line", "point", "inverted"):
             for noise in (1e-6,) if quick else _NOISES:
                 for nu in _NUS:
-                    required = hessian != "trust" and (to != "inverted" or nu < BARRIER_NU)
-                    made.append(_case(element, hessian, to, noise, nu, required, material))
+                    required = policy != "trust" and (to != "inverted" or nu < BARRIER_NU)
+                    made.append(_case(element, policy, to, noise, nu, required, material))
     return made if material else made + list(_continuation_cases(elements))
 
 
 def _case(
-    element: str, hessian: str, to: str, noise: float, nu: float, required: bool, material: str
+    element: str, policy: str, to: str, noise: float, nu: float, required: bool, material: str
 ) -> Case:
     disturbed = "disturbed" if noise else "exact"
-    name = f"crush-{element}-{hessian}-{to}-{disturbed}-nu{nu:g}"
+    name = f"crush-{element}-{policy}-{to}-{disturbed}-nu{nu:g}"
     criterion, check = _theory(to, noise, nu)
     own: dict[str, Any] = {}
     if material:  # the theory is that of Stable Neo-Hookean
         criterion, check, required, own = "at rest", _rest, False, {"material": material}
     return scene_case(
         "crush", name, criterion, check, required=required,
-        element=element, hessian=hessian, to=to, noise=noise, nu=nu, **_MODES, **own,
+        element=element, to=to, noise=noise, nu=nu, **POLICIES[policy], **_MODES, **own,
     )  # fmt: skip
 
 
@@ -185,13 +185,13 @@ def tables(rows: pd.DataFrame) -> str:
     state = rows["point"].str.extract(r"(plane|line|point|inverted)")[0]
     kind = rows["point"].str.extract(r"(exact|disturbed|tight|barrier|softened)")[0]
     groups = rows.assign(state=state, kind=kind).groupby(
-        ["state", "kind", "nu", "hessian", "criterion"], sort=False
+        ["state", "kind", "nu", "hessian", "globalization", "criterion"], sort=False
     )
     lines = [
-        [to, how, f"{nu:g}", hessian, criterion, *counts(group)]
-        for (to, how, nu, hessian, criterion), group in groups
+        [to, how, f"{nu:g}", hessian, globalization, criterion, *counts(group)]
+        for (to, how, nu, hessian, globalization, criterion), group in groups
     ]
-    head = ["collapsed to", "start", "nu", "Hessian", "criterion", *COUNTS]
+    head = ["collapsed to", "start", "nu", "Hessian", "globalization", "criterion", *COUNTS]
     return markdown_table(head, lines)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from fem_snh.studies.extremes.cases import (
+    POLICIES,
     REST_TOLERANCE,
     Case,
     Check,
@@ -31,7 +32,7 @@ compare the energies.
 
 At nu = 0.4999 the element is Q1P0 and the steps start with nu = 0.49 (`nu_continuation = [0.49]`).
 Q1 locks there (docs/results/elements.md), and has many states in which a descent stalls. Q1 at this
-nu, Q1P0 without continuation, and `trust` may fail; they are run for comparison."""
+nu, Q1P0 without continuation, and the trust region may fail; they are run for comparison."""
 
 NUS = (0.3, 0.49, 0.4999)
 #: From this nu on Q1 locks and Q1P0 takes its place.
@@ -40,7 +41,7 @@ LOCKING_NU = 0.4999
 START_NUS = [0.49]
 #: Cells along the edge or diameter.
 CELLS = 6
-#: Limit on the Newton iterations of the twist by pi with ``trust``, at these nu and cells.
+#: Limit on the Newton iterations of the twist by pi in a trust region, at these nu and cells.
 TRUST_LIMIT = 40
 TRUST_NUS = (0.3, 0.49)
 TRUST_CELLS = (8, 10, 12, 15)
@@ -66,7 +67,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
     if own:
         return made
     made += [
-        _case("twist-pi", nu, cells, hessian="trust") for nu in TRUST_NUS for cells in TRUST_CELLS
+        _case("twist-pi", nu, cells, policy="trust") for nu in TRUST_NUS for cells in TRUST_CELLS
     ]
     plain = [
         _case(name, LOCKING_NU, CELLS, element=element, nu_continuation=[], required=False)
@@ -74,7 +75,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         for name in _LOADS
     ]
     trust = [
-        _case(name, nu, CELLS, hessian="trust", required=False) for name in _LOADS for nu in NUS
+        _case(name, nu, CELLS, policy="trust", required=False) for name in _LOADS for nu in NUS
     ]
     return made + plain + trust
 
@@ -85,7 +86,7 @@ def _case(
     cells: int,
     *,
     element: str = "",
-    hessian: str = "adaptive",
+    policy: str = "adaptive",
     nu_continuation: list[float] | None = None,
     required: bool = True,
     **own: Any,
@@ -97,7 +98,7 @@ def _case(
     )
     check: Check = _stays_at_rest if name == "twist-2pi" else converged
     criterion = "stays at rest" if name == "twist-2pi" else "reaches its load"
-    if required and hessian == "trust":
+    if required and policy == "trust":
         check = _few_iterations
         criterion = f"reaches its load in at most {TRUST_LIMIT} Newton iterations"
     full = {"steps": 1, **values, "predictor": "none", "petsc.snes_max_it": 1000}
@@ -105,10 +106,10 @@ def _case(
         "cells": cells,
         "nu": nu,
         "element": element,
-        "hessian": hessian,
+        **POLICIES[policy],
         "nu_continuation": nu_continuation,
     }
-    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{hessian}" + (
+    point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{policy}" + (
         "-softened" if nu_continuation else ""
     )
     return scene_case(scene, point, criterion, check, required=required and not own, **full, **own)
@@ -131,7 +132,8 @@ def tables(rows: pd.DataFrame) -> str:
         [
             row["point"].removeprefix("loads-").partition("-nu")[0] + f", {row['cells']:g}^3"
             + (", softened" if row["point"].endswith("softened") else ""),
-            f"{row['nu']:g}", row["element"], row["hessian"], row["reason"] or row["status"],
+            f"{row['nu']:g}", row["element"], row["hessian"], row["globalization"],
+            row["reason"] or row["status"],
             *(_number(row[key], ",.0f") for key in ("newton", "clamped", "linear")),
             _number(row["min_J"], ".3f"), _number(row["energy"], ".4g"),
             _number(100 * (row["volume_ratio"] - 1), "+.2f"),
@@ -140,8 +142,8 @@ def tables(rows: pd.DataFrame) -> str:
         for row in rows.astype({"reason": object}).fillna({"reason": ""}).to_dict("records")
     ]  # fmt: skip
     head = [
-        "load", "nu", "element", "Hessian", "result", "Newton", "filtered", "linear", "min J",
-        "energy", "volume [%]", "NaN seen", "seconds",
+        "load", "nu", "element", "Hessian", "globalization", "result", "Newton", "filtered",
+        "linear", "min J", "energy", "volume [%]", "NaN seen", "seconds",
     ]  # fmt: skip
     return markdown_table(head, lines)
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.choices import HESSIANS
-from fem_snh.studies.extremes.cases import PASS, Case, at_rest, scene_case
+from fem_snh.studies.extremes.cases import PASS, POLICIES, Case, at_rest, scene_case
 from fem_snh.studies.extremes.pictures import COUNTS, Picture, body_picture, counts
 from fem_snh.studies.markdown import markdown_table
 
@@ -53,19 +52,19 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         for seed in range(count)
     ]
     plain = [
-        _case(element, SMALL, nu, seed, hessian, **own)
+        _case(element, SMALL, nu, seed, policy, **own)
         for element in ELEMENTS
         for nu in NUS
-        for hessian in HESSIANS
+        for policy in POLICIES
         for seed in range(max(1, seeds // 50))
-        if hessian != "exact"  # its first direction is uphill
+        if policy != "exact"  # its first direction is uphill
     ]
     return softened + plain
 
 
 def _case(element: str, cells: int, nu: float, seed: int, plain: str = "", **own: Any) -> Case:
-    """Return a case with continuation, or a plain descent with the Hessian ``plain``."""
-    how: dict[str, Any] = {"hessian": plain} if plain else {"nu_continuation": [START_NU]}
+    """Return a case with continuation, or a plain descent with the policy ``plain``."""
+    how: dict[str, Any] = POLICIES[plain] if plain else {"nu_continuation": [START_NU]}
     return scene_case(
         "scramble",
         f"scramble-{element}-{cells}-nu{nu:g}-{seed}" + (f"-plain-{plain}" if plain else ""),
@@ -98,12 +97,12 @@ def aggregate_criteria(rows: pd.DataFrame) -> dict[str, str]:
 def tables(rows: pd.DataFrame) -> str:
     """Return a line for each element, mesh, nu and Hessian."""
     lines = [
-        [element, f"{cells:g}^3", f"{nu:g}", hessian, *counts(group)]
-        for (element, cells, nu, hessian), group in rows.groupby(
-            ["element", "cells", "nu", "hessian"], sort=False
+        [element, f"{cells:g}^3", f"{nu:g}", hessian, globalization, *counts(group)]
+        for (element, cells, nu, hessian, globalization), group in rows.groupby(
+            ["element", "cells", "nu", "hessian", "globalization"], sort=False
         )
     ]
-    return markdown_table(["element", "cells", "nu", "Hessian", *COUNTS], lines)
+    return markdown_table(["element", "cells", "nu", "Hessian", "globalization", *COUNTS], lines)
 
 
 def pictures(out: Path) -> list[Picture]:

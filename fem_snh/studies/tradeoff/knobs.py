@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from fem_snh.choices import EIGENSOLVERS, SEARCHED
+from fem_snh.choices import EIGENSOLVERS, HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
@@ -37,6 +37,8 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "direct": DIRECT_SOLVER,
     },
 }
+#: Of every run: all elements have it.
+GLOBALIZATION = "linesearch"
 #: Where a knob is turned to, one at a time.
 FORCINGS = (0.5, 0.1, 5e-3, 1e-8)
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
@@ -71,7 +73,7 @@ class Choice:
 
     def __post_init__(self) -> None:
         saddle = ELEMENTS[choose("element", self.element, ELEMENTS)].volume == "pressure"
-        choose("hessian", self.hessian, SEARCHED)
+        choose("hessian", self.hessian, HESSIANS)
         choose("eigensolver", self.eigensolver, EIGENSOLVERS)
         solver = self.solver or iterative(self.element)
         object.__setattr__(self, "solver", solver)
@@ -94,6 +96,7 @@ class Choice:
             "snes_forcing_max": self.forcing, "snes_scaled_tol": self.tolerance
         }  # fmt: skip
         plain = {key: getattr(self, key) for key in ("element", "hessian", "eigensolver")}
+        plain["globalization"] = GLOBALIZATION
         plain |= {} if self.steps is None else {"steps": self.steps}
         return plain | where | {f"petsc.{key}": value for key, value in petsc.items()}
 
@@ -131,7 +134,7 @@ def iterative(element: str) -> str:
 def positions(element: str) -> Mapping[str, tuple[Any, ...]]:
     """For each knob the values that it takes with this element."""
     return {
-        "hessian": SEARCHED,
+        "hessian": HESSIANS,
         "solver": tuple(SOLVERS[ELEMENTS[element].volume == "pressure"]),
         "forcing": FORCINGS,
         "tolerance": TOLERANCES,

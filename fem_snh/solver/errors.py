@@ -1,0 +1,42 @@
+"""Exceptions that pass through PETSc, and PETSc's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+from fem_snh._petsc import OUT_OF_MEMORY
+from fem_snh.errors import Failed
+
+
+@contextmanager
+def callback_errors() -> Iterator[None]:
+    """Let the exceptions of Python callbacks (`BadInput`, Ctrl-C) pass through PETSc unchanged.
+
+    Newer versions of petsc4py raise a PETSc.Error from them.
+    """
+    try:
+        yield
+    except PETSc.Error as error:
+        cause: BaseException = error
+        while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
+            cause = cause.__cause__
+        if isinstance(cause, PETSc.Error):
+            raise
+        raise cause from None
+
+
+@contextmanager
+def petsc_failures() -> Iterator[None]:
+    """Raise errors of PETSc, and memory that ran out, as `Failed` with a message of one line."""
+    try:
+        yield
+    except MemoryError as error:
+        raise Failed(f"out of memory ({str(error) or 'an array'})") from error
+    except PETSc.Error as error:
+        if error.ierr == OUT_OF_MEMORY:
+            raise Failed("out of memory (PETSc)") from error
+        last = str(error).strip().splitlines()[-1].partition("] ")[2]
+        raise Failed(f"PETSc error {error.ierr}: {last or error}") from error

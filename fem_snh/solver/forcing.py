@@ -1,0 +1,56 @@
+"""Relative tolerances of linear solves: the forcing terms of an inexact Newton method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+#: Eisenstat & Walker 1996, choice 2: gamma and alpha, as in PETSc's -snes_ksp_ew.
+GAMMA, ALPHA = 0.9, 2
+
+
+@contextmanager
+def relative_tolerance(ksp: PETSc.KSP, rtol: float) -> Iterator[None]:
+    """Solve with this relative tolerance inside the block; restore the earlier one after it."""
+    before = ksp.getTolerances()[0]
+    ksp.setTolerances(rtol=rtol)
+    try:
+        yield
+    finally:
+        ksp.setTolerances(rtol=before)
+
+
+class ForcingTerm:
+    r"""Forcing terms of Eisenstat & Walker 1996, choice 2.
+
+    .. math:: \eta_k = \gamma \left(\|r_k\| / \|r_{k-1}\|\right)^\alpha,
+              \quad \gamma = 0.9,\ \alpha = 2,
+
+    bounded by ``-ksp_rtol`` from below and by ``maximum`` from above.
+
+    Parameters
+    ----------
+    maximum : float
+        Of the relative tolerance, for the first iteration, too. 0: always ``-ksp_rtol``.
+    """
+
+    def __init__(self, maximum: float) -> None:
+        self.maximum = maximum
+        self._ratio = 1.0
+        self._norm: float | None = None
+
+    def update(self, norm: float) -> None:
+        """Begin a Newton iteration whose residual has this norm."""
+        self._ratio = norm / (norm if self._norm is None else self._norm)
+        self._norm = norm
+
+    @contextmanager
+    def applied(self, ksp: PETSc.KSP) -> Iterator[None]:
+        """Solve with the iteration's relative tolerance inside the block."""
+        rtol = ksp.getTolerances()[0]
+        if self.maximum:
+            rtol = min(self.maximum, max(rtol, GAMMA * self._ratio**ALPHA))
+        with relative_tolerance(ksp, rtol):
+            yield

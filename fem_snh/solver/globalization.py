@@ -1,0 +1,56 @@
+"""Newton's method with a line search."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from petsc4py import PETSc
+
+from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.quasi_newton import QuasiNewton
+from fem_snh.solver.search_direction import SearchDirection
+from fem_snh.solver.step import State, Step
+
+_Reason = PETSc.SNES.ConvergedReason
+
+
+class Globalization(Protocol):
+    """One nonlinear iteration at a time: `LineSearchNewton` or `trust_region.TrustRegion`."""
+
+    def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
+        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+
+
+class LineSearchNewton:
+    """A search direction, a line search along it, and L-BFGS iterations from its end.
+
+    Parameters
+    ----------
+    direction : SearchDirection
+    line_search : LineSearch
+    quasi_newton : QuasiNewton, optional
+    """
+
+    def __init__(
+        self,
+        direction: SearchDirection,
+        line_search: LineSearch,
+        quasi_newton: QuasiNewton | None = None,
+    ) -> None:
+        self.direction, self.line_search = direction, line_search
+        self.quasi_newton = quasi_newton
+
+    def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
+        """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
+        norm, direction = start.residual.norm(), self.direction.compute(start, d)
+        step = Step(diverged=_Reason.DIVERGED_LINEAR_SOLVE)
+        if direction.slope is not None:
+            step = self.line_search.search(start, d, direction.slope, trial)
+            step.diverged = 0 if step.end else _Reason.DIVERGED_LINE_SEARCH
+        step.filter, step.filtered_points = direction.filter, direction.filtered_points
+        step.linear = direction.linear
+        if step.end is not None:
+            if self.quasi_newton is not None:
+                self.quasi_newton.continue_from(step, norm)
+            self.direction.accept_step(norm, step)
+        return step

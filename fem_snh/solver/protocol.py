@@ -1,0 +1,88 @@
+"""What the solver needs of a problem: `fem_snh.fem.problem.Problem` satisfies these protocols."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class SaddlePoint(Protocol):
+    """The pressure of a problem that is least in the displacement, greatest in the pressure."""
+
+    @property
+    def index_sets(self) -> Mapping[str, PETSc.IS]:
+        """{"u": IS, "p": IS}: the unknowns of displacement and pressure."""
+
+    @property
+    def schur_approximation(self) -> PETSc.Mat:
+        """A matrix spectrally equivalent to the Schur complement."""
+
+    @property
+    def inverse_lumped_mass(self) -> Array:
+        """(owned pressures,) inverse of each pressure's share of the volume."""
+
+    def pressure_dofs(self, x: PETSc.Vec) -> Array:
+        """Return the owned pressures' part of a vector: a view."""
+
+    def update_schur_approximation(self, A: PETSc.Mat) -> None:
+        """Adapt `schur_approximation` to the matrix ``A``. Collective."""
+
+
+class NonlinearProblem(Protocol):
+    """A minimisation problem, a saddle-point problem, or one of forces without an energy.
+
+    Attributes
+    ----------
+    comm : communicator of mpi4py
+    x : Vec
+        The unknowns.
+    A : Mat
+        The matrix that `jacobian` assembles.
+    length : float
+        V^(1/3) [m], V the reference volume.
+    force_scale : float
+        E V^(2/3) [N]: the unit of the residual's norm.
+    load : float
+        The present load, in [0, 1].
+    """
+
+    comm: Any
+    x: PETSc.Vec
+    A: PETSc.Mat
+    length: float
+    force_scale: float
+    load: float
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the residual is the gradient of an energy."""
+
+    @property
+    def saddle_point(self) -> SaddlePoint | None:
+        """The pressure of a saddle-point problem, or None."""
+
+    @property
+    def coordinates(self) -> npt.NDArray[Any]:
+        """(n, 3) reference coordinates [m] of this rank's own nodes."""
+
+    def energy(self, x: PETSc.Vec) -> float:
+        """Return the energy [J]; +inf outside the material's domain. Collective."""
+
+    def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Assemble the energy's gradient [N], zero at constrained unknowns. Collective."""
+
+    def jacobian(self, x: PETSc.Vec, filter: str) -> int:
+        """Assemble the filtered Hessian into `A`; return the quadrature points filtered."""
+
+    def set_load(self, load: float) -> None:
+        """Set the load."""
+
+    def prescribe(self, x: PETSc.Vec) -> None:
+        """Set the constrained unknowns to their boundary values at the present load."""

@@ -1,0 +1,166 @@
+"""Newton's search directions: the Hessian filtered or not, the linear system solved inexactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import cached_property
+
+from petsc4py import PETSc
+
+from fem_snh._petsc import NEGATIVE_CURVATURE
+from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.line_search import SHORT, LineSearch
+from fem_snh.solver.options import Values
+from fem_snh.solver.protocol import SaddlePoint
+from fem_snh.solver.saddle_point import frozen_preconditioner
+from fem_snh.solver.step import Direction, State, Step
+
+_Linear = PETSc.KSP.ConvergedReason
+#: How linear solvers report a matrix or a preconditioner that is not positive definite.
+_INDEFINITE = (
+    _Linear.DIVERGED_INDEFINITE_MAT,
+    _Linear.DIVERGED_INDEFINITE_PC,
+    NEGATIVE_CURVATURE,
+)
+
+#: ``assemble(x, filter)`` assembles the SNES's matrices and returns the quadrature points filtered.
+Assemble = Callable[[PETSc.Vec, str], int]
+
+
+class SearchDirection:
+    r"""Solves :math:`H d = -f` inexactly, with the Hessian that ``-snes_hessian`` names.
+
+    ============  ==================================================================================
+    ``exact``     never filtered; it fails where it gives no descent direction
+    ``clamp``     negative eigenvalues become 0 at every quadrature point (Teran et al. 2005;
+                  Smith et al. 2018)
+    ``abs``       they become their absolute value (Chen et al. 2024)
+    ``adaptive``  exact while the linear solver finds it positive definite; filtered
+                  (``-snes_adaptive_filter``) when it does not, and from then on until the residual
+                  has fallen by ``-snes_adaptive_retry``
+    ============  ==================================================================================
+
+    Parameters
+    ----------
+    snes : SNES
+    assemble : callable
+        See `Assemble`.
+    line_search : LineSearch
+        Its `slope` rejects a direction of negative curvature.
+    forcing : ForcingTerm
+        The relative tolerance of the linear solves.
+    options : dict
+        See `fem_snh.solver.options.OPTIONS`.
+    saddle_point : SaddlePoint, optional
+    """
+
+    def __init__(
+        self,
+        snes: PETSc.SNES,
+        assemble: Assemble,
+        line_search: LineSearch,
+        forcing: ForcingTerm,
+        options: Values,
+        saddle_point: SaddlePoint | None = None,
+    ) -> None:
+        self.snes, self.assemble, self.forcing = snes, assemble, forcing
+        self.hessian = str(options["snes_hessian"])
+        self._line_search, self._saddle_point = line_search, saddle_point
+        self._fallback = str(options["snes_adaptive_filter"])
+        self._retry = float(options["snes_adaptive_retry"])
+        #: Norm of the residual where the exact Hessian was last found indefinite [N].
+        self._indefinite = float("inf")
+
+    def compute(self, start: State, d: PETSc.Vec) -> Direction:
+        """Set ``d`` to the search direction at ``start``. Collective."""
+        norm, direction = start.residual.norm(), Direction()
+        A, P = self.snes.getJacobian()[:2]
+        ksp = self.snes.getKSP()
+        for direction.filter in self._filters(norm):
+            # MINRES admits an indefinite matrix but no indefinite preconditioner: the blocks of a
+            # saddle-point problem come from the clamped Hessian, whatever the operator is.
+            split = (
+                self._saddle_point if ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT else None
+            )
+            clamped = split is not None and direction.filter == "exact"
+            direction.filtered_points = self.assemble(
+                start.x, "clamp" if clamped else direction.filter
+            )
+            if split is not None:
+                split.update_schur_approximation(P)
+            if direction.filter == "exact" and not direction.filtered_points:
+                direction.filter = "none needed"
+            with frozen_preconditioner(ksp, A, P) if clamped else nullcontext():
+                if clamped and direction.filtered_points:
+                    self.assemble(start.x, direction.filter)
+                direction.slope = self._solve(A, P, start.residual, d, direction)
+            if direction.slope is not None:
+                return direction
+            self._indefinite = norm
+        return direction
+
+    def accept_step(self, start_norm: float, step: Step) -> None:
+        """Learn from the step accepted along the direction; the residual had norm ``start_norm``.
+
+        In a saddle-point problem an indefinite Hessian may give a descent direction of the merit
+        function. A short step then shows that it was indefinite.
+        """
+        if self._saddle_point is not None and step.length < SHORT:
+            self._indefinite = start_norm
+
+    def _filters(self, norm: float) -> list[str]:
+        """The filters to try, in this order, for a residual of this norm."""
+        if self.hessian != "adaptive":
+            return [self.hessian]
+        exact = [] if norm > self._retry * self._indefinite else ["exact"]
+        return [*exact, self._fallback]
+
+    def _solve(
+        self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, direction: Direction
+    ) -> float | None:
+        """Solve A d = -f; return the slope along d, or None if A showed negative curvature."""
+        ksp = self.snes.getKSP()
+        filtered = direction.filter in ("clamp", "abs") and self._saddle_point is None
+        reason = self._apply(ksp, A, P, f, d, direction)
+        if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
+            # A filtered matrix has negative eigenvalues only by rounding in single precision: where
+            # cells are crushed, and their neighbours a million times as stiff.
+            self._apply(self._double_precision, A, P, f, d, direction)
+        elif reason in _INDEFINITE:
+            return None
+        if filtered:
+            slope = float(f.dot(d))  # the matrix is positive semidefinite
+            return slope if slope < 0 else None
+        Ad = f.duplicate()
+        A.mult(d, Ad)
+        return self._line_search.slope(f, d, Ad)
+
+    def _apply(
+        self,
+        ksp: PETSc.KSP,
+        A: PETSc.Mat,
+        P: PETSc.Mat,
+        f: PETSc.Vec,
+        d: PETSc.Vec,
+        direction: Direction,
+    ) -> int:
+        """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason."""
+        ksp.setOperators(A, P)
+        d.set(0.0)
+        with self.forcing.applied(ksp):
+            ksp.solve(f, d)
+        d.scale(-1.0)
+        direction.linear += ksp.getIterationNumber()
+        return int(ksp.getConvergedReason())
+
+    @cached_property
+    def _double_precision(self) -> PETSc.KSP:
+        """PETSc's conjugate gradients with Jacobi, with the tolerances of the SNES's solver."""
+        given = self.snes.getKSP()
+        ksp = PETSc.KSP().create(given.comm)
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+        rtol, atol, _, max_it = given.getTolerances()
+        ksp.setTolerances(rtol=rtol, atol=atol, max_it=max_it)
+        return ksp

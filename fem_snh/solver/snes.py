@@ -1,0 +1,122 @@
+"""Create the SNES of a problem, configured from PETSc's options."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from fem_snh._petsc import default_options
+from fem_snh.choices import DEFAULT_HESSIAN
+from fem_snh.choices import default_globalization as of_kind
+from fem_snh.errors import BadInput
+from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver import options, saddle_point, trust_region
+from fem_snh.solver.errors import callback_errors
+from fem_snh.solver.newton import ProjectedNewton
+from fem_snh.solver.protocol import NonlinearProblem
+
+#: Of the solver's options.
+PREFIX = "snh_"
+
+#: Newton iterations, and those of a linear solve (MINRES: see `saddle_point.MAX_IT`), at most.
+_MAX_IT, _LINEAR_MAX_IT = 200, 20000
+#: Relative tolerance of a linear solve near the solution; see `forcing.ForcingTerm`.
+_LINEAR_RTOL = 1e-3
+#: Newton iterations are limited, not evaluations: L-BFGS iterations evaluate the function, too.
+_NO_LIMIT = 2**31 - 1
+
+
+def create(
+    problem: NonlinearProblem,
+    hessian: str = DEFAULT_HESSIAN,
+    globalization: str | None = None,
+    prefix: str = PREFIX,
+) -> PETSc.SNES:
+    """Return a SNES that solves ``problem``, configured from PETSc's options. Collective.
+
+    Parameters
+    ----------
+    problem : NonlinearProblem
+    hessian : str
+        exact, clamp, abs or adaptive: see `SearchDirection`.
+    globalization : str, optional
+        linesearch or trust_region; `default_globalization` without.
+    prefix : str
+        Of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
+
+    Raises
+    ------
+    BadInput
+        For a bad value, also of an option.
+
+    Notes
+    -----
+    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, MINRES with a
+    block fieldsplit. Setting ``-ksp_type`` or ``-pc_type`` replaces it by PETSc's; the default is
+    then CG with Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of
+    each rank's block, with options under ``-trust_``. The relative tolerance of linear solves is
+    between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist),
+    rounding and so the number of ranks decide the path of such inexact solves;
+    ``-snes_forcing_max 5e-3`` makes it repeatable.
+    """
+    saddle = problem.saddle_point
+    hessian, chosen = options.read_choices(prefix, hessian, globalization, problem.comm.rank == 0)
+    globalization = chosen or default_globalization(problem)
+    context = ProjectedNewton(
+        problem.jacobian,
+        problem.force_scale,
+        problem.force_scale * problem.length,
+        problem.has_energy,
+        saddle,
+    )
+    context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
+    snes = PETSc.SNES().create(problem.comm)
+    snes.setOptionsPrefix(prefix)
+    snes.setType(PETSc.SNES.Type.PYTHON)
+    snes.setPythonContext(context)
+    if problem.has_energy:
+        snes.setObjective(lambda snes, x: problem.energy(x))
+    snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
+    snes.setJacobian(context.jacobian, problem.A)
+    snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=_MAX_IT)
+    snes.setMaxFunctionEvaluations(_NO_LIMIT)
+    ksp = snes.getKSP()
+    _configure_linear_solver(ksp, problem, prefix)
+    region = globalization == "trust_region"
+    built_in = saddle_point.BLOCK_OPTIONS if saddle else trust_region.LINEAR_OPTIONS
+    try:
+        with callback_errors(), default_options(prefix, built_in if saddle or region else {}):
+            snes.setFromOptions()
+            if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
+                ksp.getPC().setUp()  # the blocks read their options now, and only now
+            if region:
+                context.trust_ksp = trust_region.linear_solver(problem.A, prefix)
+    except PETSc.Error as error:
+        raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
+    return snes
+
+
+def default_globalization(problem: NonlinearProblem) -> str:
+    """Return ``trust_region`` for a minimisation problem, ``linesearch`` for any other."""
+    return of_kind(problem.has_energy and not problem.saddle_point)
+
+
+def linear_solver_name(snes: PETSc.SNES) -> str:
+    """Return linear solver and preconditioner: "cg+ssor" for `EisenstatCG`, else PETSc's names."""
+    ksp = snes.getKSP()
+    ours = isinstance(ksp.getPythonContext(), EisenstatCG) if ksp.getType() == "python" else False
+    return "cg+ssor" if ours else f"{ksp.getType()}+{ksp.getPC().getType()}"
+
+
+def _configure_linear_solver(ksp: PETSc.KSP, problem: NonlinearProblem, prefix: str) -> None:
+    """Set the linear solver that is used unless options say otherwise."""
+    database = PETSc.Options(prefix)
+    ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
+    if problem.saddle_point:
+        saddle_point.configure(ksp, problem.A, problem.saddle_point)
+    elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
+        ksp.setType(PETSc.KSP.Type.PYTHON)
+        ksp.setPythonContext(EisenstatCG(problem.coordinates))
+        ksp.getPC().setType(PETSc.PC.Type.NONE)
+    else:
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)

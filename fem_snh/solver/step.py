@@ -1,0 +1,111 @@
+"""What the parts of Newton's method return to each other: states, search directions, steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+
+@dataclass
+class State:
+    """Unknowns with their residual and energy.
+
+    Attributes
+    ----------
+    x : Vec
+        The unknowns.
+    residual : Vec
+        The energy's gradient at ``x`` [N].
+    energy : float
+        The energy at ``x`` [J]; 0 without an energy.
+    """
+
+    x: PETSc.Vec
+    residual: PETSc.Vec
+    energy: float = 0.0
+
+    @classmethod
+    def like(cls, other: State) -> State:
+        """Return a state with vectors of its own, of the same layout; their values are unset."""
+        return cls(other.x.duplicate(), other.residual.duplicate())
+
+    def copy_to(self, other: State) -> None:
+        """Copy unknowns, residual and energy."""
+        self.x.copy(other.x)
+        self.residual.copy(other.residual)
+        other.energy = self.energy
+
+
+@dataclass
+class Direction:
+    """A search direction: the vector passed to the search holds it.
+
+    Attributes
+    ----------
+    slope : float or None
+        Derivative of the merit function along it, < 0; None if there is no descent direction.
+    filter : str
+        What was done to the Hessian: a filter, or "none needed".
+    filtered_points : int
+        Quadrature points with a negative eigenvalue.
+    linear : int
+        Krylov iterations of all attempts.
+    """
+
+    slope: float | None = None
+    filter: str = ""
+    filtered_points: int = 0
+    linear: int = 0
+
+
+@dataclass
+class Step:
+    """The outcome of one nonlinear iteration, or of a part of it.
+
+    Attributes
+    ----------
+    end : State or None
+        Where it ends, in the trial state that was passed in; None if no step is acceptable.
+    length : float
+        Of the step, in multiples of the search direction.
+    filter, filtered_points, linear
+        See `Direction`; ``filter`` is "trust_region" for a step to the region's boundary.
+    lbfgs : int
+        L-BFGS iterations after the step.
+    diverged : int
+        Without an end, the SNES's converged reason.
+    """
+
+    end: State | None = None
+    length: float = 0.0
+    filter: str = ""
+    filtered_points: int = 0
+    linear: int = 0
+    lbfgs: int = 0
+    diverged: int = 0
+
+
+@dataclass
+class Iteration:
+    """One Newton iteration of `ProjectedNewton.history`.
+
+    Attributes
+    ----------
+    residual : float
+        Norm of the residual before it [N].
+    energy : float
+        Energy before it [J].
+    filter, filtered_points, linear, lbfgs
+        See `Step`.
+    step : float
+        Step length of the line search; 1 for a step of the trust region.
+    """
+
+    residual: float
+    energy: float
+    filter: str = ""
+    filtered_points: int = 0
+    linear: int = 0
+    step: float = 0.0
+    lbfgs: int = 0
