@@ -262,7 +262,7 @@ def test_how_much_resistance_stvk_needs(nu):
     least = {}
     for factor in (0.99, 1.0, 1.01):
         x = a
-        at = in_numbers(materials.energy("stvk_kikuuwe", nu=nu, kappa=factor * bound))
+        at = in_numbers(materials.make_energy("stvk_kikuuwe", nu=nu, kappa=factor * bound))
         for _ in range(30):  # Newton for P = 0 among the states (x, x, -x), from the bound's
             P, H = at((x, x, -x))
             x -= P[0] / (H[0, 0] + H[0, 1] - H[0, 2])
@@ -304,7 +304,7 @@ def test_filter_of_the_volume():
     plain = law("neo_hookean", NU).pk1(np.array([np.diag(x) for x in s[above]]))
     assert np.diagonal(plain, axis1=1, axis2=2) == pytest.approx(expected[above], rel=1e-11)
     with pytest.raises(BadInput, match="bound"):
-        materials.energy("filtered_neo_hookean", bound="area")
+        materials.make_energy("filtered_neo_hookean", bound="area")
 
 
 def test_filter_of_the_volume_has_a_tangent():

@@ -69,7 +69,7 @@ def test_the_power_of_one_and_of_no_epsilon_is_as_printed():
 
 @every_name
 def test_alpha_leaves_the_linear_properties(name):
-    m, plain = (materials.energy(name, E=1.7, nu=NU, **k) for k in ({"alpha": 1.6}, {}))
+    m, plain = (materials.make_energy(name, E=1.7, nu=NU, **k) for k in ({"alpha": 1.6}, {}))
     # Theorem 3.1 wants a rest state without stress: (eq. 18) adds (alpha - 1)/alpha of it.
     extra = 0.6 / 1.6 * plain.rest_stress / 2
     assert m.lame == pytest.approx((plain.lame[0] + extra, plain.lame[1]), rel=1e-12)
@@ -187,7 +187,7 @@ def test_mistakes(given, words):
 @every_name
 def test_every_material_becomes_c(name):
     """What the printer makes of an energy knows lanes alone, also where powers of powers meet."""
-    m = materials.energy(name, nu=NU, alpha=2)
+    m = materials.make_energy(name, nu=NU, alpha=2)
     text = material_source(m).partition("/* generated")[2].partition("One quadrature point")[0]
     assert not re.search(
         r"(?<!lane_)\b(pow|fabs|log|exp|sqrt)\(|\bNAN\b|\?", text.partition("*/")[2]

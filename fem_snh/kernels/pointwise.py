@@ -175,6 +175,6 @@ def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array,
 def material(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Material:
     """The material ``name`` normalised to (E [Pa], nu), with its shape parameters as keywords.
 
-    Raises BadInput as `fem_snh.materials.energy` does.
+    Raises BadInput as `fem_snh.materials.make_energy` does.
     """
-    return Material(materials.energy(name, E, nu, **shape))
+    return Material(materials.make_energy(name, E, nu, **shape))

@@ -1,4 +1,4 @@
-"""What an energy may be written with besides sympy's own functions."""
+"""Functions for energies besides sympy's own: pieces, barriers, stresses without an energy."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 import sympy
 
-#: The largest denominator that somebody may have meant.
-_SIMPLE = 1000
+#: Largest denominator for which a double is read as the simple fraction that it rounds.
+_LARGEST_DENOMINATOR = 1000
 
 
 class where(sympy.Function):
-    """``where(x, a, b)``: a if x > 0, else b; only the chosen one has to be finite.
+    """Piecewise expression ``where(x, a, b)``: a if x > 0, else b.
 
-    For energies and stresses in pieces. Its derivative is that of the chosen piece, so the pieces
-    must meet as smoothly as the energy is to be.
+    Only the chosen piece has to be finite. The derivative is that of the chosen piece: an energy is
+    as smooth as its pieces meet.
     """
 
     nargs = (3,)
@@ -42,9 +42,9 @@ class where(sympy.Function):
 
 
 class positive(sympy.Function):
-    """``positive(x)`` = x, and the energy is +inf where x <= 0.
+    """Barrier ``positive(x)`` = x; the energy is +inf where x <= 0.
 
-    For energies that are finite beyond a singularity they must not cross, such as 1/J^2.
+    For energies that are finite beyond a singularity that they must not cross, such as 1/J^2.
     """
 
     nargs = (1,)
@@ -52,7 +52,7 @@ class positive(sympy.Function):
 
 @dataclass(frozen=True)
 class PrincipalStress:
-    """Principal PK1 stresses [Pa] in s0, s1, s2, of a material that has no energy."""
+    """Principal PK1 stresses [Pa] in s0, s1, s2 of a material without an energy."""
 
     p0: Any
     p1: Any
@@ -62,40 +62,48 @@ class PrincipalStress:
         return iter((self.p0, self.p1, self.p2))
 
 
-def pieces_hidden(expression: sympy.Expr) -> sympy.Expr:
-    """The expression with every `where` replaced by a symbol: what counts everywhere."""
-    hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
-    return expression.xreplace(hidden)
-
-
 def domain(
     expressions: Iterable[sympy.Expr],
     measures: Iterable[sympy.Symbol],
     barriers: Iterable[sympy.Expr] = (),
 ) -> tuple[sympy.Expr, ...]:
-    """What must be positive for all expressions to be real; see `Energy.domain`."""
+    """Return the expressions that must be positive for all of ``expressions`` to be real.
+
+    Parameters
+    ----------
+    expressions : iterable of sympy.Expr
+        Energies or stresses. The pieces of a `where` are not searched.
+    measures : iterable of sympy.Symbol
+        Only expressions in these symbols are returned.
+    barriers : iterable of sympy.Expr
+        Further expressions, from `positive`.
+    """
     bases, mine = set(barriers), set(measures)
-    for expression in map(pieces_hidden, expressions):
-        bases |= {a.args[0] for a in expression.atoms(sympy.log)}
-        bases |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
+    for expression in expressions:
+        hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
+        shown = {dummy: w for w, dummy in hidden.items()}
+        expression = expression.xreplace(hidden)
+        found = {a.args[0] for a in expression.atoms(sympy.log)}
+        found |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
+        bases |= {base.xreplace(shown) for base in found}
     return tuple(sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str))
 
 
 def exact(parameter: Any) -> sympy.Expr:
-    """A parameter as the decimal fraction that it is written as; a symbol is itself."""
+    """Return a parameter as the decimal fraction that it is written as; a symbol unchanged."""
     written = isinstance(parameter, int | float)
     return sympy.Rational(str(parameter)) if written else sympy.sympify(parameter)
 
 
 def fractions(expression: sympy.Expr) -> sympy.Expr:
-    """The expression with its floats as fractions: the simple one that was meant, if there is.
+    """Return the expression with its floats as fractions, simple ones if they round to the float.
 
-    1/30.0 is 1/30, so that 1 - 30 (1/30.0) is 0; to a float they are the same.
+    1/30.0 becomes 1/30, so that 1 - 30 (1/30.0) is exactly 0.
     """
     return expression.xreplace({x: _fraction(x) for x in expression.atoms(sympy.Float)})
 
 
 def _fraction(number: sympy.Float) -> sympy.Rational:
     fraction = sympy.Rational(number)
-    simple = fraction.limit_denominator(_SIMPLE)
+    simple = fraction.limit_denominator(_LARGEST_DENOMINATOR)
     return simple if float(simple) == float(number) else fraction

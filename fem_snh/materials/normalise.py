@@ -1,10 +1,17 @@
-"""Constants from (E, nu): PK1-linearisation at rest, and the rule for too many or too few.
+"""Fit the constants of an energy to (E, nu) by PK1-linearisation at rest.
 
-Chen & Barbic, eq. 3 and 4: to second order at rest every isotropic energy is linear elasticity in
-the stretches, with mu_lame and lambda_lame its second derivatives. A material with two free
-constants is solved for. With more than two the solution is not unique: of all of them the one that
-moves the constants least (least squares) from their defaults is taken, and any may be pinned by the
-user. With one, Poisson's ratio is the family's own, and another is refused.
+To second order at rest every isotropic energy is linear elasticity in the stretches, with
+mu_lame and lambda_lame its second derivatives (Chen & Barbic, eq. 3, 4). The number of free
+constants decides how they are found:
+
+two
+    The two equations are solved.
+more than two
+    The least-squares solution: the constants nearest to their defaults. Any of them may be
+    pinned by the user.
+one
+    The equation for mu_lame is solved. Poisson's ratio is then a property of the energy, and any
+    other is refused.
 """
 
 from __future__ import annotations
@@ -22,38 +29,66 @@ _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 Pair = tuple[sympy.Expr, sympy.Expr]
 
+#: Accepted difference between the lambda_lame of an energy with one constant and the requested
+#: one, relative to mu_lame: rounding of the given nu.
+_LAMBDA_TOLERANCE = 1e-12
+
 
 def lame(E: float, nu: float) -> tuple[float, float]:
-    """Small-strain constants (mu_lame, lambda_lame) [Pa] of (E [Pa], nu); (E/3, inf) at nu = 0.5.
+    """Return the small-strain constants (mu_lame, lambda_lame) [Pa].
 
-    Raises BadInput unless E > 0 and -1 < nu <= 0.5.
+    Parameters
+    ----------
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio; at 0.5 the constants are (E/3, inf).
+
+    Raises
+    ------
+    BadInput
+        Unless E > 0 and -1 < nu <= 0.5.
     """
     if not (math.isfinite(E) and E > 0):
-        raise BadInput(f"E = {E}: Young's modulus must be a positive number [Pa]")
+        raise BadInput(f"E = {E}: expected a positive number (Young's modulus [Pa])")
     if not -1 < nu <= 0.5:
-        raise BadInput(f"nu = {nu}: Poisson's ratio must be more than -1, and 0.5 at most")
+        raise BadInput(f"nu = {nu}: expected a number in (-1, 0.5] (Poisson's ratio)")
     if nu == 0.5:
         return E / 3, math.inf
     return E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
 
 
 def at_rest(expression: sympy.Expr) -> sympy.Expr:
-    """The expression in the stretches at s0 = s1 = s2 = 1."""
+    """Return an expression in the stretches at s0 = s1 = s2 = 1."""
     return sympy.sympify(expression).subs(_REST)
 
 
 def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
-    """(mu_lame, lambda_lame) of principal stresses ``slopes`` (eq. 3, 4), in their constants."""
+    """Return (mu_lame, lambda_lame) of the principal stresses ``slopes``, in their constants.
+
+    References
+    ----------
+    Chen & Barbic, eq. 3, 4.
+    """
     a, b = (at_rest(sympy.diff(slopes[0], s)) for s in SIGMA[:2])
     return sympy.expand((a - b) / 2), sympy.expand(b)
 
 
-class Constants:
-    """The free constants of a material and what decides them.
+class Fit:
+    """The free constants of a material and the equations that determine them.
 
-    symbols : in the order of the material function's arguments.
-    defaults : [units of E] of those that have one.
-    pins : [Pa] values the user insists on.
+    Parameters
+    ----------
+    name : str
+        The material, for messages.
+    symbols : sequence of sympy.Symbol
+        All constants, in the order of the material function's arguments.
+    defaults : mapping
+        Default values [units of E] of the constants that have one.
+    pins : mapping
+        Values [Pa] that the user prescribes.
+    moduli : pair of sympy.Expr
+        (mu_lame, lambda_lame) in the constants, from `linearised`.
     """
 
     def __init__(
@@ -62,22 +97,35 @@ class Constants:
         symbols: Sequence[sympy.Symbol],
         defaults: Mapping[sympy.Symbol, float],
         pins: Mapping[sympy.Symbol, float],
+        moduli: Pair,
     ) -> None:
         self.name, self.symbols = name, tuple(symbols)
         self.defaults, self.pins = dict(defaults), dict(pins)
         self.free = tuple(c for c in symbols if c not in pins)
+        self.moduli = moduli
 
     def solve(
-        self, moduli: Pair, target: tuple[Any, Any], E: float, mixed: bool = False
+        self, target: tuple[Any, Any], E: float, mixed: bool = False
     ) -> tuple[sympy.Expr, ...]:
-        """Values that make ``moduli`` equal to ``target`` (numbers or symbols), in order.
+        """Return the values of all constants that make the moduli equal to ``target``.
 
-        ``mixed``: another material brings the lambda part, so one constant may do.
-        Raises BadInput where there are none, or several and no rule to choose by.
+        Parameters
+        ----------
+        target : pair
+            (mu_lame, lambda_lame), as numbers [Pa] or symbols.
+        E : float
+            Unit of the defaults [Pa].
+        mixed : bool
+            True if another material supplies the lambda part: one constant is then enough.
+
+        Raises
+        ------
+        BadInput
+            If there is no solution, or more than one and no default to choose by.
         """
-        # Exact rationals of the doubles: the solution is then right to the last digit.
+        # The doubles as exact rationals: the solution is then accurate to double precision.
         pinned = {c: sympy.Rational(v) for c, v in self.pins.items()}
-        known = [m.subs(pinned) for m in moduli]
+        known = [m.subs(pinned) for m in self.moduli]
         wanted = [t if isinstance(t, sympy.Basic) else sympy.Rational(t) for t in target]
         if len(self.free) == 1:
             found = self._one(known, wanted, mixed or not wanted[1].is_number)
@@ -90,7 +138,10 @@ class Constants:
 
     def _two(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
-        solutions = sympy.solve(equations, self.free, dict=True)
+        try:
+            solutions = sympy.solve(equations, self.free, dict=True)
+        except NotImplementedError:
+            solutions = []
         if len(solutions) != 1 or set(solutions[0]) != set(self.free):
             raise BadInput(
                 f"material '{self.name}' cannot be fitted to E and nu: its constants "
@@ -101,11 +152,17 @@ class Constants:
     def _one(self, moduli: list[Any], target: list[Any], mixed: bool) -> dict[Any, Any]:
         (c,) = self.free
         mu, lam = moduli
-        solutions = sympy.solve(mu - target[0], c)
+        try:
+            solutions = sympy.solve(mu - target[0], c)
+        except NotImplementedError:
+            solutions = []
         if len(solutions) != 1:
-            raise BadInput(f"material '{self.name}': {c} does not decide its stiffness")
+            raise BadInput(
+                f"material '{self.name}' cannot be fitted to E and nu: its shear modulus "
+                f"{mu} does not determine {c}"
+            )
         own = lam.subs(c, solutions[0])
-        if not mixed and abs(own - target[1]) > 1e-12 * abs(target[0]):
+        if not mixed and abs(own - target[1]) > _LAMBDA_TOLERANCE * abs(target[0]):
             nu = float(own / (2 * (own + target[0])))
             what = f"has one free constant, {c}, and so nu = {nu:.6g}"
             raise BadInput(f"material '{self.name}' {what}: give that nu, or a lambda_part")
@@ -127,7 +184,10 @@ class Constants:
         start = sympy.Matrix([sympy.Rational(self.defaults[c]) * E for c in self.free])
         gap = sympy.Matrix(target) + offset - M * start
         if (M * M.T).det() == 0:
-            raise BadInput(f"material '{self.name}' cannot be fitted: {self._names()} do not do")
+            raise BadInput(
+                f"material '{self.name}' cannot be fitted to E and nu: its stiffness does not "
+                f"depend on {self._names()} in two independent ways"
+            )
         moved = start + M.T * (M * M.T).inv() * gap
         return dict(zip(self.free, moved, strict=True))
 

@@ -1,4 +1,4 @@
-"""What a material's function says of its material by its parameters."""
+"""Read a material from the signature of its function: measures, constants, shape parameters."""
 
 from __future__ import annotations
 
@@ -6,11 +6,29 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
+from fem_snh.errors import BadInput
 from fem_snh.materials.invariants import MEASURES
 
+Function = Callable[..., Any]
 
-def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
-    """The keyword-only arguments of a material function with their defaults; ``nu`` is no shape."""
+#: The accepted measures, for messages.
+ACCEPTED = "I_C (tr C), II_C, J (det F), I1 (sum of the stretches), s0, s1, s2 (the stretches)"
+#: Names that other texts use for deformation measures: as constants they would be misunderstood.
+_OTHER_MEASURES = frozenset(
+    "F C B I I_1 I_2 I_3 I2 I3 Ic IC IIC IIIC III_C I1bar I1_bar I_1_bar j Jbar J_bar "
+    "s s3 s_0 s_1 s_2 sigma sigma0 sigma1 sigma2 sigma_0 sigma_1 sigma_2 lambda1 lambda2 lambda3 "
+    "lambda_1 lambda_2 lambda_3 stretch stretches".split()
+)
+
+
+def measures_of(function: Function) -> list[str]:
+    """Return the names of the deformation measures among a material function's arguments."""
+    parameters = inspect.signature(function).parameters
+    return [n for n, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD and n in MEASURES]
+
+
+def shape_parameters(function: Function) -> dict[str, Any]:
+    """Return the keyword-only arguments of a material function and their defaults, but ``nu``."""
     return {
         name: parameter.default
         for name, parameter in inspect.signature(function).parameters.items()
@@ -18,10 +36,50 @@ def shape_parameters(function: Callable[..., Any]) -> dict[str, Any]:
     }
 
 
-def constants_of(function: Callable[..., Any]) -> dict[str, float | None]:
-    """The free constants of a material function and their defaults [units of E], or None."""
+def constants_of(function: Function) -> dict[str, float | None]:
+    """Return the free constants of a material function and their defaults [units of E] or None."""
     return {
         name: None if parameter.default is parameter.empty else parameter.default
         for name, parameter in inspect.signature(function).parameters.items()
         if parameter.kind is parameter.POSITIONAL_OR_KEYWORD and name not in MEASURES
     }
+
+
+def check_signature(function: Function, name: str, reserved: set[str]) -> None:
+    """Raise BadInput unless the arguments of a user's function define a material.
+
+    Parameters
+    ----------
+    function : callable
+        The material function.
+    name : str
+        The material, for messages.
+    reserved : set of str
+        Keywords of every material.
+    """
+    try:
+        parameters = inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        raise BadInput(f"material '{name}': expected a Python function of {ACCEPTED}") from None
+    for key, p in parameters.items():
+        if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected measures, constants and, after *, "
+                "shape parameters by name"
+            )
+        if p.kind is p.POSITIONAL_OR_KEYWORD and key in _OTHER_MEASURES:
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}, or a "
+                "constant with another name"
+            )
+        if key in reserved:
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected another name; every material has "
+                f"the keyword {key}"
+            )
+        if p.kind is p.KEYWORD_ONLY and key != "nu" and p.default is p.empty:
+            raise BadInput(f"material '{name}': shape parameter '{key}': expected a default value")
+        if p.kind is p.POSITIONAL_OR_KEYWORD and key == "nu":
+            raise BadInput(f"material '{name}': argument 'nu': expected after *, as a keyword")
+    if not measures_of(function):
+        raise BadInput(f"material '{name}': expected an argument that is a measure: {ACCEPTED}")

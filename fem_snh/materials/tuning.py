@@ -1,33 +1,44 @@
-"""What can be done to any energy: more or less nonlinear, and parts of two put together.
+r"""Tuning of any energy: its nonlinearity, and the combination of parts of two energies.
 
-Nonlinearity (Chen & Barbic, eq. 16): psi_alpha(s) = psi(s^alpha) / alpha^2, the linear properties
-untouched. As printed s^alpha is undefined for an inverted element. Here it is extended::
+Nonlinearity (Chen & Barbic, eq. 16): :math:`\psi_\alpha(s) = \psi(s^\alpha) / \alpha^2` leaves the
+small-strain constants unchanged. The power is undefined for an inverted element, so it is extended
+to an odd function g of the stretch:
 
-    g(s) = s exp((alpha - 1)/2 ell(s^2)),   ell(z) = log z                          for z >= eps^2
-                                                     its cubic Taylor polynomial at eps^2, below
+.. math::
 
-g(s) = s^alpha for s >= eps, exactly. Below, with w = 1 - z/eps^2 in (0, 1] and
-z ell'(z) = 1 - w^3 in [0, 1), g' = exp(...) (1 + (alpha - 1)(1 - w^3)) lies between exp(...) and
-alpha exp(...): positive, for every alpha > 0. So g is odd, three times differentiable, strictly
-increasing and onto. Hence of an energy psi that is finite and smooth for every F, psi(g)/alpha^2
-is finite and has continuous third derivatives; its stationary stretches are those of psi, moved
-by g, and of the same kind (the Hessian there, G' H G', is congruent): no spurious minimum is added;
-and as g is odd, the sign may be carried by any stretch, as before.
+    g(s) = s \, \exp\!\left(\tfrac{\alpha - 1}{2} \, \ell(s^2)\right), \qquad
+    \ell(z) = \begin{cases}
+        \log z & z \ge \epsilon^2 \\
+        \text{cubic Taylor polynomial of log at } \epsilon^2 & z < \epsilon^2
+    \end{cases}
 
-Mixing (eq. 19, 20): the lambda part of one material with the mu part of another, each with its own
-alpha.
+For s >= epsilon, g(s) is exactly s^alpha. Below, let w = 1 - z/epsilon^2, which lies in (0, 1].
+Then z l'(z) = 1 - w^3 lies in [0, 1), and g' = exp(...) (1 + (alpha - 1)(1 - w^3)) lies between
+exp(...) and alpha exp(...): it is positive for every alpha > 0. Therefore g is odd, three times
+differentiable, strictly increasing and onto. If psi is finite and smooth for every F, then:
+
+- psi(g)/alpha^2 is finite and has continuous third derivatives.
+- Its stationary stretches are those of psi, mapped by g, and of the same kind, because the Hessian
+  G' H G' is congruent to H. No spurious minimum is added.
+- Any stretch may carry the sign, because g is odd.
+
+Mixing (Chen & Barbic, eq. 19, 20): the mu part of one energy and the lambda part of another, each
+with its own alpha.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import sympy
 
 from fem_snh.errors import BadInput
+from fem_snh.materials.energy import LAME, Energy
 from fem_snh.materials.functions import exact, where
-from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.invariants import INVARIANTS, SIGMA
+from fem_snh.materials.normalise import lame
 
 #: Keywords of every material, with their defaults.
 TUNING: dict[str, float | str | None] = {
@@ -37,14 +48,19 @@ TUNING: dict[str, float | str | None] = {
     "lambda_part": None,
     "epsilon": None,
 }
-#: Stretch below which s^alpha is extended, where the energy is finite for inverted elements.
+#: Default stretch below which s^alpha is extended, for energies that are finite for every F.
 EPSILON = 0.1
+#: Smallest alpha: s^alpha has to increase with s.
+_LEAST_ALPHA = 1e-9
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:
-    """``tuning`` with what is missing or None at its default; alphas of the parts resolved.
+    """Return the values of all `TUNING` keywords; the alphas of the parts default to ``alpha``.
 
-    Raises BadInput for an alpha that is not positive or a negative epsilon.
+    Raises
+    ------
+    BadInput
+        For an alpha that is not positive or a negative epsilon.
     """
     given = TUNING | {k: v for k, v in tuning.items() if v is not None}
     for key in ("alpha_mu", "alpha_lambda"):
@@ -54,15 +70,80 @@ def check(tuning: dict[str, Any]) -> dict[str, Any]:
         if value is None:
             continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        low = 0 if key == "epsilon" else 1e-9
+        low = 0 if key == "epsilon" else _LEAST_ALPHA
         if not (number and low <= value < float("inf")):
             wanted = "a number >= 0" if key == "epsilon" else "a number > 0"
             raise BadInput(f"{key} = {value!r}: expected {wanted}")
     return given
 
 
+def tune(energy: Energy, tuning: Mapping[str, Any], other: Energy | None) -> Energy:
+    """Return an energy with another nonlinearity, or with the lambda part of another energy.
+
+    Parameters
+    ----------
+    energy : Energy
+        The energy that supplies the mu part.
+    tuning : mapping
+        Values from `check`.
+    other : Energy, optional
+        The energy that supplies the lambda part; by default ``energy`` itself.
+
+    Returns
+    -------
+    Energy
+        In the principal stretches, unless nothing changes.
+    """
+    alphas = tuning["alpha_mu"], tuning["alpha_lambda"]
+    if other is None and alphas == (1, 1):
+        return energy
+    constants, values = energy.constants, energy.values
+    if other is None and alphas[0] == alphas[1]:
+        epsilon = _epsilon(tuning, energy)
+        psi, stress = nonlinear(energy.psi_sigma, energy.slopes, alphas[0], epsilon)
+    else:
+        mu, lam = LAME
+        epsilon = _epsilon(tuning, energy, other or energy)
+        psi_mu, slopes_mu = _parts(energy)[0]
+        psi_lam, slopes_lam = _parts(other or energy)[1]
+        a = nonlinear(psi_mu, slopes_mu, alphas[0], epsilon)
+        b = nonlinear(psi_lam, slopes_lam, alphas[1], epsilon)
+        psi = None if None in (a[0], b[0]) else mu * a[0] + lam * b[0]
+        stress = tuple(mu * p + lam * q for p, q in zip(a[1], b[1], strict=True))
+        constants, values = LAME, lame(energy.E, energy.nu)
+    barriers = energy.domain if other is None else (*energy.domain, *other.domain)
+    return replace(
+        energy,
+        measures=SIGMA,
+        constants=constants,
+        values=values,
+        psi=psi,
+        stress=None if psi is not None else stress,
+        barriers=frozenset(b.subs(INVARIANTS) for b in barriers),
+    )
+
+
+def _epsilon(tuning: Mapping[str, Any], *energies: Energy) -> float:
+    """Return the stretch below which the power is extended; 0 if the domain excludes J <= 0."""
+    if tuning["epsilon"] is not None:
+        return float(tuning["epsilon"])
+    return EPSILON if all(e.inversion_safe for e in energies) else 0
+
+
+def _parts(energy: Energy) -> Any:
+    """Return (psi, slopes) of the mu part and of the lambda part, each of unit modulus."""
+    mu, lam = LAME
+    solution = energy.fit.solve((mu, lam), energy.E)
+    numbers = dict(zip(energy.constants, solution, strict=True))
+    if energy.psi is None:
+        pairs = split_moduli(energy.name, [p.subs(numbers) for p in energy.slopes], mu, lam)
+        return tuple((None, slopes) for slopes in zip(*pairs, strict=True))
+    ((own, other),) = split_moduli(energy.name, [energy.psi_sigma.subs(numbers)], mu, lam)
+    return tuple((p, tuple(sympy.diff(p, s) for s in SIGMA)) for p in (own, other))
+
+
 def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
-    """g(s): s^alpha, extended below ``epsilon`` (module docstring); the bare power for 0."""
+    """Return g(s): s^alpha, extended below ``epsilon`` (see the module); the plain power for 0."""
     if alpha == 1:
         return s
     a = exact(alpha)
@@ -77,10 +158,15 @@ def stretch_power(s: sympy.Expr, alpha: float, epsilon: float) -> sympy.Expr:
 def nonlinear(
     psi: sympy.Expr | None, slopes: Sequence[sympy.Expr], alpha: float, epsilon: float
 ) -> tuple[sympy.Expr | None, tuple[sympy.Expr, ...]]:
-    """Energy and principal stresses of psi_alpha (eq. 16, 17), all in the stretches."""
+    """Return energy and principal stresses of psi_alpha in the stretches.
+
+    References
+    ----------
+    Chen & Barbic, eq. 16, 17.
+    """
     if alpha == 1:
         return psi, tuple(slopes)
-    # Bare powers are for positive stretches alone: so (s^2)^1.3 is s^2.6, and not |s|^2.6.
+    # Plain powers are for positive stretches only: (s^2)^1.3 becomes s^2.6, not |s|^2.6.
     stretches = SIGMA if epsilon else sympy.symbols("t0 t1 t2", positive=True)
     power = [stretch_power(s, alpha, epsilon) for s in stretches]
     swap = dict(zip(SIGMA, power, strict=True))
@@ -97,14 +183,14 @@ def nonlinear(
     return (None if psi is None else moved(psi).xreplace(back)), pulled
 
 
-def parts(name: str, expressions: Sequence[sympy.Expr], mu: Any, lam: Any) -> list[Any]:
-    """The (mu part, lambda part) of each expression in the symbols mu, lam (eq. 19).
+def split_moduli(name: str, expressions: Sequence[sympy.Expr], mu: Any, lam: Any) -> list[Any]:
+    """Return the (mu part, lambda part) of each expression (Chen & Barbic, eq. 19).
 
-    Raises BadInput where an expression is not a sum of the two.
+    Raises BadInput if an expression is not a sum of the two.
     """
     found = []
     for expression in expressions:
-        # What does not depend on the symbols may have them in it uncancelled: at 1 they are gone.
+        # A quotient may contain the symbols although they cancel: substituting 1 removes them.
         own, other = (sympy.diff(expression, x).subs({mu: 1, lam: 1}) for x in (mu, lam))
         if sympy.simplify(expression - mu * own - lam * other) != 0:
             raise BadInput(

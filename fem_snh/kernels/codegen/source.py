@@ -50,7 +50,7 @@ def material_source(energy: Energy) -> str:
     Parameters
     ----------
     energy : Energy
-        A normalised energy; ``fem_snh.materials.energy(name, E, nu)`` makes one.
+        A normalised energy; ``fem_snh.materials.make_energy(name, E, nu)`` makes one.
     """
     return kernel_source(energy)
 

@@ -1,0 +1,173 @@
+"""Construct an `Energy` from a material's function: evaluate it, fit its constants, tune it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import sympy
+
+from fem_snh.errors import BadInput
+from fem_snh.materials import normalise, tuning
+from fem_snh.materials.energy import LAME, Energy, principal_stresses
+from fem_snh.materials.functions import PrincipalStress, positive, where
+from fem_snh.materials.invariants import INVARIANTS, MEASURES
+from fem_snh.materials.signature import Function, constants_of, measures_of
+
+#: Functions that the generated C and the UFL forms can evaluate.
+_FUNCTIONS = (sympy.log, sympy.exp, where, positive)
+
+
+def construct(
+    function: Function,
+    name: str,
+    E: float,
+    nu: float,
+    shape: Mapping[str, Any],
+    pins: Mapping[str, float],
+    tuned: Mapping[str, Any],
+    lambda_part: Energy | None = None,
+) -> Energy:
+    """Return the energy that ``function`` defines, normalised to (E, nu).
+
+    Parameters
+    ----------
+    function : callable
+        A material function (see `fem_snh.materials`).
+    name : str
+        The material, for messages and records.
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio.
+    shape : mapping
+        Values of all its shape parameters.
+    pins : mapping
+        Prescribed values [Pa] of its constants.
+    tuned : mapping
+        Keywords of `fem_snh.materials.tuning.TUNING`.
+    lambda_part : Energy, optional
+        The energy that replaces the lambda part.
+
+    Raises
+    ------
+    BadInput
+        If the function does not return an energy, or it cannot be fitted or tuned.
+    """
+    E, nu = float(E), float(nu)
+    normalise.lame(E, nu)  # refuses E and nu first
+    given = {k: v for k, v in tuned.items() if v is not None}
+    measures = tuple(MEASURES[n] for n in measures_of(function))
+    defaults = constants_of(function)
+    constants = tuple(sympy.Symbol(n, real=True) for n in defaults)
+    keywords = dict(shape)
+    if "nu" in inspect.signature(function).parameters:
+        keywords["nu"] = nu
+    found = _evaluate(function, name, (*measures, *constants), keywords)
+
+    barriers: set[sympy.Expr] = set()
+    stress: tuple[sympy.Expr, ...] | None = None
+    psi: sympy.Expr | None = None
+    if isinstance(found, PrincipalStress):
+        stress = tuple(_without_barriers(p, barriers) for p in found)
+    else:
+        psi = _without_barriers(found, barriers)
+        psi = psi - normalise.at_rest(psi.subs(INVARIANTS))
+    known = dict(zip(defaults, constants, strict=True))
+    fit = normalise.Fit(
+        name,
+        constants,
+        {known[k]: v for k, v in defaults.items() if v is not None},
+        {known[k]: v for k, v in pins.items()},
+        normalise.linearised(principal_stresses(psi) if stress is None else stress),
+    )
+    energy = Energy(
+        name=name,
+        E=E,
+        nu=nu,
+        shape=dict(shape) | given,
+        measures=measures,
+        constants=constants,
+        values=_fitted(fit, E, nu, mixed=lambda_part is not None),
+        psi=psi,
+        stress=stress,
+        barriers=frozenset(barriers),
+        fit=fit,
+    )
+    return tuning.tune(energy, tuning.check(given), lambda_part) if given else energy
+
+
+def _fitted(fit: normalise.Fit, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
+    """Return the values of the constants; ``mixed``: only the mu part will be used."""
+    mu, lam = normalise.lame(E, nu)
+    if nu == 0.5:
+        solution = fit.solve((mu, LAME[1]), E, mixed)
+        solution = tuple(sympy.limit(v, LAME[1], sympy.oo) for v in solution)
+    else:
+        solution = fit.solve((mu, lam), E, mixed)
+    return tuple(float(v) for v in solution)
+
+
+def _evaluate(
+    function: Function, name: str, arguments: tuple[sympy.Symbol, ...], keywords: dict[str, Any]
+) -> Any:
+    """Return what a material function returns, if it is an expression in its measures.
+
+    Raises BadInput otherwise, also for an exception inside the function.
+    """
+    try:
+        found = function(*arguments, **keywords)
+    except BadInput:
+        raise
+    except Exception as error:
+        hint = "" if isinstance(error, NameError) else _HINT
+        raise BadInput(
+            f"material '{name}': its function fails: {type(error).__name__}: {error}{hint}"
+        ) from None
+    terms = list(found) if isinstance(found, PrincipalStress) else [found]
+    measures = set(arguments) & set(MEASURES.values())
+    for term in terms:
+        if not isinstance(term, sympy.Expr) or not term.free_symbols & measures:
+            wanted = ", ".join(str(a) for a in arguments if a in measures)
+            raise BadInput(
+                f"material '{name}': its function returns {_short(term)}: expected a sympy "
+                f"expression in {wanted}"
+            )
+        if unknown := term.free_symbols - set(arguments):
+            raise BadInput(
+                f"material '{name}': unknown symbol {min(map(str, unknown))}: expected an "
+                "expression in the function's arguments"
+            )
+        _check_functions(term, name)
+    return found
+
+
+#: The usual cause of an exception: numpy's and math's functions refuse symbols.
+_HINT = (
+    "; expected sympy's functions (from sympy import log, exp, sqrt), not those of math or numpy"
+)
+
+
+def _check_functions(term: sympy.Expr, name: str) -> None:
+    """Raise BadInput for a function that has no generated code."""
+    for call in sorted(term.atoms(sympy.Function), key=str):
+        if not isinstance(call, _FUNCTIONS):
+            raise BadInput(
+                f"material '{name}': function {call.func.__name__}: expected + - * / **, log, exp, "
+                "sqrt, where, positive (fem_snh.materials)"
+            )
+    for power in term.atoms(sympy.Pow):
+        if not power.exp.is_number:
+            raise BadInput(f"material '{name}': exponent {power.exp} in {power}: expected a number")
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _without_barriers(expression: Any, barriers: set[sympy.Expr]) -> sympy.Expr:
+    """Return the expression without `positive`, whose arguments are added to ``barriers``."""
+    expression = sympy.sympify(expression)
+    found = expression.atoms(positive)
+    barriers |= {p.args[0] for p in found}
+    return expression.xreplace({p: p.args[0] for p in found})

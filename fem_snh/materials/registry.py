@@ -1,0 +1,173 @@
+"""Find the function of a material by name, reference or itself, and make its energy."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from fem_snh.errors import BadInput, choose, nearest
+from fem_snh.materials import models, references
+from fem_snh.materials.construction import construct
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.signature import (
+    Function,
+    check_signature,
+    constants_of,
+    measures_of,
+    shape_parameters,
+)
+from fem_snh.materials.tuning import TUNING
+
+#: Rest stress [E] above which a user's energy is refused: rounding of its parameters is below it.
+REST_STRESS = 1e-9
+_RESERVED = {"name", "E", "group", "density", *TUNING}
+
+
+def built_in() -> list[str]:
+    """Return the sorted names of the materials in ``models/``."""
+    found = (m.name for m in pkgutil.iter_modules(models.__path__))
+    return sorted(name for name in found if name[0] != "_")
+
+
+def names() -> list[str]:
+    """Return the sorted names of all materials: those of ``models/`` and of entry points.
+
+    A built-in material takes precedence over an entry point of the same name.
+    """
+    return sorted({*built_in(), *references.entry_points()})
+
+
+def label(material: str | Function) -> str:
+    """Return the name of a material: as it was given, or the name of a function."""
+    if isinstance(material, str):
+        return str(material)
+    return str(getattr(material, "__name__", type(material).__name__))
+
+
+def function(material: str | Function) -> Function:
+    """Return the function that defines a material.
+
+    Parameters
+    ----------
+    material : str or callable
+        A name of `names`, a reference ``FILE.py:FUNCTION``, or the function itself.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name, a reference that cannot be loaded, or a function whose arguments do
+        not define a material.
+    """
+    if isinstance(material, str) and material in built_in():
+        found: Function = getattr(import_module(f"{models.__name__}.{material}"), material)
+        return found
+    if not isinstance(material, str):
+        own = material
+        if not callable(own):
+            raise BadInput(f"material = {material!r}: expected a name or a function")
+    elif references.is_reference(material):
+        own = references.load(material)
+    else:
+        points = references.entry_points()
+        if material not in points:
+            choose("material", material, names())
+        own = references.load_entry_point(points[material])
+    check_signature(own, label(material), _RESERVED)
+    return own
+
+
+def files(*materials: Any) -> list[Path]:
+    """Return the files of those materials that are references ``FILE.py:FUNCTION``."""
+    given = [m for m in materials if isinstance(m, str) and references.is_reference(m)]
+    return [references.file_of(m) for m in given]
+
+
+def defaults(material: str | Function) -> dict[str, Any]:
+    """Return the shape parameters of a material with their default values."""
+    return shape_parameters(function(material))
+
+
+def describe(material: str | Function) -> str:
+    """Return the docstring of a material's function; without one, its arguments."""
+    found = function(material)
+    if text := inspect.getdoc(found):
+        return text.replace("::\n", ":\n")
+    lines = [f"{label(material)}: a function without a docstring", ""]
+    for what, given in (
+        ("measures", measures_of(found)),
+        ("constants", list(constants_of(found))),
+        ("shape parameters", [f"{k} = {v!r}" for k, v in shape_parameters(found).items()]),
+    ):
+        lines.append(f"{what}: {', '.join(given) or 'none'}")
+    return "\n".join(lines)
+
+
+def pins(material: str | Function) -> list[str]:
+    """Return the constants of a material that may be prescribed [Pa], if it has more than two."""
+    constants = constants_of(function(material))
+    return list(constants) if len(constants) > 2 else []
+
+
+def make_energy(
+    material: str | Function, E: float = 1.0, nu: float = 0.49, **keywords: Any
+) -> Energy:
+    """Return the energy of a material, normalised to (E, nu).
+
+    Parameters
+    ----------
+    material : str or callable
+        A name of `names`, a reference ``FILE.py:FUNCTION``, or a function.
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio.
+    **keywords : Any
+        Shape parameters (`defaults`), prescribed constants [Pa] (`pins`) and the keywords of every
+        material (`TUNING`): ``alpha``, ``alpha_mu``, ``alpha_lambda``, ``lambda_part``,
+        ``epsilon``.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or keyword, E <= 0, nu outside (-1, 0.5], a function that does not
+        return an energy, constants that cannot be fitted, or a function of the user's own that is
+        stressed at rest or not isotropic.
+    """
+    found, name = function(material), label(material)
+    own, pinned = shape_parameters(found), pins(material)
+    known = [*own, *pinned, *TUNING]
+    for key in keywords:
+        if key not in known:
+            raise BadInput(
+                f"material '{name}' has no parameter '{key}'{nearest(key, known)}: "
+                f"it takes E, nu, {', '.join(known)}"
+            )
+    other = keywords.get("lambda_part")
+    tuned = {k: v for k, v in keywords.items() if k in TUNING}
+    if other is not None:
+        tuned["lambda_part"] = label(other)
+    energy = construct(
+        found,
+        name,
+        E=E,
+        nu=nu,
+        shape=own | {k: v for k, v in keywords.items() if k in own},
+        pins={k: v for k, v in keywords.items() if k in pinned and v is not None},
+        tuned=tuned,
+        lambda_part=None if other is None else make_energy(other, E, nu),
+    )
+    if not (isinstance(material, str) and material in built_in()):
+        _check_rest_stress(energy)
+    return energy
+
+
+def _check_rest_stress(energy: Energy) -> None:
+    """Raise BadInput if a user's energy is stressed at F = I: no choice of constants removes it."""
+    stress = energy.rest_stress
+    if not abs(stress) <= REST_STRESS * energy.E:
+        raise BadInput(
+            f"material '{energy.name}': stress {stress / energy.E:.3g} E at rest (F = I): expected "
+            "an energy whose derivative vanishes there, e.g. with a term - mu log(J) or "
+            "- mu (J - 1)"
+        )
