@@ -29,6 +29,7 @@ from types import ModuleType
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import PrincipalStress, positive, where
 from fem_snh.materials.registry import (
+    Reference,
     defaults,
     describe,
     files,
@@ -41,8 +42,8 @@ from fem_snh.materials.registry import (
 from fem_snh.materials.tuning import TUNING
 
 __all__ = [
-    "TUNING", "Energy", "PrincipalStress", "defaults", "describe", "files", "function", "label",
-    "make_energy", "names", "pins", "positive", "where",
+    "TUNING", "Energy", "PrincipalStress", "Reference", "defaults", "describe", "files",
+    "function", "label", "make_energy", "names", "pins", "positive", "where",
 ]  # fmt: skip
 
 

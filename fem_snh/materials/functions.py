@@ -78,15 +78,21 @@ def domain(
     barriers : iterable of sympy.Expr
         Further expressions, from `positive`.
     """
-    bases, mine = set(barriers), set(measures)
+    mine = set(measures)
+    bases = {b for b in barriers if _restricts(b, mine)}
     for expression in expressions:
         hidden = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
         shown = {dummy: w for w, dummy in hidden.items()}
         expression = expression.xreplace(hidden)
         found = {a.args[0] for a in expression.atoms(sympy.log)}
         found |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
-        bases |= {base.xreplace(shown) for base in found}
-    return tuple(sorted((b for b in bases if b.free_symbols & mine and not b.is_positive), key=str))
+        bases |= {base.xreplace(shown) for base in found if _restricts(base, mine)}
+    return tuple(sorted(bases, key=str))
+
+
+def _restricts(base: sympy.Expr, measures: set[sympy.Symbol]) -> bool:
+    """Return True if the expression depends on a measure and is not positive for every value."""
+    return bool(base.free_symbols & measures) and not base.is_positive
 
 
 def exact(parameter: Any) -> sympy.Expr:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput, choose, nearest
-from fem_snh.materials import models, references
+from fem_snh.materials import models
 from fem_snh.materials.construction import construct
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.signature import (
@@ -20,10 +20,32 @@ from fem_snh.materials.signature import (
     shape_parameters,
 )
 from fem_snh.materials.tuning import TUNING
+from fem_snh.references import entry_points, is_reference, load_reference
+
+#: The entry point group of packages that provide materials: name -> function.
+GROUP = "fem_snh.materials"
 
 #: Rest stress [E] above which a user's energy is refused: rounding of its parameters is below it.
 REST_STRESS = 1e-9
 _RESERVED = {"name", "E", "group", "density", *TUNING}
+
+
+class Reference(str):
+    """A reference ``FILE.py:FUNCTION`` whose file is relative to ``folder``.
+
+    It compares and prints as the text that was given. A plain string of the same form is relative
+    to the working directory.
+    """
+
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path | str = "") -> Reference:
+        made = super().__new__(cls, text)
+        made.folder = Path(folder)
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:  # sent from rank to rank
+        return Reference, (str(self), self.folder)
 
 
 def built_in() -> list[str]:
@@ -37,7 +59,7 @@ def names() -> list[str]:
 
     A built-in material takes precedence over an entry point of the same name.
     """
-    return sorted({*built_in(), *references.entry_points()})
+    return sorted({*built_in(), *entry_points(GROUP)})
 
 
 def label(material: str | Function) -> str:
@@ -68,21 +90,23 @@ def function(material: str | Function) -> Function:
         own = material
         if not callable(own):
             raise BadInput(f"material = {material!r}: expected a name or a function")
-    elif references.is_reference(material):
-        own = references.load(material)
+    elif is_reference(material):
+        try:
+            own = load_reference(str(material), getattr(material, "folder", None))
+        except BadInput as error:
+            raise BadInput(f"material = {error}") from None
     else:
-        points = references.entry_points()
-        if material not in points:
-            choose("material", material, names())
-        own = references.load_entry_point(points[material])
+        points = entry_points(GROUP)
+        choose("material", material, names())
+        own = points[material]()
     check_signature(own, label(material), _RESERVED)
     return own
 
 
 def files(*materials: Any) -> list[Path]:
     """Return the files of those materials that are references ``FILE.py:FUNCTION``."""
-    given = [m for m in materials if isinstance(m, str) and references.is_reference(m)]
-    return [references.file_of(m) for m in given]
+    given = [m for m in materials if isinstance(m, str) and is_reference(m)]
+    return [getattr(m, "folder", Path()) / m.rpartition(":")[0] for m in given]
 
 
 def defaults(material: str | Function) -> dict[str, Any]:

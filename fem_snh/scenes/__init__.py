@@ -23,6 +23,7 @@ from typing import Any
 from pydantic import ValidationError, validate_call
 
 from fem_snh.errors import BadInput, bad_value, nearest, note_rename, unknown_name
+from fem_snh.materials import Reference
 from fem_snh.scenes import builtin
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import (
@@ -126,6 +127,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise BadInput(f"cannot read the scene {path}: {error.strerror}{near}") from None
     if isinstance(data.get("mesh"), str):
         data["mesh"] = path.parent / data["mesh"]
+    material = data.get("material")
+    for key in ("name", "lambda_part"):
+        if isinstance(material, dict) and isinstance(material.get(key), str):
+            material[key] = Reference(material[key], path.parent)
+    if isinstance(material, str):
+        data["material"] = Reference(material, path.parent)
     return {"name": path.stem} | data
 
 

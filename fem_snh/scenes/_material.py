@@ -1,36 +1,49 @@
-"""The material of a scene: its name, its moduli, and whatever that material takes."""
+"""The table ``[material]`` of a scene: an energy density, its moduli and its parameters."""
 
 from __future__ import annotations
 
 import re
 from inspect import formatannotation
+from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from pydantic import (
     ConfigDict,
     Field,
+    SerializationInfo,
     TypeAdapter,
     ValidationError,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
-from fem_snh.errors import BadInput, choose, unknown_name
+from fem_snh.errors import BadInput, bad_value, unknown_name
 from fem_snh.scenes._validation import Expect, Finite, Table
 
 _STRICT = ConfigDict(allow_inf_nan=False, strict=True)
 
 
 class MaterialChoice(Table):
-    """A material by name, Young's modulus E [Pa], Poisson's ratio, and what else it takes.
+    """The material of a scene.
 
-    That is: its shape parameters, the constants [Pa] that may be pinned where it has more than two,
-    and what can be done to any material (`fem_snh.materials.TUNING`).
+    Further keys are the material's shape parameters, the constants [Pa] that may be prescribed if
+    it has more than two, and the keywords of every material (`fem_snh.materials.TUNING`).
+
+    Attributes
+    ----------
+    name : str or callable
+        A name of `fem_snh.materials()`, a reference ``FILE.py:FUNCTION``, or, from Python, the
+        function itself.
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio.
     """
 
-    model_config = ConfigDict(extra="allow")  # checked against the material's own, below
+    model_config = ConfigDict(extra="allow")  # `_check_parameters` validates them
 
-    name: Annotated[str, Expect("the name of a material, see `fem-snh materials`")]
+    name: Annotated[Any, Field(description="the name of a material, or FILE.py:FUNCTION")]
     E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")]
     nu: Annotated[
         Finite,
@@ -40,46 +53,88 @@ class MaterialChoice(Table):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What was given besides, e.g. ``{"barrier": True, "alpha": 2.0}``."""
+        """The further keys, e.g. ``{"barrier": True, "alpha": 2.0}``."""
         return dict(self.model_extra or {})
+
+    @property
+    def label(self) -> str:
+        """The name of the material as text."""
+        from fem_snh.materials import label
+
+        return label(self.name)
+
+    @property
+    def files(self) -> list[Path]:
+        """The Python files that define the material."""
+        from fem_snh.materials import files
+
+        return files(self.name, (self.model_extra or {}).get("lambda_part"))
 
     @field_validator("name")
     @classmethod
-    def _known(cls, name: str) -> str:
-        from fem_snh.materials import names
+    def _check_name(cls, name: Any) -> Any:
+        from fem_snh.materials import function
 
-        return choose("material", name, names())
+        if not (callable(name) or isinstance(name, str)):
+            raise BadInput(f"{name!r}: expected the name of a material, see `fem-snh materials`")
+        function(name)
+        return name
 
     @model_validator(mode="after")
-    def _shape(self) -> MaterialChoice:
-        from fem_snh.materials import TUNING, defaults, function, names, pins
+    def _check_parameters(self) -> MaterialChoice:
+        from fem_snh.materials import TUNING, defaults, function, pins
         from fem_snh.materials.tuning import check
 
         kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
-        kinds["lambda_part"] = str | None
-        kinds |= get_type_hints(function(self.name)) | dict.fromkeys(pins(self.name), float | None)
-        own = [*defaults(self.name), *pins(self.name)]
-        known = ["name", "E", "nu", *own, *TUNING]
+        kinds |= _type_hints(function(self.name))
+        kinds |= dict.fromkeys(pins(self.name), float | None)
+        known = ["name", "E", "nu", *defaults(self.name), *pins(self.name), *TUNING]
         given = self.model_extra or {}
         for key, value in given.items():
             if key not in known:
                 raise unknown_name("parameter", key, known)
-            kind = kinds.get(key, Any)
+            if key != "lambda_part":
+                given[key] = _validated(key, value, kinds.get(key, Any))
+        other = given.get("lambda_part")
+        if other is not None:
+            if not (callable(other) or isinstance(other, str)):
+                raise bad_value("lambda_part", other, "the name of a material")
             try:
-                given[key] = TypeAdapter(kind, config=_STRICT).validate_python(_tuples(value))
-            except ValidationError:
-                accepted = re.sub(
-                    r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind)
-                )
-                accepted = accepted.replace(" | ", " or ")
-                raise BadInput(f"{key} = {value!r}: expected {accepted}") from None
-        if given.get("lambda_part") is not None:
-            choose("lambda_part", given["lambda_part"], names())
+                function(other)
+            except BadInput as error:
+                raise BadInput(str(error).replace("material =", "lambda_part =", 1)) from None
         check({key: given[key] for key in TUNING if key in given})
         return self
 
+    @model_serializer(mode="plain")
+    def _serialized(self, info: SerializationInfo) -> dict[str, Any]:
+        """Return the table; a function of the user's own is in JSON its name."""
+        from fem_snh.materials import label
+
+        table = {"name": self.name, "E": self.E, "nu": self.nu} | self.parameters
+        if info.mode == "json":
+            return {key: label(v) if callable(v) else v for key, v in table.items()}
+        return table
+
+
+def _type_hints(function: Any) -> dict[str, Any]:
+    """Return the types of a function's arguments, if they can be resolved."""
+    try:
+        return get_type_hints(function)
+    except (NameError, TypeError, AttributeError, SyntaxError):
+        return {}
+
+
+def _validated(key: str, value: Any, kind: Any) -> Any:
+    """Return ``value`` if it is of type ``kind``, otherwise raise BadInput."""
+    try:
+        return TypeAdapter(kind, config=_STRICT).validate_python(_tuples(value))
+    except ValidationError:
+        accepted = re.sub(r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind))
+        raise bad_value(key, value, accepted.replace(" | ", " or ")) from None
+
 
 def _tuples(value: Any) -> Any:
-    """Lists, which is all that TOML has, as tuples, and numpy's values as Python's."""
+    """Return lists, the only sequences of TOML, as tuples, and numpy's values as Python's."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(_tuples(v) for v in value) if isinstance(value, list | tuple) else value
