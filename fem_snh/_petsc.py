@@ -1,16 +1,19 @@
-"""The few functions of PETSc's C interface that petsc4py does not have."""
+"""Functions of PETSc's C interface that petsc4py lacks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from petsc4py import PETSc
 
 import cffi
 import numpy as np
+
+from fem_snh.errors import BadInput
 
 ffi = cffi.FFI()
 ffi.cdef("""
@@ -32,32 +35,50 @@ int PCGetFailedReason(void *pc, int *reason);
 int PetscOptionsUsed(void *options, const char *name, int *used);
 """)
 _reasons = PETSc.KSP.ConvergedReason
-#: How Steihaug's conjugate gradients say that they met negative curvature (names of 3.18, 3.22).
+#: Converged reason of Steihaug's CG at negative curvature (its name depends on the version).
 NEGATIVE_CURVATURE = (
     _reasons.CONVERGED_NEG_CURVE
     if hasattr(_reasons, "CONVERGED_NEG_CURVE")
     else _reasons.CONVERGED_CG_NEG_CURVE
 )
-# The extension module's own file: looking a symbol up in it also finds those of its PETSc.
-_library = ffi.dlopen(PETSc.__file__)
+
+
+@lru_cache
+def _library() -> Any:
+    """PETSc's shared library; BadInput if its integers do not match the declarations above."""
+    bits = 8 * np.dtype(PETSc.IntType).itemsize
+    if bits != 32:
+        raise BadInput(
+            f"PetscInt = {bits} bits: expected 32 (PETSc configured without 64-bit indices)"
+        )
+    # A symbol looked up in the extension module is also found in the PETSc that it links.
+    return ffi.dlopen(PETSc.__file__)
 
 
 def call(name: str, *arguments: Any) -> None:
-    """Call a PETSc function, with petsc4py's objects as they are. PETSc.Error if it fails."""
+    """Call a PETSc function; petsc4py objects are passed by their handles.
+
+    Raises
+    ------
+    PETSc.Error
+        If the function fails.
+    BadInput
+        If PETSc is configured with 64-bit integers.
+    """
     given = (ffi.cast("void *", a.handle) if isinstance(a, PETSc.Object) else a for a in arguments)
-    if code := getattr(_library, name)(*given):
+    if code := getattr(_library(), name)(*given):
         raise PETSc.Error(code)
 
 
-#: PETSc's error code of an allocation that failed.
+#: PETSC_ERR_MEM, the error code of an allocation that failed.
 OUT_OF_MEMORY = 55
-_FACTORS_OUT_OF_MEMORY = 3  # of PCFailedReason
-#: What MUMPS says of memory in INFOG(1). Of some PETSc knows, not of its own limit too small.
+_FACTORS_OUT_OF_MEMORY = 3  # PC_FACTOR_OUTMEMORY of PCFailedReason
+#: INFOG(1) of MUMPS for every lack of memory, its own limit included (MUMPS user guide, sec. 8).
 _MUMPS_OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -14, -15, -17, -19, -20)
 
 
 def factors_out_of_memory(pc: PETSc.PC) -> bool:
-    """Whether the last set-up failed as the factors took too much memory."""
+    """Return whether the last set-up of a PC failed because its factors exceed the memory."""
     found = ffi.new("int *")
     call("PCGetFailedReason", pc, found)
     if found[0] and pc.getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
@@ -67,12 +88,12 @@ def factors_out_of_memory(pc: PETSc.PC) -> bool:
 
 
 def mumps_out_of_memory(pc: PETSc.PC) -> bool:
-    """Whether MUMPS' factors took too much memory; also after an error, which leaves no reason."""
+    """Return whether MUMPS ran out of memory; known even where PETSc has no failed reason."""
     return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
 
 
 def option_used(name: str) -> bool:
-    """Whether anything has asked PETSc's database for the option ``name`` (without the dash)."""
+    """Return whether PETSc's options database was asked for ``name`` (without the dash)."""
     used = ffi.new("int *")
     call("PetscOptionsUsed", ffi.NULL, name.encode(), used)
     return bool(used[0])
@@ -80,9 +101,19 @@ def option_used(name: str) -> bool:
 
 @contextmanager
 def default_options(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
-    """Meanwhile these are options under a prefix, where nothing else was given. Lends their names.
+    """Set PETSc options for the duration of a ``with`` block, where the user set none.
 
-    A flag has the value None.
+    Parameters
+    ----------
+    prefix : str
+        The options prefix.
+    options : mapping
+        Values by name without the prefix; None for a flag.
+
+    Yields
+    ------
+    list of str
+        The names that were set.
     """
     database = PETSc.Options(prefix)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
@@ -97,18 +128,24 @@ def default_options(prefix: str, options: Mapping[str, Any]) -> Iterator[list[st
 
 @dataclass
 class AIJBlock:
-    """A sequential AIJ matrix: its handle, the address of its values.
+    """A sequential AIJ matrix: the diagonal or the off-diagonal block of one rank's rows.
 
-    Of other ranks' columns also ``ghosts``, their global numbers in ascending order; the matrix has
-    them as 0, 1, ...
+    Attributes
+    ----------
+    handle : cffi pointer
+        The ``Mat``.
+    values : int
+        Address of its values.
+    ghosts : (columns,) int32
+        Global numbers of the off-diagonal block's columns, ascending; empty for the diagonal one.
     """
 
     handle: Any
     values: int
     ghosts: np.ndarray
 
-    def blocks(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """(indptr, indices) of its blocks of ``size`` unknowns; every block is whole."""
+    def block_pattern(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return (indptr, indices) of the blocks of ``size`` unknowns; every block must be full."""
         n, done = ffi.new("int *"), ffi.new("int *")
         pattern = ffi.new("int *[2]")
         call("MatGetRowIJ", self.handle, 0, 0, 0, n, pattern, pattern + 1, done)
@@ -122,22 +159,31 @@ class AIJBlock:
 
 @contextmanager
 def aij_blocks(A: PETSc.Mat) -> Iterator[list[AIJBlock]]:
-    """An AIJ matrix: its own columns and, where there are other ranks, theirs; to be written to."""
-    handle, parts = ffi.cast("void *", A.handle), ffi.new("void *[2]")
+    """Access the value arrays of an AIJ matrix for the duration of a ``with`` block.
+
+    Yields
+    ------
+    list of AIJBlock
+        The diagonal block and, on several ranks, the off-diagonal block; their values may be
+        written to.
+    """
+    handle, blocks = ffi.cast("void *", A.handle), ffi.new("void *[2]")
     ghosts: list[np.ndarray] = [np.empty(0, np.int32)] * 2
     if A.getType() == PETSc.Mat.Type.SEQAIJ:
-        parts[0] = handle
+        blocks[0] = handle
     else:
         columns, count = ffi.new("int **"), ffi.new("int *")
-        call("MatMPIAIJGetSeqAIJ", handle, parts, parts + 1, columns)
-        call("MatGetSize", parts[1], ffi.NULL, count)
+        call("MatMPIAIJGetSeqAIJ", handle, blocks, blocks + 1, columns)
+        call("MatGetSize", blocks[1], ffi.NULL, count)
         ghosts[1] = np.frombuffer(ffi.buffer(columns[0], 4 * count[0]), np.int32).copy()
     arrays = ffi.new("double *[2]")
-    present = [k for k in range(2) if parts[k] != ffi.NULL]
+    present = [k for k in range(2) if blocks[k] != ffi.NULL]
     for k in present:
-        call("MatSeqAIJGetArray", parts[k], arrays + k)
+        call("MatSeqAIJGetArray", blocks[k], arrays + k)
     try:
-        yield [AIJBlock(parts[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present]
+        yield [
+            AIJBlock(blocks[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present
+        ]
     finally:
         for k in present:
-            call("MatSeqAIJRestoreArray", parts[k], arrays + k)
+            call("MatSeqAIJRestoreArray", blocks[k], arrays + k)

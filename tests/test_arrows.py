@@ -46,7 +46,7 @@ ONLY = {
     "materials": {"errors", "references"},
     "kernels": {"errors", "choices", "materials"},
     "linalg": {"errors", "_petsc", "kernels"},
-    "_petsc": set(),
+    "_petsc": {"errors"},
     "fem.elements": {"errors"},
     "fem.gmsh_input": {"errors", "_dolfinx"},
     "fem.mesh": {"errors", "_dolfinx", "fem.gmsh_input"},

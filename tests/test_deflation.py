@@ -1,4 +1,4 @@
-"""The coarse space that conjugate gradients are spared."""
+"""Deflated conjugate gradients: subdomains, linear functions, coarse matrix, convergence."""
 
 from __future__ import annotations
 
@@ -15,65 +15,69 @@ from hypothesis import strategies as st
 from test_eisenstat import Reason, body, right_side, solve
 
 from fem_snh._petsc import default_options
-from fem_snh.linalg.coarse_space import MODES, bisect, linear
+from fem_snh.linalg.coarse_space import coordinate_bisection, linear_functions
+from fem_snh.linalg.library import COLUMNS
 from fem_snh.solver import EisenstatCG
 
 mpi = pytest.mark.mpi
 
 
 @pytest.fixture
-def parts(request):
-    """The option that says how many parts there are."""
+def subdomains(request):
+    """The number of deflation subdomains, set as a PETSc option."""
     with default_options("", {"ksp_deflation_subdomains": request.param}):
         yield request.param
 
 
-def some(*counts):
-    return pytest.mark.parametrize("parts", counts, indirect=True)
+def with_subdomains(*counts):
+    """Parametrise a test by the number of subdomains."""
+    return pytest.mark.parametrize("subdomains", counts, indirect=True)
 
 
-# --- parts and functions -------------------------------------------------------------------------
+# --- subdomains and functions --------------------------------------------------------------------
 
 
 @given(st.integers(1, 200), st.integers(1, 40), st.integers(0, 9))
-def test_parts_have_as_many_nodes_each(nodes, parts, seed):
-    parts = min(nodes, parts)
-    counts = np.bincount(bisect(np.random.default_rng(seed).random((nodes, 3)), parts))
-    assert len(counts) == parts and counts.min() >= 1
-    assert np.abs(counts - counts.mean()).max() < 2  # a split rounds, and the next halves that
+def test_subdomains_have_equal_numbers_of_nodes(nodes, subdomains, seed):
+    subdomains = min(nodes, subdomains)
+    counts = np.bincount(
+        coordinate_bisection(np.random.default_rng(seed).random((nodes, 3)), subdomains)
+    )
+    assert len(counts) == subdomains and counts.min() >= 1
+    assert np.abs(counts - counts.mean()).max() < 2  # each bisection rounds; the next halves it
 
 
-def test_parts_are_boxes():
-    """Cut across where they are longest: of a bar, slices."""
+def test_subdomains_are_boxes():
+    """Cuts are normal to the longest extent: a bar is cut into slices."""
     x = np.random.default_rng(0).random((400, 3)) * (8, 1, 1)
-    part = bisect(x, 4)
-    ends = sorted((x[part == k, 0].min(), x[part == k, 0].max()) for k in range(4))
+    subdomain = coordinate_bisection(x, 4)
+    ends = sorted((x[subdomain == k, 0].min(), x[subdomain == k, 0].max()) for k in range(4))
     assert all(one[1] < other[0] for one, other in pairwise(ends))
 
 
 @pytest.mark.parametrize(("shape", "functions"), [((1, 1, 1), 4), ((1, 1, 0), 3), ((0, 0, 0), 1)])
-def test_functions_are_orthonormal_and_span_what_is_linear(shape, functions):
+def test_functions_are_orthonormal_and_span_the_linear_ones(shape, functions):
     x = 5.0 + np.random.default_rng(1).random((60, 3)) * shape
     free = np.ones((60, 3), bool)
     free[:7, 1] = False
-    modes = linear(x, np.repeat([0, 1], 30), free).astype(float)
-    assert not modes[:7, 1].any()
-    for part in (slice(0, 30), slice(30, 60)):
+    values = linear_functions(x, np.repeat([0, 1], 30), free).astype(float)
+    assert not values[:7, 1].any()
+    for nodes in (slice(0, 30), slice(30, 60)):
         for k in range(3):
-            G = modes[part, k]
+            G = values[nodes, k]
             product = G.T @ G
             assert np.allclose(
                 product, np.diag([1.0] * functions + [0.0] * (4 - functions)), atol=1e-6
             )
-            wanted = np.where(free[part, k], x[part] @ (1.0, -2.0, 3.0) + 4.0, 0.0)
+            wanted = np.where(free[nodes, k], x[nodes] @ (1.0, -2.0, 3.0) + 4.0, 0.0)
             assert np.allclose(G @ (G.T @ wanted), wanted, atol=1e-5)
 
 
-# --- the matrix and its coarse one ---------------------------------------------------------------
+# --- the coarse matrix ---------------------------------------------------------------------------
 
 
-@some(6)
-def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
+@with_subdomains(6)
+def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     p = body(comm)
     ours = EisenstatCG(p.coordinates)
     ksp = PETSc.KSP().create(comm)
@@ -81,15 +85,15 @@ def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
     ours.create(ksp)
     ours.setFromOptions(ksp)
     ours.update_matrix(p.A)
-    deflation = ours._deflation
-    coarse, A = deflation._coarse, dense(p.A) * ours._scale
+    deflation = ours._system.deflation
+    coarse, A = deflation._coarse, dense(p.A) * ours._system.scale
     rows = len(p.coordinates)
-    Z = np.zeros((rows, 3, parts, 3, 4))
+    Z = np.zeros((rows, 3, subdomains, 3, 4))
     for k in range(3):
-        Z[np.arange(rows), k, coarse.part, k] = coarse.modes[:, k]
-    Z = Z.reshape(3 * rows, MODES * parts)
-    AZ = np.zeros((rows, 3, parts, MODES))
-    start, near, image = coarse._kept[3:6]
+        Z[np.arange(rows), k, coarse.subdomain, k] = coarse.functions[:, k]
+    Z = Z.reshape(3 * rows, COLUMNS * subdomains)
+    AZ = np.zeros((rows, 3, subdomains, COLUMNS))
+    start, near, image = (coarse.arrays[k] for k in ("pair_start", "pair_subdomain", "image"))
     for i in range(rows):
         AZ[i][:, near[start[i] : start[i + 1]]] = image[start[i] : start[i + 1]].swapaxes(0, 1)
     assert np.allclose(AZ.reshape(Z.shape), A @ Z, atol=1e-6 * np.abs(A @ Z).max())
@@ -98,12 +102,12 @@ def test_the_coarse_matrix_is_that_of_the_fine_one(comm, parts):
     assert np.allclose(deflation._inverse @ E, np.eye(len(E)), atol=1e-8)
 
 
-# --- what it is for ------------------------------------------------------------------------------
+# --- convergence ---------------------------------------------------------------------------------
 
 
 @mpi
-@some(24)
-def test_iterations_are_a_part_of_those_without(comm, parts):
+@with_subdomains(24)
+def test_iterations_are_halved(comm, subdomains):
     p = body(comm, cells=12)
     ksp, x, residual = solve(p, right_side(p), rtol=1e-6)
     PETSc.Options()["ksp_deflation_subdomains"] = 0
@@ -115,9 +119,9 @@ def test_iterations_are_a_part_of_those_without(comm, parts):
 
 
 @mpi
-@some(-1)
-def test_small_bodies_have_no_parts(comm, parts):
-    """By default, and 0 says so of any."""
+@with_subdomains(-1)
+def test_small_bodies_are_not_deflated(comm, subdomains):
+    """The default on a small body is no deflation, the same as 0."""
     p = body(comm)
     default = solve(p, right_side(p))[0].getIterationNumber()
     PETSc.Options()["ksp_deflation_subdomains"] = 0
@@ -125,10 +129,10 @@ def test_small_bodies_have_no_parts(comm, parts):
 
 
 @mpi
-@some(0, 1, 5, 60)
+@with_subdomains(0, 1, 5, 60)
 @pytest.mark.parametrize("hold", [(), ("x",), ("x", "z")])
-def test_motions_that_nothing_holds(comm, parts, hold):
-    """The matrix is singular, and so is the coarse one; forces that do not excite them are met."""
+def test_unconstrained_rigid_motions(comm, subdomains, hold):
+    """Matrix and coarse matrix are singular; a right-hand side in their range is solved for."""
     p = body(comm, hold=hold, size=0.0)
     b, x = p.x.duplicate(), p.x.duplicate()
     x.array[:] = np.sin(7.0 * p.coordinates).ravel()
@@ -140,9 +144,9 @@ def test_motions_that_nothing_holds(comm, parts, hold):
 
 
 @mpi
-@some(5)
-def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, parts):
-    """Rotations of a part are downhill where it is pressed; the solve need not begin."""
+@with_subdomains(5)
+def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, subdomains):
+    """Rotations of a compressed subdomain have negative curvature: no iteration is needed."""
     p = body(comm, size=0.0, hold=())
     x = p.x.duplicate()
     x.array[:] = (-0.4 * p.coordinates).ravel()
@@ -154,8 +158,8 @@ def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, parts):
 
 
 @mpi
-@some(5)
-def test_values_that_are_no_numbers_beside_the_diagonal(comm, parts):
+@with_subdomains(5)
+def test_nan_off_the_diagonal_is_reported(comm, subdomains):
     p = body(comm)
     b = right_side(p)
     first = p.A.getOwnershipRange()[0]
@@ -166,9 +170,9 @@ def test_values_that_are_no_numbers_beside_the_diagonal(comm, parts):
 
 
 @mpi
-@some(5)
-def test_what_is_prescribed_may_change(comm, parts):
-    """Functions are zero on what the matrix couples to nothing; they follow it."""
+@with_subdomains(5)
+def test_the_constrained_unknowns_may_change(comm, subdomains):
+    """Z is zero on unknowns that the matrix couples to no other, and follows their changes."""
     p = body(comm)
     b = right_side(p)
     ksp = solve(p, b)[0]
@@ -185,9 +189,9 @@ def test_what_is_prescribed_may_change(comm, parts):
 
 
 @mpi
-@some(1)
-def test_what_the_coarse_space_has_takes_no_iterations(comm, parts):
-    """A stretch of a body that nothing holds is one of its functions, on any number of ranks."""
+@with_subdomains(1)
+def test_a_solution_in_the_coarse_space_needs_no_iterations(comm, subdomains):
+    """A uniform strain of a free body is in the range of Z, on any number of ranks."""
     p = body(comm, size=0.0, hold=())
     x, b = p.x.duplicate(), p.x.duplicate()
     x.array[:] = (p.coordinates * (0.3, -0.1, 0.0)).ravel()
@@ -199,8 +203,8 @@ def test_what_the_coarse_space_has_takes_no_iterations(comm, parts):
 
 
 @mpi
-@some(4)
-def test_every_rank_has_a_part(comm, parts):
+@with_subdomains(4)
+def test_every_rank_has_a_subdomain(comm, subdomains):
     p = body(comm, cells=2)
     _, _, residual = solve(p, right_side(p), rtol=1e-6)
     assert comm.allreduce(residual, op=MPI.MAX) < 1e-5

@@ -1,4 +1,4 @@
-"""Conjugate gradients with SSOR in single precision, as a PETSc KSP."""
+"""SSOR-preconditioned conjugate gradients in single precision, as a PETSc KSP."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Reason = PETSc.KSP.ConvergedReason
 
 
 def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4, hold=("x", "y", "z")):
-    """A cube in a wave of displacement, its left side held; its matrix is filled."""
+    """A cube under a wave of displacement, its left side constrained, with its matrix assembled."""
     held = [Hold("left", components=hold)] if hold else []
     p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=held, E=E)
     put(p, wave(size), p.x)
@@ -30,19 +30,21 @@ def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4, hold=("x
 
 
 def right_side(p):
+    """The residual of the problem at its displacement."""
     b = p.x.duplicate()
     p.residual(p.x, b)
     return b
 
 
 @pytest.fixture(autouse=True, params=[0, 5], ids=["plain", "deflated"])
-def parts(request):
-    """How many parts the coarse space has: none, or some."""
+def subdomains(request):
+    """The number of deflation subdomains: none, or some."""
     with default_options("", {"ksp_deflation_subdomains": request.param}):
         yield request.param
 
 
 def solver(p, rtol=1e-3, kind="ours"):
+    """A KSP: EisenstatCG, or PETSc's CG with a preconditioner of this type."""
     ksp = PETSc.KSP().create(p.A.comm)
     ksp.setOperators(p.A)
     if kind == "ours":
@@ -65,10 +67,10 @@ def solver(p, rtol=1e-3, kind="ours"):
 
 
 def solve(p, b, **options):
-    """(KSP, solution, true relative residual)."""
+    """The KSP, the solution and the true relative residual."""
     ksp, A = solver(p, **options), p.A
     x, r = b.duplicate(), b.duplicate()
-    x.set(7.0)  # whatever was there
+    x.set(7.0)  # the initial guess is ignored
     ksp.solve(b, x)
     A.mult(x, r)
     r.axpy(-1.0, b)
@@ -78,7 +80,7 @@ def solve(p, b, **options):
 @mpi
 @pytest.mark.parametrize("element", MINIMISING)
 @pytest.mark.parametrize("rtol", [1e-2, 1e-5, 1e-11])
-def test_it_solves_to_any_tolerance(comm, element, rtol):
+def test_solves_to_any_tolerance(comm, element, rtol):
     p = body(comm, element)
     ksp, _, residual = solve(p, right_side(p), rtol=rtol)
     assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL
@@ -87,18 +89,18 @@ def test_it_solves_to_any_tolerance(comm, element, rtol):
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-6])
 def test_iterations_are_those_of_petsc_with_ssor(comm, rtol):
-    """The same method in double precision; points there, blocks of three here."""
+    """The same method in double precision, by points there and by 3x3 blocks here."""
     p = body(comm)
     b = right_side(p)
     ours, theirs = (solve(p, b, kind=kind, rtol=rtol)[0] for kind in ("ours", "sor"))
-    passes = 1 if rtol >= 1e-4 else 2  # single precision starts anew where it ends
-    assert ours.getIterationNumber() <= (1 + 0.1 * (passes - 1)) * theirs.getIterationNumber() + 2
+    cycles = 1 if rtol >= 1e-4 else 2  # a refinement cycle restarts the iteration
+    assert ours.getIterationNumber() <= (1 + 0.1 * (cycles - 1)) * theirs.getIterationNumber() + 2
     jacobi, *_ = solve(p, b, kind="jacobi", rtol=rtol)
     assert ours.getIterationNumber() < 0.7 * jacobi.getIterationNumber()
 
 
 @mpi
-def test_units_make_no_difference(comm):
+def test_result_is_independent_of_units(comm):
     counts, solutions = [], []
     for E in (1e-12, 1.0, 1e12):
         p = body(comm, E=E)
@@ -112,7 +114,7 @@ def test_units_make_no_difference(comm):
 
 
 @mpi
-def test_new_values_are_taken(comm):
+def test_changed_values_are_used(comm):
     p = body(comm)
     b = right_side(p)
     ksp, x, _ = solve(p, b, rtol=1e-8)
@@ -124,7 +126,7 @@ def test_new_values_are_taken(comm):
 
 
 @mpi
-def test_an_indefinite_matrix_is_found_out(comm):
+def test_an_indefinite_matrix_is_detected(comm):
     p = body(comm, size=0.5, filter="exact")
     ksp, *_ = solve(p, right_side(p), rtol=1e-8)
     indefinite = (Reason.DIVERGED_INDEFINITE_MAT, Reason.DIVERGED_INDEFINITE_PC)
@@ -136,7 +138,7 @@ def test_an_indefinite_matrix_is_found_out(comm):
 
 
 @mpi
-def test_values_that_are_no_numbers(comm):
+def test_nan_in_the_matrix_is_reported(comm):
     p = body(comm)
     b = right_side(p)
     p.A.scale(np.nan)
@@ -146,7 +148,7 @@ def test_values_that_are_no_numbers(comm):
 
 @mpi
 def test_a_node_without_stiffness(comm):
-    """As of a clamped Hessian where a node's cells are crushed: a zero row, and no force there."""
+    """A zero row without force, as of a clamped Hessian where all cells of a node are crushed."""
     p = body(comm)
     b = right_side(p)
     first = p.A.getOwnershipRange()[0]
@@ -176,8 +178,9 @@ def test_monitors_and_history_are_those_of_any_ksp(comm):
     assert ksp.getConvergedReason() == Reason.DIVERGED_MAX_IT
 
 
-def test_other_blocks_are_refused(comm):
+def test_other_block_sizes_are_bad_input(comm):
     indptr = np.arange(5, dtype=PETSc.IntType)
     A = PETSc.Mat().createAIJ((4, 4), csr=(indptr, indptr[:4], np.ones(4)), comm=comm)
-    with pytest.raises(BadInput, match="3x3 blocks"), callback_errors():
+    match = "matrix block size = 1: expected 3x3 blocks"
+    with pytest.raises(BadInput, match=match), callback_errors():
         solve(SimpleNamespace(A=A, coordinates=None), A.createVecLeft())

@@ -1,1 +1,1 @@
-"""What solves a linear system: block matrix, SSOR-preconditioned CG, deflation, halo exchange."""
+"""Linear solvers: SSOR-preconditioned conjugate gradients with deflation, and a direct solver."""

@@ -1,4 +1,4 @@
-"""The columns of a coarse space, and a matrix's product with them."""
+"""The deflation space: subdomains, linear functions on them, and the matrix's product with them."""
 
 from __future__ import annotations
 
@@ -7,109 +7,171 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.linalg.block_matrix import Blocks
+from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
+from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
 
-#: Functions in a part: for each component of the displacement one constant, three linear.
-MODES = 12
+#: Singular values below this part of the largest are dropped: linear functions that the free nodes
+#: of a subdomain do not distinguish (a plane of nodes), with a margin for single precision.
+_RANK_TOLERANCE = 1e-3
 
 
-def bisect(places: Array, parts: int) -> Array:
-    """(n,) the part, from 0 to ``parts`` - 1, of each of the nodes at ``places`` (n, 3).
+def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
+    """Return the subdomain of each node by recursive coordinate bisection (Berger & Bokhari 1987).
 
-    Parts of as many nodes each, cut across where they are longest; none is empty if n >= parts.
+    Each cut is normal to the longest extent and halves the number of nodes.
+
+    Parameters
+    ----------
+    coordinates : (n, 3)
+        Coordinates of the nodes.
+    subdomains : int
+        Number of subdomains; none is empty if n >= subdomains.
+
+    Returns
+    -------
+    (n,) int32
+        0 to subdomains - 1.
     """
-    part = np.zeros(len(places), np.int32)
-    todo: list[tuple[Array, int]] = [(np.arange(len(places)), parts)]
+    subdomain = np.zeros(len(coordinates), np.int32)
+    queue: list[tuple[Array, int]] = [(np.arange(len(coordinates)), subdomains)]
     made = 0
-    while todo:
-        nodes, count = todo.pop()
+    while queue:
+        nodes, count = queue.pop()
         if count == 1 or len(nodes) < 2:
-            part[nodes] = made
+            subdomain[nodes] = made
             made += 1
             continue
-        axis = np.argmax(np.ptp(places[nodes], axis=0))
+        axis = np.argmax(np.ptp(coordinates[nodes], axis=0))
         middle = len(nodes) * (count // 2) // count
-        order = np.argpartition(places[nodes, axis], middle)
-        todo += [(nodes[order[:middle]], count // 2), (nodes[order[middle:]], count - count // 2)]
-    return part
+        order = np.argpartition(coordinates[nodes, axis], middle)
+        queue += [(nodes[order[:middle]], count // 2), (nodes[order[middle:]], count - count // 2)]
+    return subdomain
 
 
-def linear(places: Array, part: Array, free: Array) -> Array:
-    """(n, 3, 4) orthonormal linear functions of place in every part, for each component.
+def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array:
+    """Return orthonormal linear functions of the coordinates in every subdomain, per component.
 
-    ``free`` (n, 3): where they are not zero. Those that the free nodes of a part do not tell from
-    others are zero, as in a part that is flat.
+    Functions that the free nodes of a subdomain do not distinguish from others are zero.
+
+    Parameters
+    ----------
+    coordinates : (n, 3)
+        Reference coordinates of the nodes.
+    subdomain : (n,)
+        Subdomain of each node.
+    free : (n, 3) bool
+        False where the functions must vanish (constrained components).
+
+    Returns
+    -------
+    (n, 3, 4) float32
+        Value of each of the four functions at each node, for each component.
     """
-    modes = np.zeros((len(places), 3, 4), np.float32)
-    order = np.argsort(part, kind="stable")
-    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+    functions = np.zeros((len(coordinates), 3, 4), np.float32)
+    order = np.argsort(subdomain, kind="stable")
+    for nodes in np.split(order, np.flatnonzero(np.diff(subdomain[order])) + 1):
         for component in range(3):
             here = nodes[free[nodes, component]]
             if len(here) == 0:
                 continue
-            X = places[here] - places[here].mean(axis=0)
+            X = coordinates[here] - coordinates[here].mean(axis=0)
             size = np.abs(X).max(initial=0.0)
             X = np.column_stack([np.ones(len(here)), X / (size or 1.0)])
             U, sigma, _ = np.linalg.svd(X, full_matrices=False)
-            kept = sigma > 1e-3 * sigma[0]
-            modes[here, component, : kept.sum()] = U[:, kept]
-    return modes
+            kept = sigma > _RANK_TOLERANCE * sigma[0]
+            functions[here, component, : kept.sum()] = U[:, kept]
+    return functions
 
 
-class Coarse:
-    """Z, by `linear`, and A Z in single precision.
+class CoarseSpace:
+    """Z and A Z in single precision (coarse_space_api.h).
+
+    Coarse vectors are (COLUMNS * subdomains,), nodal vectors (3 rows,) float32.
 
     Parameters
     ----------
-    blocks : the matrix.
-    pattern : (indptr, indices) of its AIJ blocks in this rank's columns.
-    far : the same of the columns that other ranks own, numbered from 0; None on one rank.
-    part : (rows + ghosts,) the part of each node, own ones first.
-    parts : how many there are on all ranks.
+    matrix : SymmetricBlockMatrix
+        The matrix A.
+    diagonal, off_diagonal : (indptr, indices)
+        Its patterns, as `SymmetricBlockMatrix` takes them.
+    subdomain : (rows + ghosts,) int32
+        Subdomain of each node, own nodes first.
+    subdomains : int
+        Number of subdomains on all ranks.
 
-    Vectors of the coarse space are (MODES parts,), those of nodes (3 rows,), single precision.
+    Attributes
+    ----------
+    functions : (rows + ghosts, 3, 4) float32
+        Z by node, component and function; the caller sets it before `assemble`.
     """
 
     def __init__(
         self,
-        blocks: Blocks,
-        pattern: tuple[Array, Array],
-        far: tuple[Array, Array] | None,
-        part: Array,
-        parts: int,
-    ):
-        self._blocks, self.part, self.parts = blocks, part, parts
-        self.modes = np.zeros((len(part), 3, 4), np.float32)
-        rows = blocks.rows
+        matrix: SymmetricBlockMatrix,
+        diagonal: Pattern,
+        off_diagonal: Pattern | None,
+        subdomain: Array,
+        subdomains: int,
+    ) -> None:
+        self._matrix, self.subdomain, self.subdomains = matrix, subdomain, subdomains
+        self.functions = np.zeros((len(subdomain), 3, 4), np.float32)
+        rows = matrix.rows
         keys = []
-        for (indptr, indices), shift in ((pattern, 0), (far, rows)) if far else ((pattern, 0),):
-            row = np.repeat(np.arange(rows), np.diff(indptr))
-            keys.append(np.unique(row * parts + part[indices + shift]))
-        row, near = np.divmod(np.unique(np.concatenate(keys)), parts)
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
-        image = np.zeros((len(near), 3, MODES), np.float32)
-        ints = [part, pattern[1], start, near]
-        part, column, start, near = (np.ascontiguousarray(a, np.int32) for a in ints)
-        self._kept = [part, self.modes, column, start, near, image]
-        self.nbytes = image.nbytes + start.nbytes + near.nbytes
-        self.struct = blocks.ffi.new("Coarse *", [rows, *map(blocks.pointer, self._kept)])
+        for pattern, shift in ((diagonal, 0), (off_diagonal, rows)):
+            if pattern is not None:
+                row = np.repeat(np.arange(rows), np.diff(pattern[0]))
+                keys.append(np.unique(row * subdomains + subdomain[pattern[1] + shift]))
+        row, pair_subdomain = np.divmod(np.unique(np.concatenate(keys)), subdomains)
+        pair_start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
+        self.arrays = {
+            "subdomain": np.ascontiguousarray(subdomain, np.int32),
+            "functions": self.functions,
+            "aij_column": np.ascontiguousarray(diagonal[1], np.int32),
+            "pair_start": pair_start.astype(np.int32),
+            "pair_subdomain": pair_subdomain.astype(np.int32),
+            "image": np.zeros((len(pair_subdomain), 3, COLUMNS), np.float32),
+        }
+        read = ("image", "pair_start", "pair_subdomain")
+        self.nbytes = sum(self.arrays[name].nbytes for name in read)
+        pointers = {name: matrix.pointer(array) for name, array in self.arrays.items()}
+        self.struct = matrix.ffi.new("CoarseSpace *", {"rows": rows, **pointers})
 
-    def coupled(self, values: int, far: int) -> Array:
-        """(rows, 3) bool, the unknowns that an AIJ matrix with these values couples to others."""
-        yes = np.zeros((self._blocks.rows, 3), np.uint8)
-        addresses = self._blocks.addresses(values, far)
-        self._blocks.lib.coupled(self._blocks.struct, *addresses, self._blocks.pointer(yes))
-        return yes.astype(bool)
+    def find_coupled_unknowns(self, values: int, off_diagonal: int) -> Array:
+        """Return where a row of the AIJ matrix has a nonzero entry beside its diagonal.
 
-    def fill(self, values: int, far: int, scale: float, first: int, own: int) -> Array:
-        """Take an AIJ matrix's values, at these addresses, times ``scale``.
+        Parameters
+        ----------
+        values, off_diagonal : int
+            Addresses of the AIJ matrix's values.
 
-        Returns this rank's rows of Z^T A Z: those of the ``own`` parts from ``first`` on.
+        Returns
+        -------
+        (rows, 3) bool
         """
-        E = np.zeros((MODES * own, MODES * self.parts))
-        blocks, target = self._blocks, (first, self._blocks.pointer(E), E.shape[1])
-        addresses = blocks.addresses(values, far)
-        blocks.lib.coarse_fill(blocks.struct, self.struct, *addresses, scale, *target)
+        coupled = np.zeros((self._matrix.rows, 3), np.uint8)
+        addresses = self._matrix.addresses(values, off_diagonal)
+        pointer = self._matrix.pointer(coupled)
+        self._matrix.lib.matrix_coupled_unknowns(self._matrix.struct, *addresses, pointer)
+        return coupled.astype(bool)
+
+    def assemble(self, values: int, off_diagonal: int, scale: float, first: int, own: int) -> Array:
+        """Compute A Z and return this rank's rows of E = Z^T A Z.
+
+        Parameters
+        ----------
+        values, off_diagonal : int
+            Addresses of the AIJ matrix's values, which are multiplied by ``scale``.
+        first, own : int
+            The first of this rank's subdomains, and their number.
+
+        Returns
+        -------
+        (COLUMNS * own, COLUMNS * subdomains)
+        """
+        E = np.zeros((COLUMNS * own, COLUMNS * self.subdomains))
+        matrix, target = self._matrix, (first, self._matrix.pointer(E), E.shape[1])
+        addresses = matrix.addresses(values, off_diagonal)
+        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, *target)
         return E

@@ -1,4 +1,28 @@
-"""A coarse space that conjugate gradients are spared: it is solved for exactly, on every rank."""
+r"""Deflated conjugate gradients with rigid motions and linear strains of subdomains.
+
+The error components that converge slowly are those that move or stretch whole regions of the body.
+They lie close to the range of Z, whose columns are displacements that are linear in the reference
+coordinates in one subdomain and zero elsewhere. Linear functions contain the rotations of a body in
+any deformed state. With
+
+.. math::
+
+    E = Z^T A Z, \qquad Q = Z E^{-1} Z^T, \qquad P = I - A Q,
+
+conjugate gradients solve the singular system :math:`P A \hat x = P b`, and
+
+.. math::
+
+    x = Q b + P^T \hat x
+
+solves A x = b: the coarse component Q b is exact. P A has a smaller condition number than A,
+because the slow components are removed from its spectrum.
+
+References
+----------
+Nicolaides 1987, SIAM J. Numer. Anal. 24, 355.
+Saad, Yeung, Erhel & Guyomarc'h 2000, SIAM J. Sci. Comput. 21, 1909.
+"""
 
 from __future__ import annotations
 
@@ -11,142 +35,158 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from fem_snh.linalg.block_matrix import Blocks
-from fem_snh.linalg.coarse_space import MODES, Coarse, bisect, linear
+from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
+from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
 
 _Reason = PETSc.KSP.ConvergedReason
-#: The coarse matrix is scaled to a unit diagonal, but for what is softer than the rest by this.
-_SOFT = 1e-5
-#: An eigenvalue of what that gives that is rounding, as that of a rigid motion.
-_FLAT = 1e-10
+#: E is scaled to a unit diagonal; entries below this part of the largest are scaled as if they were
+#: that large, so that the rounding errors of a subdomain without stiffness are not amplified.
+_MIN_DIAGONAL = 1e-5
+#: Eigenvalues of the scaled E below this are rounding errors of zero: rigid motions of a free body.
+_ZERO_EIGENVALUE = 1e-10
 
 
 class Deflation:
-    """Deflated conjugate gradients (Nicolaides 1987; Saad, Yeung, Erhel, Guyomarc'h 2000).
+    """The deflation space of a matrix: the operators P, Q and P^T. Collective.
 
-    The nodes are in parts; the columns of Z are displacements that in one part are linear functions
-    of the place at rest, and zero elsewhere. With E = Z^T A Z, Q = Z E^-1 Z^T and P = 1 - A Q, a
-    method for P A x = P b gives A^-1 b = Q b + P^T x. What converges slowly is rigid motions and
-    stretches of whole regions, on any mesh and any number of ranks, and P A knows nothing of them.
-    As every linear function is there, so are the rotations of a body that is already deformed.
+    Vectors of the methods are (3 rows,) float32, passed as C pointers.
 
     Parameters
     ----------
-    near, far : the pattern, as `Coarse` takes it.
-    places : (rows, 3) where this rank's nodes are at rest.
-    parts : how many, on all ranks; each has one at least.
-
-    Vectors are (3 rows,), single precision, as C pointers. Collective.
+    comm : MPI.Intracomm
+        The ranks.
+    matrix : SymmetricBlockMatrix
+        The matrix A.
+    diagonal, off_diagonal : (indptr, indices)
+        Its patterns, as `SymmetricBlockMatrix` takes them.
+    halo : Halo or None
+        Exchange of the ghost nodes; None on one rank.
+    coordinates : (rows, 3)
+        Reference coordinates of this rank's nodes.
+    subdomains : int
+        Wanted number on all ranks; every rank has at least one.
     """
 
     def __init__(
         self,
         comm: MPI.Intracomm,
-        blocks: Blocks,
-        near: tuple[Array, Array],
-        far: tuple[Array, Array] | None,
+        matrix: SymmetricBlockMatrix,
+        diagonal: Pattern,
+        off_diagonal: Pattern | None,
         halo: Halo | None,
-        places: Array,
-        parts: int,
+        coordinates: Array,
+        subdomains: int,
     ) -> None:
-        self._comm, self._blocks, self._halo, self._places = comm, blocks, halo, places
-        rows = len(places)
-        share = round(parts * rows / max(1, comm.allreduce(rows)))
+        self._comm, self._matrix, self._halo = comm, matrix, halo
+        self._coordinates = coordinates
+        rows = len(coordinates)
+        share = round(subdomains * rows / max(1, comm.allreduce(rows)))
         self._own = min(rows, max(1, share))
         counts = comm.allgather(self._own)
         self._first = sum(counts[: comm.rank])
-        part = self._first + bisect(places, self._own)
+        subdomain = self._first + coordinate_bisection(coordinates, self._own)
         if halo:
-            halo.exchange(np.repeat(part, 3).astype(np.float32))  # exact up to 2^24
-            part = np.concatenate([part, halo.ghosts[:, 0]])
-        self._coarse = Coarse(blocks, near, far, part.astype(np.int32), sum(counts))
+            halo.exchange(np.repeat(subdomain, 3).astype(np.float32))  # exact up to 2^24
+            subdomain = np.concatenate([subdomain, halo.ghosts[:, 0]])
+        subdomain = subdomain.astype(np.int32)
+        self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, sum(counts))
         self._free: Array | None = None
-        size = MODES * sum(counts)
-        self._y, self._single, self._c = np.zeros(size), np.zeros(size, np.float32), np.zeros(size)
-        self._at_y, self._at_single = blocks.pointer(self._y), blocks.pointer(self._single)
+        size = COLUMNS * sum(counts)
+        self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
+        self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
+        self._rhs_pointer = matrix.pointer(self._rhs)
+        self._single_pointer = matrix.pointer(self._single)
 
     @property
     def nbytes(self) -> int:
-        """What this rank keeps of A Z, and reads twice in an iteration."""
+        """Bytes of A Z on this rank, which an iteration reads twice."""
         return self._coarse.nbytes
 
-    def take(self, values: int, far: int, scale: float) -> int:
-        """Take an AIJ matrix's values, at these addresses, times ``scale``.
+    def update(self, values: int, off_diagonal: int, scale: float) -> int:
+        """Compute Z, A Z and E^-1 for new values of the matrix.
 
-        Returns 0, or PETSc's reason why there is no solution: E tells that it is indefinite.
+        Parameters
+        ----------
+        values, off_diagonal : int
+            Addresses of the AIJ matrix's values, which are multiplied by ``scale``.
+
+        Returns
+        -------
+        int
+            0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        self._update_modes(self._coarse.coupled(values, far))
-        mine = self._coarse.fill(values, far, scale, self._first, self._own)
-        E = np.concatenate(self._comm.allgather(mine))
+        self._update_functions(self._coarse.find_coupled_unknowns(values, off_diagonal))
+        own = self._coarse.assemble(values, off_diagonal, scale, self._first, self._own)
+        E = np.concatenate(self._comm.allgather(own))
         if not np.isfinite(E).all():
             return int(_Reason.DIVERGED_NANORINF)
-        inverse = _inverse(E)
+        inverse = _pseudo_inverse(E)
         if inverse is None:
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
         self._inverse = inverse
         return 0
 
     def start(self, r: Any) -> None:
-        """P b in place of ``r`` = b; `finish` adds Q b."""
-        self._c[:] = self._solve("restrict", r)
-        self._blocks.lib.coarse_subtract(self._coarse.struct, self._at_single, r)
+        """Replace r = b by P b and keep Q b for `finish`."""
+        self._Qb[:] = self._solve("coarse_restrict", r)
+        self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, r)
 
     def project(self, t: Any, w: Any) -> None:
         """w -= A Q A t."""
-        self._solve("gather", t)
-        self._blocks.lib.coarse_subtract(self._coarse.struct, self._at_single, w)
+        self._solve("coarse_image_transposed", t)
+        self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, w)
 
     def finish(self, x: Any) -> None:
-        """Q b + P^T x in place of ``x``."""
-        self._single[:] = self._c - self._solve("gather", x)
-        self._blocks.lib.coarse_prolong(self._coarse.struct, self._at_single, x)
+        """Replace x by Q b + P^T x."""
+        self._single[:] = self._Qb - self._solve("coarse_image_transposed", x)
+        self._matrix.lib.coarse_prolong(self._coarse.struct, self._single_pointer, x)
 
-    def _solve(self, of: str, vector: Any) -> Array:
-        """E^-1 Z^T times a vector ("restrict"), or E^-1 Z^T A ("gather"); also in _single."""
-        self._y[:] = 0
-        getattr(self._blocks.lib, f"coarse_{of}")(self._coarse.struct, vector, self._at_y)
+    def _solve(self, transposed: str, vector: Any) -> Array:
+        """E^-1 y for y = Z^T v (coarse_restrict) or (A Z)^T v; in single precision in _single."""
+        self._rhs[:] = 0
+        getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
         if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, self._y)
-        found: Array = self._inverse @ self._y
-        self._single[:] = found
-        return found
+            self._comm.Allreduce(MPI.IN_PLACE, self._rhs)
+        solution: Array = self._inverse @ self._rhs
+        self._single[:] = solution
+        return solution
 
-    def _update_modes(self, free: Array) -> None:
-        """Make Z anew if others than before are the unknowns that are coupled to any."""
+    def _update_functions(self, free: Array) -> None:
+        """Compute Z if the set of coupled unknowns changed."""
         same = self._free is not None and np.array_equal(free, self._free)
         if self._comm.allreduce(same, op=MPI.LAND):
             return
-        rows, modes = self._blocks.rows, self._coarse.modes
-        modes[:rows] = linear(self._places, self._coarse.part[:rows], free)
+        rows, functions = self._matrix.rows, self._coarse.functions
+        own = self._coarse.subdomain[:rows]
+        functions[:rows] = linear_functions(self._coordinates, own, free)
         self._free = free
         if self._halo:
-            for k in range(modes.shape[2]):
-                self._halo.exchange(np.ascontiguousarray(modes[:rows, :, k]).ravel())
-                modes[rows:, :, k] = self._halo.ghosts
+            for k in range(functions.shape[2]):
+                self._halo.exchange(np.ascontiguousarray(functions[:rows, :, k]).ravel())
+                functions[rows:, :, k] = self._halo.ghosts
 
 
-def _inverse(E: Array) -> Array | None:
-    """The inverse of a symmetric matrix, or None if it has a negative eigenvalue.
-
-    Of one that is singular, that of its part beside the null space.
-    """
+def _pseudo_inverse(E: Array) -> Array | None:
+    """The (pseudo-)inverse of a symmetric matrix, or None if it has a negative eigenvalue."""
     diagonal = E.diagonal()
     largest = diagonal.max(initial=0.0)
     if largest <= 0:
         return None if diagonal.any() else np.zeros_like(E)
-    size = np.sqrt(np.maximum(diagonal, _SOFT * largest))
-    E = E / np.outer(size, size) + np.diag(diagonal == 0.0)  # that is of functions that are zero
-    factor, bad = lapack.dpotrf(E, lower=1)
-    if not bad:
-        lower, bad = lapack.dpotri(factor, lower=1)
+    size = np.sqrt(np.maximum(diagonal, _MIN_DIAGONAL * largest))
+    # A 1 on the diagonal where a column of Z is zero.
+    E = E / np.outer(size, size) + np.diag(diagonal == 0.0)
+    factor, failed = lapack.dpotrf(E, lower=1)
+    if not failed:
+        lower, failed = lapack.dpotri(factor, lower=1)
         inverse = np.tril(lower) + np.tril(lower, -1).T
-    if bad or inverse.trace() > 1 / _FLAT:
-        found, vectors = np.linalg.eigh((E + E.T) / 2)
-        if found[0] < -_FLAT:
+    if failed or inverse.trace() > 1 / _ZERO_EIGENVALUE:
+        values, vectors = np.linalg.eigh((E + E.T) / 2)
+        if values[0] < -_ZERO_EIGENVALUE:
             return None
-        good = found > _FLAT
-        inverse = (vectors[:, good] / found[good]) @ vectors[:, good].T
+        kept = values > _ZERO_EIGENVALUE
+        inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
     return np.asarray(inverse / np.outer(size, size))

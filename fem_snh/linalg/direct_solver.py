@@ -1,15 +1,19 @@
-"""Sparse factors instead of an iteration: blind to nu, and cheap on small or thin bodies."""
+"""A sparse direct solver (MUMPS): insensitive to nu, and cheap on small or slender bodies."""
 
 from __future__ import annotations
 
-from typing import Any
+from petsc4py import PETSc
 
-#: As PETSc options: of a symmetric matrix, definite or not.
-DIRECT_SOLVER = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+#: The PETSc options. MUMPS' "cholesky" is LDL^T, for symmetric indefinite matrices too.
+DIRECT_SOLVER = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+}
 
 
-def set_direct_solver(ksp: Any) -> None:
-    """Have a PETSc KSP that is there already solve so."""
+def set_direct_solver(ksp: PETSc.KSP) -> None:
+    """Configure an existing KSP as `DIRECT_SOLVER`."""
     ksp.setType(DIRECT_SOLVER["ksp_type"])
     ksp.getPC().setType(DIRECT_SOLVER["pc_type"])
     ksp.getPC().setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])

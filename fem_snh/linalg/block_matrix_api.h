@@ -1,0 +1,40 @@
+/* The block matrix of SSOR-preconditioned conjugate gradients. The C compiler and cffi read this one file;
+ * Python fills the struct by field name. Vectors are [rows][3] floats unless stated. */
+
+/* One rank's rows of a symmetric matrix of 3x3 blocks in single precision. Its columns are those of this
+ * rank, A = L + D + L^T, and those of other ranks (the off-diagonal block of PETSc's AIJ format). D is block
+ * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is three rows of 3 n floats,
+ * each padded to a multiple of 8. */
+typedef struct {
+  int rows;                     /* block rows */
+  const int *upper_start;       /* [rows + 1] index of a row's first block in U */
+  const int *upper_column;      /* block columns of U */
+  const long *upper_offset;     /* [rows + 1] offset of a row's floats in `upper` */
+  const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix */
+  const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
+  float *upper;                 /* U */
+  float *diagonal;              /* [rows][9] D */
+  float *diagonal_inverse;      /* [rows][9] D^-1 */
+  const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
+  const int *off_diagonal_column; /* ghost nodes */
+  float *off_diagonal;            /* rows of blocks as in U, without padding */
+} SymmetricBlockMatrix;
+
+/* Copy the values of an AIJ matrix, times `scale`, and invert D. Returns the number of block rows whose
+ * diagonal block is not positive definite. */
+long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale);
+
+/* The largest |entry| on the diagonal of the AIJ matrix; infinity if one is not finite. */
+double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values);
+
+/* w = (D + L)^-1 w. */
+void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w);
+
+/* p = z + beta p, t = (D + U)^-1 p, w = U t. */
+void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);
+
+/* q = t + (D + L)^-1 (w + the other ranks' columns times their t, in `ghosts`). Overwrites w; returns p.q. */
+double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, float *w, float *q);
+
+/* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
+double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z);

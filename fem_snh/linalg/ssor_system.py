@@ -1,0 +1,182 @@
+r"""The SSOR-preconditioned system in single precision: matrix, vectors, steps of an iteration.
+
+On each rank's rows let A = L + D + L^T with the 3x3 block diagonal D. The preconditioner is block
+SSOR (Saad 2003, sec. 4.1 and 10.2),
+
+.. math::
+
+    M = (D + L)\, D^{-1} (D + L)^T.
+
+Preconditioned conjugate gradients (Saad 2003, alg. 9.1) are written for
+:math:`\hat A = (D + L)^{-1} A\, (D + L)^{-T}`, preconditioned by :math:`D^{-1}` (Eisenstat 1981).
+Because
+
+.. math::
+
+    \hat A\, p = t + (D + L)^{-1} (A - D - L)\, t, \qquad t = (D + L)^{-T} p,
+
+an iteration is one backward and one forward substitution: the product with A costs nothing extra.
+Half of a symmetric matrix in single precision is a fifth of the memory traffic of a product in
+PETSc's AIJ format.
+
+References
+----------
+Eisenstat 1981, SIAM J. Sci. Stat. Comput. 2, 1.
+Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh._petsc import aij_blocks
+from fem_snh.errors import BadInput, on_root
+from fem_snh.kernels import build
+from fem_snh.linalg import library
+from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.deflation import Deflation
+from fem_snh.linalg.halo import Halo
+
+_Reason = PETSc.KSP.ConvergedReason
+
+#: Default of ksp_deflation_subdomains: one per 512 nodes, at most 64, and no deflation below 4. On
+#: smaller bodies the coarse solves cost as much as the iterations saved; 96 subdomains were not
+#: faster than 64 (docs/results/speed.md).
+_NODES_PER_SUBDOMAIN, _MIN_SUBDOMAINS, _MAX_SUBDOMAINS = 512, 4, 64
+AUTOMATIC = -1
+
+
+class SSORSystem:
+    r"""A symmetric AIJ matrix of 3x3 blocks, its preconditioner and the vectors of CG. Collective.
+
+    The vectors are those of Saad's algorithm for :math:`\hat A`: x, r, z, p, q = A-hat p, and
+    t = (D + L)^-T p, whose multiples add up to x.
+
+    Parameters
+    ----------
+    A : PETSc.Mat
+        The matrix; its pattern is read here, its values by `update`.
+    coordinates : (rows, 3) or None
+        Reference coordinates of this rank's nodes; without them there is no deflation.
+    subdomains : int
+        Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
+
+    Raises
+    ------
+    BadInput
+        For a matrix whose blocks are not 3x3.
+    """
+
+    def __init__(
+        self, A: PETSc.Mat, coordinates: np.ndarray | None, subdomains: int = AUTOMATIC
+    ) -> None:
+        if A.getBlockSize() != 3:
+            raise BadInput(
+                f"matrix block size = {A.getBlockSize()}: expected 3x3 blocks (a displacement) for "
+                "the built-in linear solver"
+            )
+        self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
+        path = on_root(self.comm, build.library, library.source())
+        with aij_blocks(A) as (diagonal, *off_diagonal):
+            ghosted = off_diagonal[0] if off_diagonal else None
+            patterns = diagonal.block_pattern(3), ghosted.block_pattern(3) if ghosted else None
+            self._matrix = SymmetricBlockMatrix(path, *patterns)
+            ghosts = ghosted.ghosts[::3] // 3 if ghosted else None
+        first = A.getOwnershipRanges() // 3
+        self._halo = None if ghosts is None else Halo(self.comm, first, ghosts)
+        self.deflation = None
+        if subdomains == AUTOMATIC:
+            subdomains = min(self.unknowns // (3 * _NODES_PER_SUBDOMAIN), _MAX_SUBDOMAINS)
+            subdomains = subdomains if subdomains >= _MIN_SUBDOMAINS else 0
+        if coordinates is not None and subdomains > 0:
+            self.deflation = Deflation(
+                self.comm, self._matrix, *patterns, self._halo, coordinates, subdomains
+            )
+        self._vectors = {key: np.zeros(3 * self._matrix.rows, np.float32) for key in "xrzptwq"}
+        self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
+        self._vectors["ghosts"] = self._halo.ghosts if self._halo else self._x
+        self._pointers = {key: self._matrix.pointer(v) for key, v in self._vectors.items()}
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the matrix's copy and of A Z on this rank, which an iteration reads twice."""
+        return self._matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
+
+    def update(self, A: PETSc.Mat) -> int:
+        """Copy the values of the matrix, scaled to a largest diagonal entry of 1, and deflate.
+
+        Returns
+        -------
+        int
+            0, or a negative ``KSP.ConvergedReason`` if the matrix is not finite or indefinite.
+        """
+        with aij_blocks(A) as (diagonal, *off_diagonal):
+            largest = self._matrix.largest_diagonal_entry(diagonal.values)
+            largest = self.comm.allreduce(largest, op=MPI.MAX)
+            if not isfinite(largest):
+                return int(_Reason.DIVERGED_NANORINF)
+            self.scale = 1 / largest if largest > 0 else 1.0
+            values = diagonal.values, off_diagonal[0].values if off_diagonal else 0
+            if self.comm.allreduce(self._matrix.fill(*values, self.scale)):
+                return int(_Reason.DIVERGED_INDEFINITE_PC)
+            return self.deflation.update(*values, self.scale) if self.deflation else 0
+
+    def start_cycle(self, residual: PETSc.Vec, deflate: bool) -> tuple[float, float, float]:
+        """Start conjugate gradients for a residual from x = 0.
+
+        Returns
+        -------
+        norm : float
+            The residual's natural norm, sqrt(r.M^-1 r).
+        unit : float
+            The factor of the cycle's solution: the vectors are scaled, so that single precision
+            does not overflow.
+        rho : float
+            r.z of the scaled vectors.
+        """
+        size = residual.norm(PETSc.NormType.INFINITY)
+        size = size if isfinite(size) and size > 0 else 1.0
+        self._r[:] = residual.array_r / size
+        if deflate and self.deflation:
+            self.deflation.start(self._pointers["r"])
+        for key in "xptq":
+            self._vectors[key][:] = 0
+        self._matrix.lib.matrix_solve_lower(self._matrix.struct, self._pointers["r"])
+        rho = self.update_vectors(0.0)
+        return size * sqrt(self.scale * max(rho, 0.0)), size * self.scale, rho
+
+    def update_direction(self, beta: float) -> float:
+        """p = z + beta p, q = A-hat p (deflated); return the curvature p.q = t.A t."""
+        matrix, v = self._matrix, self._pointers
+        matrix.lib.matrix_backward_sweep(matrix.struct, beta, v["z"], v["p"], v["t"], v["w"])
+        if self._halo:
+            self._halo.exchange(self._t)
+        if self.deflation:
+            self.deflation.project(v["t"], v["w"])
+        vectors = (v[key] for key in ("p", "t", "ghosts", "w", "q"))
+        return self._sum(matrix.lib.matrix_forward_sweep(matrix.struct, *vectors))
+
+    def update_vectors(self, alpha: float) -> float:
+        """x += alpha t, r -= alpha q, z = D r; return r.z."""
+        matrix, v = self._matrix, self._pointers
+        vectors = (v[key] for key in "tqxrz")
+        return self._sum(matrix.lib.matrix_cg_update(matrix.struct, alpha, *vectors))
+
+    def direction_norm_squared(self) -> float:
+        """Return p.D^-1 p."""
+        return self._sum(self._matrix.weighted_norm_squared(self._vectors["p"]))
+
+    def add_solution(self, x: PETSc.Vec, unit: float) -> None:
+        """Add the cycle's solution, times ``unit``, to x in double precision."""
+        if self.deflation:
+            self.deflation.finish(self._pointers["x"])
+        x.array[:] += unit * self._x
+
+    def _sum(self, own: float) -> float:
+        """Sum over all ranks."""
+        return own if self.comm.size == 1 else float(self.comm.allreduce(own))
