@@ -14,9 +14,7 @@ import ufl
 from benchmarks import Row, split_list
 from fem_snh import _dolfinx
 from fem_snh.fem import elements, mesh, ufl_forms
-from fem_snh.fem.numbering import Layout
 from fem_snh.fem.terms import Elastic
-from fem_snh.fem.unknowns import space
 from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
 from fem_snh.materials import names
@@ -65,10 +63,7 @@ def deformed(name: str, cells: int) -> tuple[Any, Any]:
 
 def elastic_term(u: Any, name: str, material: Material) -> Elastic:
     """The material's elastic term on u's space, ready to assemble."""
-    term = Elastic(u.function_space, elements.element(name), material)
-    V = u.function_space
-    term.create_matrix(Layout(V.mesh.comm, [space(V, 3)]))
-    return term
+    return Elastic(u.function_space, elements.element(name), material)
 
 
 def times(ways: dict[str, Callable[[], Any]], repeat: int) -> dict[str, np.ndarray]:
@@ -91,11 +86,11 @@ def compare(
     reference = elastic_term(u, name, make_material("stable_neo_hookean"))
     for material in materials or names():
         term = elastic_term(u, name, make_material(material))
-        filtered = term.jacobian(x, "clamp")
+        filtered = term.jacobian(x, filter="clamp")
         taken = times(
             {
-                "clamp": lambda term=term: term.jacobian(x, "clamp"),  # type: ignore[misc]
-                "reference": lambda: reference.jacobian(x, "clamp"),
+                "clamp": lambda term=term: term.jacobian(x, filter="clamp"),  # type: ignore[misc]
+                "reference": lambda: reference.jacobian(x, filter="clamp"),
             },
             2 * repeat,
         )
@@ -125,9 +120,9 @@ def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     V, x = u.function_space, _dolfinx.petsc_vec(u)
     chosen = make_material(material)
     law, elastic = chosen.expression, elastic_term(u, name, chosen)
-    filtered = elastic.jacobian(x, "clamp")
+    filtered = elastic.jacobian(x, filter="clamp")
     ways: dict[str, Callable[[], Any]] = {
-        kind: lambda kind=kind: elastic.jacobian(x, kind)  # type: ignore[misc]
+        kind: lambda kind=kind: elastic.jacobian(x, filter=kind)  # type: ignore[misc]
         for kind in ("exact", "clamp")
     }
     if not law.needs_stretches:

@@ -89,7 +89,9 @@ def solve(
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = Problem(body, kind, law, [Hold(group="left")], [CASES[choose("case", case, CASES)]])
+    p = Problem(
+        body, kind, law, hold=[Hold(group="left")], move=[CASES[choose("case", case, CASES)]]
+    )
     n = p.u.x.array.size
     p.x.array[:n] = noise / cells * np.random.default_rng(seed).uniform(-1, 1, n)
     p.set_load(1.0)

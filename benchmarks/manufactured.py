@@ -110,13 +110,15 @@ class Load:
         form = ufl.inner(P, ufl.grad(ufl.TestFunction(V))) * dx
         _dolfinx.assemble_vector(self._force, _dolfinx.form(form))
 
-    def energy(self, u: PETSc.Vec) -> float:
-        """-f . u [J]."""
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None) -> float:
+        """Return -f . u [J]."""
         return -float(self._force.dot(u))
 
-    def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """r -= f [N], at owned nodes."""
-        r.array[:] -= self._force.array_r
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Subtract f [N] from the owned entries of ``r_u``."""
+        r_u.array[:] -= self._force.array_r
 
 
 class Manufactured:
@@ -152,7 +154,7 @@ class Manufactured:
         else:
             numbers |= {
                 "lam": lam,
-                "volume": self.problem.elastic.law.volume_stiffness,
+                "volume": self.problem.elastic.element_energy.volume_stiffness,
                 "push": 0.0,
             }
         self._constants = {

@@ -74,7 +74,7 @@ def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
     scene = scenes.load("stretch", cells=cells, nu=nu)
     element = element_of(scene.element)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = Problem(make_mesh(comm, scene, element), element, law, scene.hold, scene.move)
+    p = Problem(make_mesh(comm, scene, element), element, law, hold=scene.hold, move=scene.move)
     solver.Predictor(p, solver.create(p, globalization="linesearch"), "tangent").predict(1 / 12)
     return p
 

@@ -81,7 +81,9 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     lateral = (J / stretch) ** 0.5
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
     if p.saddle_point:
-        p.saddle_point.pressure_dofs(p.x)[:] = p.elastic.law.volume_stiffness * (J - 1) * p.length
+        p.saddle_point.pressure_dofs(p.x)[:] = (
+            p.elastic.element_energy.volume_stiffness * (J - 1) * p.length
+        )
     p.jacobian(p.x, "exact")
     A = dense(p.A)
     n = X.size

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -143,5 +144,17 @@ def norm(comm: MPI.Comm, local: np.ndarray) -> float:
 
 
 def held(p: Problem) -> np.ndarray:
-    """Which of this rank's degrees of freedom are prescribed."""
-    return p.elastic.free.ravel()[: p.x.getLocalSize()] == 0
+    """Return which of this rank's dofs are constrained, (n,) bool."""
+    mask = np.zeros(p.x.getLocalSize(), dtype=bool)
+    mask[p.constrained_dofs] = True
+    return mask
+
+
+def free_components(p: Problem) -> np.ndarray:
+    """Return 0 for constrained displacement components, else 1, (local nodes, 3). Collective."""
+    mask = _dolfinx.create_vector(p.V)
+    mask.set(1.0)
+    mask.array[p.constrained_dofs] = 0.0
+    mask.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+    with mask.localForm() as local:
+        return local.array.reshape(-1, 3).copy()

@@ -126,7 +126,7 @@ def test_a_slender_beam(comm, element, nu, bound):
     # The coarsest cylinder has a square section.
     body = generate(comm, "cylinder", ELEMENTS[element].cell, cells=3, radius=0.5**0.5, length=20)
     law = fem_snh.material("neo_hookean", E=E, nu=nu)
-    found = modes.lowest(Problem(body, ELEMENTS[element], law, [Hold("left")]), density, 4)
+    found = modes.lowest(Problem(body, ELEMENTS[element], law, hold=[Hold("left")]), density, 4)
     unit = np.sqrt(E / 12 / density) / length**2 / (2 * np.pi)
     expected = np.repeat(timoshenko(length, nu, 2), 2) * unit
     assert found.frequencies == pytest.approx(expected, rel=bound)
@@ -219,7 +219,9 @@ def test_frequencies_scale_as_the_square_root_of_E_over_density_over_length(comm
 
 def rest_stiffness(name, E, nu):
     law = fem_snh.material(name, E=E, nu=nu)
-    p = Problem(cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, [Hold("left")])
+    p = Problem(
+        cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, hold=[Hold("left")]
+    )
     p.jacobian(p.x, "exact")
     return dense(p.A)
 

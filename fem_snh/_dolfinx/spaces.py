@@ -7,6 +7,7 @@ from typing import Any
 import basix
 import dolfinx
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -46,7 +47,7 @@ def surface_measure(domain: Any, facets: Array) -> Any:
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
-def constant(domain: Any, value: Array) -> Any:
+def constant(domain: Any, value: npt.ArrayLike) -> Any:
     """A UFL constant whose value is no part of the compiled form."""
     return fem.Constant(domain, np.asarray(value, dtype=np.float64))
 

@@ -99,7 +99,7 @@ def check(problem: Problem, count: int) -> None:
             f"modes: element '{problem.element.name}' has a pressure without mass: "
             "take one with the displacement alone, P2P0 or Q1P0 where nu is close to 0.5"
         )
-    free = int(problem.elastic.free.ravel()[: problem.x.getLocalSize()].sum())
+    free = problem.x.getLocalSize() - len(problem.constrained_dofs)
     free = problem.comm.allreduce(free)
     if count > free:
         raise BadInput(f"modes: count = {count}: there are only {free} free degrees of freedom")
@@ -114,7 +114,7 @@ class _Pencil:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
         self.scale = problem.material.expression.E / (density * problem.length**2)
         owned = problem.x.getLocalSize()
-        self._free = np.flatnonzero(problem.elastic.free.ravel()[:owned])
+        self._free = np.delete(np.arange(owned), problem.constrained_dofs)
         first = problem.x.getOwnershipRange()[0]
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), problem.comm)
         problem.jacobian(problem.x, "exact")

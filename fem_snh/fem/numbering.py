@@ -1,7 +1,7 @@
-"""How the unknowns of several spaces are numbered together.
+"""Dof maps: how the unknowns of one or two finite element spaces are numbered in a matrix.
 
-Unknowns come in blocks, one a node: 3 for a displacement, 1 for a pressure. Every rank numbers its
-displacement nodes first, then those of the pressure if there is one.
+As in dolfinx, unknowns are numbered in blocks, one block per node: 3 displacement components, or 1
+pressure. Every rank numbers its displacement blocks first, then its pressure blocks.
 """
 
 from __future__ import annotations
@@ -13,71 +13,99 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
+
 Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Space:
-    """One field's nodes on this rank.
-
-    nodes : (cells, n) local node numbers; owned nodes come before ghosts.
-    owned : how many nodes this rank owns.
-    global_nodes : (owned + ghosts,) global number of each local node, contiguous on each rank.
-    size : unknowns a node.
-    """
-
-    nodes: Array
-    owned: int
-    global_nodes: Array
-    size: int
-
-
-class Layout:
-    """How the blocks of several spaces are numbered together, on all ranks. Collective.
+class DofMap:
+    """The blocked dof map of one space on this rank.
 
     Attributes
     ----------
-    nodes : (cells, sum of n) local blocks of each cell, one space after the other.
-    sizes, numbers, owned : of each local block its unknowns, its global number, whether it is ours.
-    unknowns : how many this rank owns; ``total`` blocks there are on all ranks.
+    cell_blocks : (cells, n) int32
+        Local block numbers of each cell; the blocks this rank owns come before ghosts.
+    num_owned : int
+        Blocks this rank owns.
+    local_to_global : (owned + ghosts,) int64
+        Global number of each local block, contiguous on each rank.
+    block_size : int
+        Unknowns per block.
     """
 
-    def __init__(self, comm: Any, spaces: Sequence[Space]) -> None:
-        self.comm, self.rank = comm, comm.rank
-        counts = np.array(comm.allgather([s.owned for s in spaces]), dtype=np.int64)
-        self._sizes = np.array([s.size for s in spaces])
+    cell_blocks: Array
+    num_owned: int
+    local_to_global: Array
+    block_size: int
+
+
+def dof_map(V: Any, block_size: int) -> DofMap:
+    """Return the dof map of a dolfinx space with ``block_size`` components."""
+    return DofMap(
+        _dolfinx.node_dofs(V), _dolfinx.num_nodes(V)[0], _dolfinx.local_to_global(V), block_size
+    )
+
+
+class MixedDofMap:
+    """The dof maps of several spaces, numbered together on all ranks. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+        The communicator of the mesh.
+    spaces : sequence of DofMap
+        The spaces, in the order in which each rank numbers them.
+
+    Attributes
+    ----------
+    cell_blocks : (cells, sum of n) int
+        Local blocks of each cell, one space after the other.
+    block_sizes, local_to_global, is_owned : (local blocks,)
+        Unknowns, global block number and ownership of each local block.
+    owned_range : tuple of int
+        First global block of this rank, and one past its last.
+    num_owned_dofs : int
+        Unknowns this rank owns.
+    """
+
+    def __init__(self, comm: Any, spaces: Sequence[DofMap]) -> None:
+        self.comm = comm
+        counts = np.array(comm.allgather([s.num_owned for s in spaces]), dtype=np.int64)
+        self._space_block_size = np.array([s.block_size for s in spaces])
         before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
-        self._blocks = before.sum(axis=1)
-        self._first = self._blocks[:-1, None] + np.cumsum(counts, axis=1) - counts
-        self._unknowns = (before * self._sizes).sum(axis=1)
-        inside = np.cumsum(counts * self._sizes, axis=1) - counts * self._sizes
-        self._first_unknown = self._unknowns[:-1, None] + inside
-        self.total = int(self._blocks[-1])
-        self.first, self.last = (int(b) for b in self._blocks[comm.rank : comm.rank + 2])
-        self.unknowns = int(np.diff(self._unknowns)[comm.rank])
-        numbers, offsets = [], np.cumsum([0, *(len(s.global_nodes) for s in spaces)])
+        self._first_block = before.sum(axis=1)
+        self._first = self._first_block[:-1, None] + np.cumsum(counts, axis=1) - counts
+        dof_counts = counts * self._space_block_size
+        first_dof = (before * self._space_block_size).sum(axis=1)
+        self._first_dof = first_dof[:-1, None] + np.cumsum(dof_counts, axis=1) - dof_counts
+        self.owned_range = tuple(int(b) for b in self._first_block[comm.rank : comm.rank + 2])
+        self.num_owned_dofs = int(np.diff(first_dof)[comm.rank])
+
+        global_blocks, offsets = [], np.cumsum([0, *(len(s.local_to_global) for s in spaces)])
         for k, space in enumerate(spaces):
-            rank = np.searchsorted(before[:, k], space.global_nodes, side="right") - 1
-            numbers.append(self._first[rank, k] + space.global_nodes - before[rank, k])
-        self.numbers = np.concatenate(numbers)
-        self.sizes = np.repeat(self._sizes, np.diff(offsets))
-        mine = [np.arange(len(s.global_nodes)) < s.owned for s in spaces]
-        self.owned = np.concatenate(mine)
-        parts = [s.nodes + shift for s, shift in zip(spaces, offsets[:-1], strict=True)]
-        self.nodes = np.concatenate(parts, axis=1)
+            rank = np.searchsorted(before[:, k], space.local_to_global, side="right") - 1
+            global_blocks.append(self._first[rank, k] + space.local_to_global - before[rank, k])
+        self.local_to_global = np.concatenate(global_blocks)
+        self.block_sizes = np.repeat(self._space_block_size, np.diff(offsets))
+        owned = [np.arange(len(s.local_to_global)) < s.num_owned for s in spaces]
+        self.is_owned = np.concatenate(owned)
+        cells = [s.cell_blocks + shift for s, shift in zip(spaces, offsets[:-1], strict=True)]
+        self.cell_blocks = np.concatenate(cells, axis=1)
 
-    def owner(self, blocks: Array) -> Array:
-        """The rank that owns each of these global blocks."""
-        return np.searchsorted(self._blocks, blocks, side="right") - 1
+    def owner_ranks(self, blocks: Array) -> Array:
+        """Return the rank that owns each of these global blocks."""
+        return np.searchsorted(self._first_block, blocks, side="right") - 1
 
-    def place(self, blocks: Array) -> tuple[Array, Array]:
-        """(first unknown, number of unknowns) of each of these global blocks."""
-        rank = self.owner(blocks)
+    def global_dofs(self, blocks: Array) -> tuple[Array, Array]:
+        """Return (first global dof, block size) of each of these global blocks."""
+        rank = self.owner_ranks(blocks)
         space = (blocks[:, None] >= self._first[rank]).sum(axis=1) - 1
-        size = self._sizes[space]
-        return self._first_unknown[rank, space] + size * (blocks - self._first[rank, space]), size
+        size = self._space_block_size[space]
+        return self._first_dof[rank, space] + size * (blocks - self._first[rank, space]), size
 
     @property
     def block_size(self) -> int | None:
-        """The unknowns of a block if it is the same for all."""
-        return int(self._sizes[0]) if len(self._sizes) == 1 else None
+        """The block size, if all spaces have the same; else None."""
+        sizes = self._space_block_size
+        return int(sizes[0]) if len(sizes) == 1 else None

@@ -1,7 +1,4 @@
-"""Mesh, element, material, terms and conditions as one minimisation problem of the displacement.
-
-Or, with a Taylor-Hood element, as a saddle: least in the displacement, greatest in the pressure.
-"""
+"""A boundary value problem: mesh, element, material, energy terms and boundary conditions."""
 
 from __future__ import annotations
 
@@ -11,33 +8,31 @@ from math import isfinite
 from time import perf_counter
 from typing import Any, TypeVar
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem import mesh as meshes
-from fem_snh.fem import unknowns
+from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
 from fem_snh.fem.elements import Element
+from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import Mesh
+from fem_snh.fem.near_null_space import rigid_motions
 from fem_snh.fem.taylor_hood import SaddlePoint
-from fem_snh.fem.terms import Elastic, Traction
-from fem_snh.fem.unknowns import DisplacementPressure
+from fem_snh.fem.terms import Elastic, Term, Traction
+from fem_snh.fem.terms.traction import SurfaceLoad
+from fem_snh.fem.unknowns import DisplacementPressure, create_unknowns
 from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
-
-_AXES = ("x", "y", "z")
 
 T = TypeVar("T")
 
 
 def _timed(method: Callable[..., T]) -> Callable[..., T]:
-    """Count a method's time as assembly."""
+    """Add a method's run time to ``seconds["assemble"]``."""
 
     @wraps(method)
     def timed(self: Problem, *arguments: Any) -> T:
@@ -53,27 +48,58 @@ def _timed(method: Callable[..., T]) -> Callable[..., T]:
 class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
 
+    With a Taylor-Hood element it is a saddle-point problem: the energy is stationary, minimal in
+    the displacement and maximal in the pressure.
+
     Parameters
     ----------
-    hold : conditions with ``group`` and ``components`` (of "x", "y", "z"): displacement zero.
-    move : the same with ``displacement(X, load)``: (n, 3) points to (n, 3).
-    traction : loads with ``group`` and ``vector`` [Pa].
-    reactions : names or numbers of the groups whose `reactions` are wanted.
-    eigensolver : of the Hessian's 3x3 scaling block, one of EIGENSOLVERS.
+    mesh : Mesh
+        The body in its reference configuration.
+    element : Element
+        The finite element; its cell must be the mesh's.
+    material : Material
+        The material of the whole body.
+    hold : sequence of Constraint, optional
+        Components of the displacement that are zero on physical groups.
+    move : sequence of Motion, optional
+        Components of the displacement that follow the load on physical groups.
+    traction : sequence of SurfaceLoad, optional
+        Dead loads on physical groups of surfaces.
+    reactions : sequence of str or int, optional
+        Physical groups whose reaction forces `reactions` returns.
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
 
     Attributes
     ----------
-    u : the displacement, a dolfinx Function, ghosts included that of the vector last evaluated.
-    x : the vector of the unknowns: the displacement's own, or one that holds a pressure, too.
-    A : the matrix that `jacobian` fills, its near null space the rigid motions.
-    saddle_point : None, or what a solver has to know of a Taylor-Hood element's pressure.
-    terms : the energy terms the scene needs, and no others.
-    length : V^(1/3) [m], V the reference volume.
-    nonfinite : how many of the energies evaluated so far were infinite or NaN.
-    seconds : spent in compilation ("jit") and in evaluations ("assemble").
-    force_scale : E V^(2/3) [N]: the residual's norm is measured against it.
+    V, u : dolfinx function space and Function
+        The displacement's space; the displacement [m] that was evaluated last, ghosts included.
+    x : PETSc.Vec
+        The unknowns: the displacement's dofs, then a pressure's if there is one.
+    A : PETSc.Mat
+        The matrix that `jacobian` fills; its near null space holds the rigid motions.
+    saddle_point : SaddlePoint or None
+        What a solver needs to know of a Taylor-Hood element's pressure.
+    terms : list of Term
+        The energy terms.
+    constrained_dofs : (n,) int
+        The constrained dofs this rank owns, as indices into the local part of ``x``.
+    load : float
+        The load parameter, 0 to 1; see `set_load`.
+    length : float
+        V^(1/3) [m], V the reference volume.
+    force_scale : float
+        E V^(2/3) [N], which residual norms are compared with.
+    nonfinite : int
+        How many energies evaluated so far were infinite or NaN.
+    seconds : dict of float
+        Time spent in compilation ("jit") and in evaluations ("assemble").
 
-    Raises BadInput on every rank for an element that does not fit the mesh or an unknown group.
+    Raises
+    ------
+    BadInput
+        On every rank, for an element that does not fit the mesh, an unknown physical group, or a
+        material the element does not support.
     """
 
     def __init__(
@@ -81,43 +107,46 @@ class Problem:
         mesh: Mesh,
         element: Element,
         material: Material,
-        hold: Sequence[Any] = (),
-        move: Sequence[Any] = (),
-        traction: Sequence[Any] = (),
+        *,
+        hold: Sequence[Constraint] = (),
+        move: Sequence[Motion] = (),
+        traction: Sequence[SurfaceLoad] = (),
         reactions: Sequence[str | int] = (),
         eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         if mesh.cell != element.cell:
             raise BadInput(
-                f"element '{element.name}' needs {element.cell} cells; the mesh has {mesh.cell}s"
+                f"element = '{element.name}': expected an element for {mesh.cell} cells, which the "
+                f"mesh has; this one needs {element.cell} cells"
             )
         self.mesh, self.element, self.material = mesh, element, material
         self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.comm = mesh.domain.comm
         self.length = meshes.volume(mesh.domain) ** (1 / 3)
-        self._unknowns = unknowns.create(mesh, element)
-        self.V, self.u, self.x = self._unknowns.V, self._unknowns.u, self._unknowns.x
-        self.load = 0.0
-        self.nonfinite = 0
-        self.saddle_point: SaddlePoint | None = None
-        if isinstance(self._unknowns, DisplacementPressure):
-            scale = material.expression.E / self.length
-            self.elastic = Elastic(self.V, element, material, self._unknowns.Q, scale)
-            self.saddle_point = SaddlePoint(self._unknowns, self.elastic, scale, material.lame[0])
-        else:
-            self.elastic = Elastic(self.V, element, material)
-        self._traction = None
-        if traction:
-            self._traction = Traction(self.V, mesh, [(t.group, t.vector) for t in traction])
-        self.terms: list[Any] = [self.elastic, *([self._traction] if self._traction else [])]
-        self._condition(hold, move)
-        self._reacting = {str(key): self._owned_nodes(key) for key in reactions}
-        self.A = self.elastic.create_matrix(self._unknowns.layout())
-        if not self.saddle_point:
-            free = self.elastic.free[: len(self.coordinates)]
-            self.A.setNearNullSpace(unknowns.rigid_motions(self.comm, self.coordinates, free))
-        self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
         self.force_scale = material.expression.E * self.length**2
+        self.load, self.nonfinite = 0.0, 0
+
+        unknowns = self._unknowns = create_unknowns(mesh, element)
+        self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
+        self._dirichlet = DirichletConditions(self.V, mesh, hold, move)
+        self.constrained_dofs = self._dirichlet.dofs
+        constrained = self._dirichlet.constrained
+        self.saddle_point: SaddlePoint | None = None
+        if isinstance(unknowns, DisplacementPressure):
+            scale = material.expression.E / self.length
+            self.elastic = Elastic(self.V, element, material, constrained, unknowns.Q, scale)
+            energy, mu_lame = self.elastic.element_energy, material.lame[0]
+            self.saddle_point = SaddlePoint(unknowns, energy, scale, mu_lame)
+        else:
+            self.elastic = Elastic(self.V, element, material, constrained)
+        self.A = self.elastic.matrix
+        if not self.saddle_point:
+            free = ~constrained[: unknowns.num_owned_nodes]
+            self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
+        self._traction = Traction(self.V, mesh, traction) if traction else None
+        self.terms: list[Term] = [self.elastic, *([self._traction] if self._traction else [])]
+        self._reactions = Reactions(self.V, mesh, reactions)
+        self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
 
     @property
     def has_energy(self) -> bool:
@@ -126,129 +155,101 @@ class Problem:
 
     @property
     def coordinates(self) -> Array:
-        """(n, 3) reference coordinates of the nodes that this rank owns [m]."""
-        return self.V.tabulate_dof_coordinates()[: self._unknowns.owned]
+        """(n, 3) reference coordinates [m] of the displacement nodes that this rank owns."""
+        return self.V.tabulate_dof_coordinates()[: self._unknowns.num_owned_nodes]
 
     @property
     def dofs(self) -> int:
-        """Degrees of freedom on all ranks, prescribed ones included."""
+        """Degrees of freedom on all ranks, constrained ones included."""
         return int(self.x.getSize())
-
-    def _condition(self, hold: Sequence[Any], move: Sequence[Any]) -> None:
-        """Find the prescribed degrees of freedom."""
-        points = self.coordinates
-        self._moved = []
-        for condition in hold:
-            self._fix(condition)
-        for condition in move:
-            nodes, axes = self._fix(condition)
-            nodes = nodes[nodes < self._unknowns.owned]
-            self._moved.append((nodes, axes, condition, points[nodes]))
-        owned = self._unknowns.owned
-        self._prescribed = np.flatnonzero(self.elastic.free[:owned].ravel() == 0)
-
-    def _fix(self, condition: Any) -> tuple[Array, list[int]]:
-        """Take a condition's degrees of freedom from the free ones: local nodes, components."""
-        group = self.mesh.group(condition.group)
-        nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
-        axes = [_AXES.index(c) for c in condition.components]
-        self.elastic.free[nodes[:, None], axes] = 0.0
-        return nodes, axes
-
-    def _owned_nodes(self, key: str | int) -> Array:
-        """The nodes of a group that this rank owns. Collective."""
-        group = self.mesh.group(key)
-        nodes = _dolfinx.locate_dofs(self.V, group.dim, group.entities)
-        return nodes[nodes < self._unknowns.owned]
 
     @property
     def depends_on_load(self) -> bool:
-        """Whether anything depends on the load."""
-        return bool(self._moved or self._traction)
+        """Whether a boundary value or a traction depends on the load."""
+        return bool(self._dirichlet.follow_load or self._traction)
 
     def set_load(self, load: float) -> None:
-        """Set the load, 0 to 1; boundary values and tractions follow."""
+        """Set the load parameter, 0 to 1, of boundary values and tractions."""
         self.load = load
         if self._traction:
             self._traction.load = load
 
-    def update_functions(self) -> None:
-        """Bring ``u``, and the pressure, up to date with ``x``. Collective."""
-        self._unknowns.displacement(self.x)
-
     def prescribe(self, x: PETSc.Vec) -> None:
-        """Put the boundary values of the present load into ``x``."""
-        values = x.array
-        values[self._prescribed] = 0.0
-        for nodes, axes, condition, points in self._moved:
-            displacement = condition.displacement(points, self.load)
-            values[3 * nodes[:, None] + axes] = displacement[:, axes]
+        """Set the constrained entries of ``x`` to their values at the present load."""
+        self._dirichlet.set_values(x, self.load)
+
+    def update_functions(self) -> None:
+        """Update the displacement ``u``, and the pressure, from ``x``. Collective."""
+        self._unknowns.split(self.x)
 
     @_timed
     def energy(self, x: PETSc.Vec) -> float:
-        """The energy of all terms [J]; +inf outside the material's domain.
+        """Return the energy of all terms [J]; +inf outside the material's domain. Collective.
 
-        Raises BadInput for a material that has stresses and no energy.
+        Raises
+        ------
+        BadInput
+            If the material has a stress but no energy.
         """
         if not self.has_energy:
-            raise BadInput(
-                f"material '{self.material.expression.name}' has no energy, only a stress"
-            )
-        u = self._unknowns.displacement(x)
-        energy = sum(term.energy(u) for term in self.terms)
+            raise BadInput(f"material '{self.material.name}' has no energy, only a stress")
+        u, p = self._unknowns.split(x)
+        energy = sum(term.energy(u, p) for term in self.terms)
         self.nonfinite += not isfinite(energy)
         return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """r = dE/du [N]; zero where the displacement is prescribed."""
+        """Assemble r = dE/dx [N], with zeros at constrained dofs. Collective."""
         self.gradient(x, r)
-        r.array[self._prescribed] = 0.0
+        r.array[self.constrained_dofs] = 0.0
 
     @_timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """r = dE/du [N] everywhere: at prescribed nodes, the reactions."""
-        u, mine = self._unknowns.displacement(x), self._unknowns.begin_residual(r)
-        for term in self.terms:
-            term.add_residual(u, mine)
-        self._unknowns.end_residual(r)
+        """Assemble r = dE/dx [N], with the reactions at constrained dofs. Collective."""
+        u, p = self._unknowns.split(x)
+        with self._unknowns.residual(r) as (r_u, r_p):
+            for term in self.terms:
+                term.add_residual(u, p, r_u, r_p)
 
     @_timed
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
-        """Fill ``A`` with the filtered d2E/du2 [N/m]; the number of quadrature points filtered."""
-        return self.elastic.jacobian(self._unknowns.displacement(x), filter, self.eigensolver)
+        """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
+
+        Parameters
+        ----------
+        x : PETSc.Vec
+            The state.
+        filter : {"exact", "clamp", "abs"}
+            What becomes of negative eigenvalues at each quadrature point.
+
+        Returns
+        -------
+        int
+            The number of filtered quadrature points, on all ranks.
+        """
+        return self.elastic.jacobian(*self._unknowns.split(x), filter, self.eigensolver)
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
-        """For each of the groups asked for, the force [N] that its support exerts on the body.
+        """Return the reaction force [N] on each of the groups that were asked for. Collective.
 
-        The sum of dE/du over the group's nodes: positive along the way a support pulls. Costs
-        nothing where no group was asked for.
+        It is the sum of dE/du over the group's nodes: the force that the constraint exerts on the
+        body. Without groups nothing is computed.
         """
-        if not self._reacting:
+        if not self._reactions.groups:
             return {}
         r = self.x.duplicate()
         self.gradient(x, r)
-        forces = r.array_r[: 3 * self._unknowns.owned].reshape(-1, 3)
-        mine = np.array([forces[nodes].sum(axis=0) for nodes in self._reacting.values()])
-        total = self.comm.allreduce(mine)
-        return dict(zip(self._reacting, total.tolist(), strict=True))
+        return self._reactions.sum(r.array_r)
 
-    def fields(self, x: PETSc.Vec) -> dict[str, Array]:
-        """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
-        return self.elastic.fields(self._unknowns.displacement(x))
+    def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
+        """Return fields with one value for each cell of this rank. Collective.
+
+        Reference and deformed volume ("volume", "deformed_volume") [m^3], smallest J ("min_J"),
+        "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa].
+        """
+        return self.elastic.cell_fields(*self._unknowns.split(x))
 
     def measures(self, x: PETSc.Vec) -> dict[str, float]:
-        """Of the whole body: deformed over undeformed volume, smallest J, largest displacement.
-
-        J [1] at any quadrature point, the displacement [m] at any node.
-        """
-        fields = self.fields(x)
-        u = x.array_r[: 3 * self._unknowns.owned].reshape(-1, 3)
-        most = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
-        sums = np.array([fields["deformed_volume"].sum(), fields["volume"].sum()])
-        deformed, volume = self.comm.allreduce(sums)
-        least = float(fields["min_J"].min(initial=np.inf))
-        return {
-            "volume_ratio": float(deformed / volume),
-            "min_J": float(self.comm.allreduce(least, op=MPI.MIN)),
-            "max_u": float(self.comm.allreduce(most, op=MPI.MAX)),
-        }
+        """Return the measures of the body that `body_measures` describes. Collective."""
+        u = x.array_r[: 3 * self._unknowns.num_owned_nodes].reshape(-1, 3)
+        return body_measures(self.comm, self.cell_fields(x), u)

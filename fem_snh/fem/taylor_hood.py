@@ -1,4 +1,16 @@
-"""The pressure of a Taylor-Hood problem, as a solver needs to know it."""
+r"""The saddle-point problem of a Taylor-Hood element, as a solver needs to know it.
+
+With the pressure as an unknown, the energy is minimal in the displacement and maximal in the
+pressure. Its Hessian, with U* the conjugate of the volume term U(J), is
+
+.. math::
+
+    A = \begin{pmatrix} H & B^T \\ B & -C \end{pmatrix},
+    \qquad C_{ij} = \int \frac{q_i q_j}{U''} \, \mathrm{d}V .
+
+The block preconditioner replaces the Schur complement :math:`-(B H^{-1} B^T + C)` by scaled mass
+matrices of the pressure space.
+"""
 
 from __future__ import annotations
 
@@ -10,85 +22,113 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.fem.terms import Elastic
 from fem_snh.fem.unknowns import DisplacementPressure
+from fem_snh.kernels.element_energy import ElementEnergy
 
 
 class SaddlePoint:
-    """Which unknowns are the pressure's, and the matrix that its Schur complement resembles.
+    """The pressure block of a saddle-point problem and an approximation of its Schur complement.
+
+    Parameters
+    ----------
+    unknowns : DisplacementPressure
+        Displacement and pressure.
+    energy : ElementEnergy
+        The material's energy density, as the element splits it.
+    pressure_scale : float
+        Unit of the pressure unknown [Pa/m].
+    mu_lame : float
+        The material's shear modulus at rest [Pa].
 
     Attributes
     ----------
-    index_sets : {"u": IS, "p": IS}, the unknowns of each.
-    Q : the pressure's space.
-    inverse_lumped_mass : (owned pressures,) in the units of x and residual. The pressure residual's
-        square, so weighted, is the square of a volume error [m^3].
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the global dofs of each field.
+    Q : dolfinx function space
+        The pressure's space.
     """
 
     def __init__(
-        self, unknowns: DisplacementPressure, elastic: Elastic, scale: float, mu_lame: float
+        self,
+        unknowns: DisplacementPressure,
+        energy: ElementEnergy,
+        pressure_scale: float,
+        mu_lame: float,
     ) -> None:
-        self._unknowns, self._scale = unknowns, scale
+        self._unknowns, self._scale = unknowns, pressure_scale
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
-        elastic.pressure, elastic.residual_pressure = unknowns.pressure, unknowns.residual_pressure
-        self._shear, self._compliance = 1 / mu_lame, 1 / elastic.law.volume_stiffness
-        self._local = elastic.law.lambda_local / mu_lame
+        self._shear_compliance = 1 / mu_lame
+        self._volume_compliance = 1 / energy.volume_stiffness
+        self._lambda_over_mu = energy.lambda_local / mu_lame
         self._B: PETSc.Mat | None = None
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
-        """The owned pressures' part of a vector, in units of E/L [Pa/m]."""
+        """Return a view of the pressure dofs that this rank owns in ``x``, in the unit of ``x``."""
         return self._unknowns.pressure_dofs(x)
 
     def pressure(self) -> np.ndarray:
-        """The pressure's nodal values [Pa], ghosts included, of the vector last evaluated.
+        """Return the nodal pressures [Pa], ghosts included, of the vector evaluated last.
 
-        U'(J), positive in tension: what the part of lambda that `materials.split` leaves to the
-        displacement adds to the mean stress is not in it.
+        This is U'(J), positive in tension. It excludes the mean stress of the part of lambda that
+        `fem_snh.materials.volume_split` leaves to the displacement.
         """
         with self._unknowns.pressure.localForm() as local:
             return self._scale * np.asarray(local.array_r)
 
     @cached_property
     def schur_approximation(self) -> PETSc.Mat:
-        """-(1/mu + 1/U'') M, M the pressure's mass matrix [m^3]: what -(B H^-1 B^T + C) is like.
+        """The matrix -(1/mu + 1/U''(1)) M, M the pressure mass matrix [m^3].
 
-        With the shear modulus at rest; exact in the sense of the inf-sup condition, whatever nu.
-        `update_schur_approximation` corrects the first term.
+        With the shear modulus at rest it is spectrally equivalent to the Schur complement for any
+        Poisson's ratio (inf-sup condition). `update_schur_approximation` improves it.
         """
         matrix = self._mass.copy()
-        matrix.scale(-self._shear - self._compliance)
+        matrix.scale(-self._shear_compliance - self._volume_compliance)
         return matrix
 
     @cached_property
     def inverse_lumped_mass(self) -> np.ndarray:
+        """(owned pressures,) inverse of the lumped mass matrix, in the units of ``x`` and residual.
+
+        The square of the pressure residual, weighted by it, is the square of a volume error [m^3].
+        """
         ones, sums = self._mass.createVecs()
         ones.set(1.0)
         self._mass.mult(ones, sums)
         return 1 / np.asarray(sums.array_r)
 
     def update_schur_approximation(self, A: PETSc.Mat) -> None:
-        """Correct `schur_approximation` where nodes are constrained, or strains are large.
+        r"""Scale the approximation by the local compliance of the displacement. Collective.
 
-        How much they move is in d = diag(B D^-1 B^T)/diag(M), D the diagonal of H (as in SIMPLE),
-        constant where nothing holds them and B H^-1 B^T is M/(2 mu + lambda_local). So with
-        s = d/(2 mean d), and lambda_local in parallel, a pressure's share of M/mu is
-        s/(1 + s lambda_local/mu), here over its value at s = 1/2. Collective.
+        Constrained nodes and large strains reduce :math:`B H^{-1} B^T` locally. The scaling uses
+
+        .. math:: d = \mathrm{diag}(B D^{-1} B^T) / \mathrm{diag}(M), \quad D = \mathrm{diag}(H)
+
+        (as in the SIMPLE method), which is constant in the interior of an unstrained body, where
+        :math:`B H^{-1} B^T = M / (2 \mu + \lambda_{local})`. With s = d / (2 mean d) and
+        lambda_local in parallel, the factor of M/mu is s / (1 + s lambda_local/mu), divided by its
+        value at s = 1/2.
+
+        Parameters
+        ----------
+        A : PETSc.Mat
+            The assembled Hessian.
         """
-        d = self._mobility(A)
+        d = self._diagonal_of_schur_complement(A)
         mass = self._mass.getDiagonal().array_r
         sums = self.Q.mesh.comm.allreduce(np.array([d.sum(), mass.sum()]))
         s = d / mass * sums[1] / (2 * sums[0])
-        share = s * (2 + self._local) / (1 + s * self._local)
+        factor = s * (2 + self._lambda_over_mu) / (1 + s * self._lambda_over_mu)
         root = self._mass.createVecLeft()
-        root.array[:] = np.sqrt(share)
-        self._mass.copy(self.schur_approximation)
-        self.schur_approximation.diagonalScale(root, root)
-        self.schur_approximation.scale(-self._shear)
-        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-        self.schur_approximation.axpy(-self._compliance, self._mass, same)
+        root.array[:] = np.sqrt(factor)
+        schur, same = self.schur_approximation, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        self._mass.copy(schur)
+        schur.diagonalScale(root, root)
+        schur.scale(-self._shear_compliance)
+        schur.axpy(-self._volume_compliance, self._mass, same)
 
-    def _mobility(self, A: PETSc.Mat) -> np.ndarray:
-        """(owned pressures,) diag(B D^-1 B^T) of A = [[H, B^T], [B, -C]]."""
+    def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
+        """(owned pressures,) diag(B D^-1 B^T)."""
         u, p = self.index_sets["u"], self.index_sets["p"]
         self._B = B = A.createSubMatrix(p, u, self._B)
         root = B.createVecRight()
@@ -99,6 +139,7 @@ class SaddlePoint:
 
     @cached_property
     def _mass(self) -> PETSc.Mat:
+        """The pressure mass matrix, in the units of ``x`` and residual."""
         Q = self.Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
         factor = _dolfinx.constant(Q.mesh, np.array(self._scale**2))

@@ -1,14 +1,14 @@
-"""What is solved for: the displacement alone, or displacement and pressure.
+"""The unknowns of a problem: the displacement alone, or displacement and pressure.
 
-Both hold the solver's vector ``x``, whose first owned entries are the displacement's (3 a node),
-and lend the elastic term the fields that belong to any such vector.
+Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's (3 per
+node), and convert between vectors of that kind and the ghosted vectors of the separate fields.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,67 +16,59 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.fem.elements import Element
 from fem_snh.fem.mesh import Mesh
-from fem_snh.fem.numbering import Layout, Space
-
-
-def rigid_motions(comm: MPI.Intracomm, places: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
-    """The six rigid motions of this rank's nodes at ``places`` (n, 3), orthonormal. Collective.
-
-    ``free`` (n, 3) is 0 where they are zero, else 1.
-    """
-    basis = []
-    for axis in np.eye(3):
-        for motion in (np.tile(axis, (len(places), 1)), np.cross(axis, places)):
-            vector = PETSc.Vec().createMPI((places.size, None), bsize=3, comm=comm)
-            vector.array[:] = (motion * free).ravel()
-            basis.append(vector)
-    for i, vector in enumerate(basis):
-        for other in basis[:i]:
-            vector.axpy(-vector.dot(other), other)
-        vector.normalize()
-    return PETSc.NullSpace().create(vectors=basis, comm=comm)
 
 
 class Displacement:
-    """The displacement is unknown: ``x`` is the ghosted vector of the function ``u``."""
+    """The displacement is the only unknown: ``x`` is the ghosted vector of the function ``u``.
+
+    Attributes
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    u : dolfinx Function
+        The displacement [m].
+    x : PETSc.Vec
+        The solver's vector.
+    num_owned_nodes : int
+        Displacement nodes this rank owns.
+    """
 
     def __init__(self, mesh: Mesh, element: Element) -> None:
         self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
         self.u = _dolfinx.function(self.V, "displacement")
         self.x = _dolfinx.petsc_vec(self.u)
-        self.owned, ghosts = _dolfinx.num_nodes(self.V)
-        self.nodes = self.owned + ghosts
+        self.num_owned_nodes = _dolfinx.num_nodes(self.V)[0]
 
-    def layout(self) -> Layout:
-        """How the matrix numbers the unknowns."""
-        return Layout(self.V.mesh.comm, [space(self.V, 3)])
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
+        _update_ghosts(x)
+        return x, None
 
-    def displacement(self, x: PETSc.Vec) -> PETSc.Vec:
-        """The ghosted displacement in ``x``."""
-        x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        return x
+    @contextmanager
+    def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        """Provide zero ghosted vectors (dE/du, dE/dp or None) to add to, and sum them into ``r``.
 
-    def begin_residual(self, r: PETSc.Vec) -> PETSc.Vec:
-        """A ghosted vector, zero, to which the terms add."""
-        with r.localForm() as local:
-            local.set(0.0)
-        return r
-
-    def end_residual(self, r: PETSc.Vec) -> None:
-        """Put what was added, summed over the ranks, into ``r``."""
-        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        Contributions to ghost entries go to the ranks that own them. Collective.
+        """
+        _zero(r)
+        yield r, None
+        _add_ghosts(r)
 
 
 class DisplacementPressure(Displacement):
     """Displacement and pressure are unknown (Taylor-Hood).
 
-    The unknown in ``x`` is pressure / ``scale``, scale = E/L [Pa/m]: it is then a length, as the
-    displacement is, and the residual's other half a force.
+    The unknown in ``x`` is the pressure divided by E/L [Pa/m]: a length, like the displacement, so
+    that both parts of the residual are forces.
 
     Attributes
     ----------
-    Q : the pressure's space; ``pressure`` its ghosted vector, in units of ``scale``.
-    index_sets : {"u": IS, "p": IS}, the unknowns of each in the global numbering.
+    Q : dolfinx function space
+        The pressure's space.
+    pressure : PETSc.Vec
+        Ghosted pressure vector [m], of the vector that was split last.
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the global dofs of each field on this rank.
     """
 
     def __init__(self, mesh: Mesh, element: Element) -> None:
@@ -84,56 +76,56 @@ class DisplacementPressure(Displacement):
         self.Q = _dolfinx.function_space(mesh.domain, element.pressure_degree)
         self.p = _dolfinx.function(self.Q, "pressure")
         self.pressure = _dolfinx.petsc_vec(self.p)
-        self.owned_pressures = _dolfinx.num_nodes(self.Q)[0]
         self._r_u, self._r_p = (_dolfinx.create_vector(space) for space in (self.V, self.Q))
-        self._split = 3 * self.owned
+        self._num_u = 3 * self.num_owned_nodes
+        num_p = _dolfinx.num_nodes(self.Q)[0]
         comm = mesh.domain.comm
-        size = self._split + self.owned_pressures
-        self.x = PETSc.Vec().createMPI((size, None), comm=comm)
+        self.x = PETSc.Vec().createMPI((self._num_u + num_p, None), comm=comm)
         first = self.x.getOwnershipRange()[0]
-        u = PETSc.IS().createStride(self._split, first, 1, comm=comm)
+        u = PETSc.IS().createStride(self._num_u, first, 1, comm=comm)
         u.setBlockSize(3)
-        p = PETSc.IS().createStride(self.owned_pressures, first + self._split, 1, comm=comm)
+        p = PETSc.IS().createStride(num_p, first + self._num_u, 1, comm=comm)
         self.index_sets = {"u": u, "p": p}
 
-    @property
-    def residual_pressure(self) -> PETSc.Vec:
-        """The ghosted vector to which the elastic term adds dE/dp."""
-        return self._r_p
-
-    def layout(self) -> Layout:
-        return Layout(self.V.mesh.comm, [space(self.V, 3), space(self.Q, 1)])
-
-    def displacement(self, x: PETSc.Vec) -> PETSc.Vec:
-        """The ghosted displacement in ``x``; ``pressure`` follows."""
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         values, u = x.array_r, _dolfinx.petsc_vec(self.u)
-        u.array[:] = values[: self._split]
-        self.pressure.array[:] = values[self._split :]
+        u.array[:] = values[: self._num_u]
+        self.pressure.array[:] = values[self._num_u :]
         for vector in (u, self.pressure):
-            vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        return u
+            _update_ghosts(vector)
+        return u, self.pressure
 
-    def begin_residual(self, r: PETSc.Vec) -> PETSc.Vec:
-        super().begin_residual(self._r_p)
-        return super().begin_residual(self._r_u)
-
-    def end_residual(self, r: PETSc.Vec) -> None:
-        super().end_residual(self._r_u)
-        super().end_residual(self._r_p)
-        r.array[: self._split] = self._r_u.array_r
-        r.array[self._split :] = self._r_p.array_r
+    @contextmanager
+    def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        for vector in (self._r_p, self._r_u):
+            _zero(vector)
+        yield self._r_u, self._r_p
+        for vector in (self._r_u, self._r_p):
+            _add_ghosts(vector)
+        r.array[: self._num_u] = self._r_u.array_r
+        r.array[self._num_u :] = self._r_p.array_r
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
-        """The owned pressures in ``x``, to read or to write, in units of ``scale``."""
-        return np.asarray(x.array[self._split :])
+        """Return a view of the pressure dofs [m] that this rank owns in ``x``."""
+        return np.asarray(x.array[self._num_u :])
 
 
-def space(V: Any, size: int) -> Space:
-    """A dolfinx space with ``size`` unknowns a node, as matrices are made for it."""
-    return Space(_dolfinx.node_dofs(V), _dolfinx.num_nodes(V)[0], _dolfinx.local_to_global(V), size)
+def create_unknowns(mesh: Mesh, element: Element) -> Displacement:
+    """Return the unknowns of an element on a mesh."""
+    unknowns = DisplacementPressure if element.volume == "pressure" else Displacement
+    return unknowns(mesh, element)
 
 
-def create(mesh: Mesh, element: Element) -> Displacement:
-    """The unknowns of an element."""
-    kind = DisplacementPressure if element.volume == "pressure" else Displacement
-    return kind(mesh, element)
+def _zero(vector: PETSc.Vec) -> None:
+    with vector.localForm() as local:
+        local.set(0.0)
+
+
+def _update_ghosts(vector: PETSc.Vec) -> None:
+    """Copy owned values to the ghosts of other ranks."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+
+
+def _add_ghosts(vector: PETSc.Vec) -> None:
+    """Add ghost values to those of the ranks that own them."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

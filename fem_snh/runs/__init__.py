@@ -117,10 +117,18 @@ def run(
         meshing, working = perf_counter(), process_time()
         domain = make_mesh(comm, scene, element)
         setting_up = perf_counter()
-        conditions = scene.hold, scene.move, scene.traction, scene.reactions
 
         def made(nu: float) -> Problem:
-            return Problem(domain, element, law(nu), *conditions, eigensolver=scene.eigensolver)
+            return Problem(
+                domain,
+                element,
+                law(nu),
+                hold=scene.hold,
+                move=scene.move,
+                traction=scene.traction,
+                reactions=scene.reactions,
+                eigensolver=scene.eigensolver,
+            )
 
         problem = made(chosen.nu)
         if scene.start:

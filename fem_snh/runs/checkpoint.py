@@ -63,7 +63,7 @@ class Writer:
             "load": problem.load,
             "load_before": before[0] if before else None,
             "size": self._stepper.size,
-            "diagonal": problem.elastic.diagonal,
+            "diagonal": problem.elastic.constrained_diagonal,
         }
         on_root(self._folder.comm, self._write, about, arrays)
 
@@ -130,7 +130,7 @@ class Checkpoint:
                 self._put(field, f"{name}_before", order, before)
         problem.set_load(self.load)
         problem.update_functions()
-        problem.elastic.diagonal = about["diagonal"]
+        problem.elastic.set_constrained_diagonal(about["diagonal"])
         stepper.size = about["size"]
         if before is not None:
             stepper.predictor.before = (about["load_before"], before)

@@ -37,7 +37,7 @@ class Fields:
         """
         if problem.load in self._series.times:
             return
-        fields = problem.fields(problem.x)
+        fields = problem.cell_fields(problem.x)
         values = {
             "J": fields["deformed_volume"] / fields["volume"],
             "energy_density": fields["energy"] / fields["volume"],

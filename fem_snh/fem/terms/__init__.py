@@ -1,12 +1,12 @@
-"""Energy terms of a scene: each an energy with its derivatives, in a file of its own.
+"""Energy terms: each file has one, with its derivatives.
 
-A term has ``name``, ``energy(u)`` [J] and ``add_residual(u, r)``; `Elastic` also has the Jacobian.
-A scene's problem holds the terms the scene names, and no others. `mass_matrix` is what inertia
-brings to eigenfrequencies.
+A problem holds the terms that its scene names, and no others. `Term` is their interface; `Elastic`
+also has the Hessian. `mass_matrix` assembles the mass matrix, for eigenfrequencies.
 """
 
 from fem_snh.fem.terms.elastic import Elastic
 from fem_snh.fem.terms.mass import mass_matrix
+from fem_snh.fem.terms.term import Term
 from fem_snh.fem.terms.traction import Traction
 
-__all__ = ["Elastic", "Traction", "mass_matrix"]
+__all__ = ["Elastic", "Term", "Traction", "mass_matrix"]

@@ -1,10 +1,12 @@
-"""The elastic energy of a displacement: value, derivative and filtered second derivative.
+"""The elastic energy: value, derivative and filtered second derivative.
 
-The compiled cell loops of `fem_snh.kernels` on a dolfinx space, into PETSc vectors and matrices.
+Calls the compiled cell loops of `fem_snh.kernels` on dolfinx spaces, with PETSc vectors and
+matrices.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
@@ -19,7 +21,7 @@ from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.elements import Element
-from fem_snh.fem.numbering import Layout
+from fem_snh.fem.numbering import MixedDofMap, dof_map
 from fem_snh.kernels import build
 from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
 from fem_snh.kernels.element_energy import element_energy
@@ -28,14 +30,179 @@ from fem_snh.kernels.pointwise import Material
 Array = npt.NDArray[Any]
 
 
-def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> ElementTables:
-    """Basis, geometry and quadrature of ``element`` on this rank's cells of the space V.
+class Elastic:
+    r"""The elastic energy of a material on a finite element space, and its derivatives. Collective.
 
-    Q is the pressure's space if it has one, its basis functions multiplied by ``scale``.
+    .. math:: E(u) = \int_\Omega \psi(I + \nabla u) \, \mathrm{d}V
+
+    Rows and columns of the Hessian that belong to constrained dofs are zero but for one positive
+    number on the diagonal, the same for all: the mean of the free diagonal entries of the first
+    Hessian.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    element : Element
+        Quadrature and volume treatment.
+    material : Material
+        The energy density psi.
+    constrained : (local nodes, 3) bool, optional
+        Constrained components of the displacement, ghost nodes included. Default: none.
+    Q : dolfinx function space, optional
+        The space of an unknown pressure, in which the energy is stationary, not minimal.
+    pressure_scale : float, optional
+        Unit of the pressure unknown [Pa/m].
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        The matrix that `jacobian` fills.
+    element_energy : ElementEnergy
+        The energy density, with the volume term apart where the element treats it separately.
+    jit_seconds : float
+        Time spent generating and compiling C.
+    shape : tuple of int
+        (cells of this rank, nodes per cell).
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a material that the element's volume treatment does not support.
+    """
+
+    name = "elastic"
+
+    def __init__(
+        self,
+        V: Any,
+        element: Element,
+        material: Material,
+        constrained: Array | None = None,
+        Q: Any = None,
+        pressure_scale: float = 1.0,
+    ) -> None:
+        self._comm = V.mesh.comm
+        tables = element_tables(V, element, Q, pressure_scale)
+        start = perf_counter()
+        self.element_energy = element_energy(material.expression, element.volume)
+        source = cell_loops_source(self.element_energy, tables)
+        library = on_root(self._comm, build.library, source)
+        self.jit_seconds = perf_counter() - start
+        self._loops = CellLoops(library, self.element_energy, tables)
+        self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
+
+        owned, ghosts = _dolfinx.num_nodes(V)
+        if constrained is None:
+            constrained = np.zeros((owned + ghosts, 3), dtype=bool)
+        self._constrained_dofs = np.flatnonzero(constrained[:owned])
+        self._num_u = 3 * owned
+        spaces = [dof_map(V, 3)] if Q is None else [dof_map(V, 3), dof_map(Q, 1)]
+        self._block_matrix = BlockMatrix(MixedDofMap(self._comm, spaces))
+        self.matrix = self._block_matrix.mat
+        self._target = self._create_target(constrained, tables.nodes)
+        self._constrained_diagonal: float | None = None
+        self._diagonal_vec: PETSc.Vec | None = None
+
+    def _create_target(self, constrained: Array, cell_nodes: Array) -> Any:
+        """Return the C struct that tells the cell loops where element matrices are added."""
+        strides, positions = self._block_matrix.row_strides, self._block_matrix.block_positions
+        free = np.where(constrained, 0.0, 1.0)
+        constrained_cells = constrained[cell_nodes].any(axis=(1, 2)).astype(np.uint8)
+        # The struct has pointers to these arrays, which must live as long.
+        self._target_arrays = (*strides, positions, free, constrained_cells)
+        return self._loops.target(strides, positions, free, constrained_cells)
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy [J]; +inf where u is outside the energy's domain. Collective."""
+        local = self._loops.energy(_local(u), _if_any(_local, p))
+        return float(self._comm.allreduce(local, op=MPI.SUM))
+
+    def add_residual(
+        self,
+        u: PETSc.Vec,
+        p: PETSc.Vec | None,
+        r_u: PETSc.Vec,
+        r_p: PETSc.Vec | None,
+    ) -> None:
+        """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
+        self._loops.residual(_local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p))
+
+    def jacobian(
+        self,
+        u: PETSc.Vec,
+        p: PETSc.Vec | None = None,
+        filter: str = "exact",
+        eigensolver: str = EIGENSOLVERS[0],
+    ) -> int:
+        """Fill ``matrix`` with the filtered Hessian d2E/du2 [N/m]. Collective.
+
+        Parameters
+        ----------
+        u, p : PETSc.Vec
+            Ghosted displacement [m] and pressure; the ghosts must be current.
+        filter : {"exact", "clamp", "abs"}
+            What becomes of negative eigenvalues at each quadrature point.
+        eigensolver : str
+            Solver for the 3x3 scaling block, one of `fem_snh.choices.EIGENSOLVERS`.
+
+        Returns
+        -------
+        int
+            The number of filtered quadrature points, on all ranks.
+        """
+        filter_index = FILTERS.index(choose("filter", filter, FILTERS))
+        solver_index = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        with self._block_matrix.value_addresses() as addresses:
+            for k, address in enumerate(addresses):
+                self._target.values[k] = self._loops.address(address)
+            filtered = self._loops.jacobian(
+                _local(u), filter_index, solver_index, self._target, _if_any(_local, p)
+            )
+        self._add_constrained_diagonal()
+        return int(self._comm.allreduce(filtered))
+
+    @property
+    def constrained_diagonal(self) -> float | None:
+        """The diagonal entry of constrained dofs [N/m]; None before the first Hessian."""
+        return self._constrained_diagonal
+
+    def set_constrained_diagonal(self, value: float | None) -> None:
+        """Set the diagonal entry of constrained dofs [N/m] from the next Hessian on.
+
+        With None the next Hessian determines it.
+        """
+        self._constrained_diagonal, self._diagonal_vec = value, None
+
+    def _add_constrained_diagonal(self) -> None:
+        """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
+        if self._diagonal_vec is None:
+            self._diagonal_vec = self.matrix.getDiagonal()
+            values = self._diagonal_vec.array
+            if self._constrained_diagonal is None:
+                free = np.delete(values[: self._num_u], self._constrained_dofs)
+                local = np.array([np.abs(free).sum(), len(free)])
+                total, count = self._comm.allreduce(local)
+                self._constrained_diagonal = float(total / max(count, 1)) or 1.0
+            values[:] = 0.0
+            values[self._constrained_dofs] = self._constrained_diagonal
+        self.matrix.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
+
+    def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
+        """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
+        return self._loops.fields(_local(u), _if_any(_local, p))
+
+
+def element_tables(
+    V: Any, element: Element, Q: Any = None, pressure_scale: float = 1.0
+) -> ElementTables:
+    """Return basis, geometry and quadrature of ``element`` on this rank's cells of V.
+
+    With a pressure space Q, its basis functions are multiplied by ``pressure_scale``.
     """
     domain = V.mesh
     points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
-    made = (
+    tables = (
         _dolfinx.node_dofs(V),
         _dolfinx.geometry_dofs(domain),
         _dolfinx.geometry_x(domain),
@@ -45,110 +212,23 @@ def tables(V: Any, element: Element, Q: Any = None, scale: float = 1.0) -> Eleme
         element.volume,
     )
     if Q is None:
-        return ElementTables(*made)
-    basis = _dolfinx.tabulate_values(Q, points)
-    return ElementTables(*made, _dolfinx.node_dofs(Q), scale * basis)
+        return ElementTables(*tables)
+    basis = pressure_scale * _dolfinx.tabulate_values(Q, points)
+    return ElementTables(*tables, _dolfinx.node_dofs(Q), basis)
 
 
-class Elastic:
-    """The elastic energy of ``material`` on the space V [J], and its derivatives. Collective.
-
-    ``free`` (local nodes, 3) is 0 where the displacement is prescribed: rows and columns of the
-    Jacobian are zero there but for a positive diagonal. It is set before `create_matrix`.
-
-    ``diagonal`` is that positive number [N/m], of the first Jacobian; None before there is one.
-
-    With a space Q of an unknown pressure (in units of ``scale`` [Pa]) the energy is stationary in
-    it, not least; ``pressure`` and ``residual_pressure`` are then its ghosted vectors.
-
-    Raises BadInput for a material that the element's volume treatment cannot take.
-    """
-
-    name = "elastic"
-
-    def __init__(
-        self, V: Any, element: Element, material: Material, Q: Any = None, scale: float = 1.0
-    ) -> None:
-        self.V, self.comm = V, V.mesh.comm
-        made = tables(V, element, Q, scale)
-        start = perf_counter()
-        self.law = law = element_energy(
-            material.expression, element.volume
-        )  # codegen, compilation's share
-        path = on_root(self.comm, build.library, cell_loops_source(law, made))  # compiled once
-        self.jit_seconds = perf_counter() - start
-        self.loops = CellLoops(path, law, made)
-        self._nodes = made.nodes
-        self._owned, ghosts = _dolfinx.num_nodes(V)
-        self.free = np.ones((self._owned + ghosts, 3))
-        self.pressure: PETSc.Vec | None = None
-        self.residual_pressure: PETSc.Vec | None = None
-        self._target: Any = None
-        self.diagonal: float | None = None
-        self._held: PETSc.Vec | None = None  # that number where the displacement is prescribed
-
-    def create_matrix(self, layout: Layout) -> PETSc.Mat:
-        """The matrix that `jacobian` fills, made once. Collective."""
-        self._blocks = BlockMatrix(layout)
-        constrained = (self.free[self._nodes] == 0).any(axis=(1, 2)).astype(np.uint8)
-        self._arrays = [*self._blocks.strides, self._blocks.position, self.free, constrained]
-        self._target = self.loops.target(self._blocks.strides, *self._arrays[3:])
-        return self._blocks.petsc
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(cells of this rank, nodes of a cell)."""
-        return self._nodes.shape[0], self._nodes.shape[1]
-
-    def energy(self, u: PETSc.Vec) -> float:
-        """The integral of psi [J]; +inf where u is outside the energy's domain."""
-        with u.localForm() as local:
-            return self.comm.allreduce(self.loops.energy(local.array_r, self._p()), op=MPI.SUM)
-
-    def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """r += dE/du [N], at ghost nodes too; u's ghosts must be current."""
-        r_p = None if self.residual_pressure is None else _all(self.residual_pressure)
-        with u.localForm() as local_u, r.localForm() as local_r:
-            self.loops.residual(local_u.array_r, local_r.array, self._p(), r_p)
-
-    def jacobian(
-        self, u: PETSc.Vec, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
-    ) -> int:
-        """Fill the matrix with the filtered d2E/du2 [N/m]; the number of points filtered."""
-        which = FILTERS.index(choose("filter", filter, FILTERS))
-        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
-        with u.localForm() as local, self._blocks.values() as addresses:
-            for k, address in enumerate(addresses):
-                self._target.values[k] = self.loops.address(address)
-            negative = self.loops.jacobian(local.array_r, which, solver, self._target, self._p())
-        self._set_diagonal()
-        return int(self.comm.allreduce(negative))
-
-    def _p(self) -> Array | None:
-        return None if self.pressure is None else _all(self.pressure)
-
-    def _set_diagonal(self) -> None:
-        """A typical stiffness on the diagonal of prescribed components, which is zero."""
-        A = self._blocks.petsc
-        if self._held is None:
-            self._held = A.getDiagonal()
-            held = self.free[: self._owned].ravel() == 0
-            mine = self._held.array[: len(held)]  # the displacement's; a pressure's come after
-            if self.diagonal is None:
-                free = mine[~held]
-                total, count = self.comm.allreduce(np.array([np.abs(free).sum(), len(free)]))
-                self.diagonal = float(total / max(count, 1)) or 1.0
-            self._held.array[:] = 0.0
-            self._held.array[: len(held)][held] = self.diagonal
-        A.setDiagonal(self._held, addv=PETSc.InsertMode.ADD)
-
-    def fields(self, u: PETSc.Vec) -> dict[str, Array]:
-        """Per owned cell: volumes [m^3], smallest J, energy [J], smallest eigenvalue [Pa]."""
-        with u.localForm() as local:
-            return self.loops.fields(local.array_r, self._p())
+def _local(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to read, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array_r)
 
 
-def _all(vector: PETSc.Vec) -> Array:
-    """A ghosted vector's values, ghosts included."""
+def _writable(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to write, ghosts included."""
     with vector.localForm() as local:
         return np.asarray(local.array)
+
+
+def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:
+    """Return the values of a vector that only an unknown pressure has."""
+    return None if vector is None else values(vector)

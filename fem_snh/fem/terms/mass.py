@@ -1,4 +1,4 @@
-"""Inertia: so far the mass matrix, for eigenfrequencies."""
+"""The mass matrix."""
 
 from __future__ import annotations
 
@@ -13,7 +13,15 @@ from fem_snh import _dolfinx
 
 
 def mass_matrix(V: Any, density: float) -> PETSc.Mat:
-    """The consistent mass matrix [kg] of the space V for a density [kg/m^3]. Collective."""
+    """Return the consistent mass matrix [kg] of the space V. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    density : float
+        Mass per reference volume [kg/m^3].
+    """
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     rho = _dolfinx.constant(V.mesh, np.array(density))
     form = _dolfinx.form(rho * ufl.inner(u, v) * ufl.dx)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
 
 from petsc4py import PETSc
 
@@ -14,37 +14,68 @@ from fem_snh.errors import BadInput
 from fem_snh.fem.mesh import Mesh
 
 
+class SurfaceLoad(Protocol):
+    """A force per reference area on a physical group."""
+
+    @property
+    def group(self) -> str | int:
+        """Name or number of the physical group."""
+
+    @property
+    def vector(self) -> Sequence[float]:
+        """The (3,) force per reference area [Pa]."""
+
+
 class Traction:
-    """Tractions per reference area, scaled by the load: E = -load * integral of t . u.
+    r"""Dead loads, scaled by the load parameter.
+
+    .. math:: E = -\lambda \sum_i \int_{\Gamma_i} t_i \cdot u \, \mathrm{d}A
 
     Parameters
     ----------
-    loads : (group, vector [Pa]) pairs; a group is a surface of ``mesh``.
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        The mesh whose physical groups the loads name.
+    loads : iterable of SurfaceLoad
+        The tractions t_i [Pa] on the surfaces Gamma_i.
 
-    Raises BadInput for a group that is no surface.
+    Attributes
+    ----------
+    load : float
+        The load parameter lambda, 0 to 1.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown or not a surface.
     """
 
     name = "traction"
 
-    def __init__(self, V: Any, mesh: Mesh, loads: Iterable[tuple[str | int, Any]]) -> None:
+    def __init__(self, V: Any, mesh: Mesh, loads: Iterable[SurfaceLoad]) -> None:
         self.load = 0.0
         self._force = _dolfinx.create_vector(V)
         test = ufl.TestFunction(V)
         part = self._force.duplicate()
-        for key, vector in loads:
-            group = mesh.group(key)
+        for load in loads:
+            group = mesh.group(load.group)
             if group.dim != 2:
-                raise BadInput(f"traction on '{key}': it must be a surface, not a {group.label}")
+                raise BadInput(
+                    f"traction.group = '{load.group}': expected a surface, not a {group.label}"
+                )
             ds = _dolfinx.surface_measure(mesh.domain, group.entities)
-            term = ufl.inner(_dolfinx.constant(mesh.domain, vector), test) * ds
-            # A form each: UFL takes one set of marked facets a form.
-            _dolfinx.assemble_vector(part, _dolfinx.form(term))
+            integral = ufl.inner(_dolfinx.constant(mesh.domain, load.vector), test) * ds
+            # One form per load: UFL accepts one set of marked facets per form.
+            _dolfinx.assemble_vector(part, _dolfinx.form(integral))
             self._force.axpy(1.0, part)
 
-    def energy(self, u: PETSc.Vec) -> float:
-        """-load * f . u [J]."""
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return -load * f . u [J], f the integral of the tractions. Collective."""
         return -self.load * float(self._force.dot(u))
 
-    def add_residual(self, u: PETSc.Vec, r: PETSc.Vec) -> None:
-        """r -= load * f [N], at owned nodes."""
-        r.array[:] -= self.load * self._force.array_r
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Subtract load * f [N] from the owned entries of ``r_u``."""
+        r_u.array[:] -= self.load * self._force.array_r

@@ -1,0 +1,64 @@
+"""The sparsity pattern of a matrix of blocks, and the offset of each block in its value array."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_matrix
+
+Array = npt.NDArray[Any]
+
+
+class BlockSparsity:
+    """A CSR pattern of blocks whose values are stored row by row of unknowns, as in AIJ.
+
+    Parameters
+    ----------
+    rows, columns : (n,) int
+        Row and column of each block; a pair may occur several times.
+    row_sizes, column_sizes : (block rows,), (block columns,) int
+        Unknowns of each block row and of each block column.
+
+    Attributes
+    ----------
+    indptr, indices : int arrays
+        The CSR pattern of blocks, columns sorted.
+    row_sizes : (block rows,) int
+        As given.
+    row_lengths : (block rows,) int
+        Values in one row of unknowns of each block row: the stride between rows of a block.
+    row_offsets : (block rows + 1,) int
+        Offset of each block row's first value.
+    """
+
+    def __init__(self, rows: Array, columns: Array, row_sizes: Array, column_sizes: Array) -> None:
+        shape = (len(row_sizes), len(column_sizes))
+        self._csr = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=shape)
+        self._csr.sum_duplicates()
+        self._csr.data = np.arange(self._csr.nnz, dtype=np.int64)
+        self.indptr, self.indices = self._csr.indptr, self._csr.indices
+        self.row_sizes = row_sizes
+        before = np.concatenate([[0], np.cumsum(column_sizes[self.indices], dtype=np.int64)])
+        row_start = before[self.indptr[:-1]]
+        self.row_lengths = before[self.indptr[1:]] - row_start
+        self.row_offsets = np.concatenate([[0], np.cumsum(row_sizes * self.row_lengths)])
+        self._offset_in_row = before[:-1] - np.repeat(row_start, np.diff(self.indptr))
+
+    def block_rows(self) -> Array:
+        """Return the block row of each block of the pattern."""
+        return np.repeat(np.arange(len(self.row_sizes)), np.diff(self.indptr))
+
+    def offsets(self, rows: Array, columns: Array) -> Array:
+        """Return the offset of the first value of each of these blocks in the value array."""
+        if not len(rows):
+            return np.empty(0, np.int64)
+        block = np.asarray(self._csr[rows, columns]).ravel()
+        return self.row_offsets[rows] + self._offset_in_row[block]
+
+
+def concatenated_ranges(starts: Array, lengths: Array) -> Array:
+    """Return the concatenation of the ranges starts[i], ..., starts[i] + lengths[i] - 1."""
+    ends = np.cumsum(lengths)
+    return np.repeat(starts - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)

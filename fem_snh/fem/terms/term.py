@@ -1,0 +1,28 @@
+"""The interface of an energy term."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from petsc4py import PETSc
+
+
+class Term(Protocol):
+    """A part of a problem's energy, with its derivative.
+
+    ``u`` and ``p`` are the ghosted vectors of the displacement and of the pressure, ``r_u`` and
+    ``r_p`` those of the derivatives with respect to them. Without an unknown pressure ``p`` and
+    ``r_p`` are None.
+    """
+
+    @property
+    def name(self) -> str:
+        """The term's name in run.json."""
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None) -> float:
+        """Return the term's energy [J], summed over the ranks. Collective."""
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add dE/du to ``r_u`` and dE/dp to ``r_p``."""
