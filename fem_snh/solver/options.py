@@ -50,7 +50,9 @@ OPTIONS: dict[str, Option] = {
         DEFAULT_HESSIAN, "Hessian: exact, clamp, abs or adaptive", "Teran et al. 2005 (clamp)"
     ),
     "snes_globalization": Option(
-        "linesearch", "linesearch or trust_region", f"{_NW}, chapters 3 and 4"
+        "linesearch",
+        "linesearch or trust_region, the default of a minimisation problem",
+        f"{_NW}, chapters 3 and 4",
     ),
     "snes_adaptive_filter": Option(
         "clamp", "filter that adaptive falls back to: clamp or abs", _TWIST
@@ -73,7 +75,9 @@ OPTIONS: dict[str, Option] = {
         1e-10, "shortest step of the line search", "PETSc's -snes_linesearch_minlambda"
     ),
     "snes_lbfgs_max_it": Option(
-        0.0, "L-BFGS iterations after a Newton step, at most", f"{_NW}, alg. 7.4"
+        0.0,
+        "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region",
+        f"{_NW}, alg. 7.5",
     ),
     "snes_lbfgs_rtol": Option(
         0.1, "L-BFGS iterations end once the residual has fallen by this factor", _TWIST

@@ -1,0 +1,79 @@
+"""Problems and solves that the tests of the solver share."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+import numpy as np
+from bodies import Condition, Hold, cube, problem, put, wave
+
+from fem_snh import solver
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+
+#: The trust region, entered where the filtered steps make little progress.
+TRUST = {"hessian": "adaptive", "globalization": "trust_region"}
+
+
+@contextmanager
+def options(**values):
+    """PETSc options under the solver's prefix, None for a flag."""
+    database = PETSc.Options(solver.PREFIX)
+    for key, value in values.items():
+        database.setValue(key, value)
+    try:
+        yield
+    finally:
+        for key in values:
+            database.delValue(key)
+
+
+#: What keeps the symmetry of a state, and so finds the unstable ones.
+SYMMETRIC = {
+    "ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"
+}  # fmt: skip
+
+
+def rotation(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def turned(angle, size=1.0):
+    """The top turns about the vertical axis through the middle."""
+    middle = size * np.array([0.5, 0.5, 0])
+
+    def displacement(X, load):
+        return (X - middle) @ (rotation(load * angle).T - np.eye(3))
+
+    return displacement
+
+
+def twist(comm, element="Q1", law="stable_neo_hookean", cells=3, angle=0.6, size=1.0, **kwargs):
+    body = cube(comm, ELEMENTS[element].cell, cells, 0.03, size)
+    move = [Condition("top", turned(angle, size))]
+    return problem(body, element, law, hold=[Hold("bottom")], move=move, **kwargs)
+
+
+def solve(p, predictor="none", hessian="adaptive", globalization="linesearch"):
+    """One load step: (snes, its context)."""
+    snes = solver.create(p, hessian, globalization)
+    solver.Predictor(p, snes, predictor).predict(1.0)
+    snes.solve(None, p.x)
+    return snes, snes.getPythonContext()
+
+
+def half_turn(comm, cells, noise=0.0):
+    """The paper's cube, its top turned by half a turn, nu = 0.3: it folds in many ways."""
+    p = Problem(
+        cube(comm, "hexahedron", cells),
+        ELEMENTS["Q1"],
+        material("stable_neo_hookean", nu=0.3),
+        hold=[Hold("bottom")],
+        move=[Condition("top", turned(np.pi))],
+    )
+    put(p, wave(noise))
+    return p

@@ -1,0 +1,146 @@
+"""The choice of Hessian and globalization: defaults, the alias ``trust``, thresholds."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from bodies import Hold, cube
+from solver_problems import TRUST, half_turn, options, solve, twist
+
+from fem_snh import scenes, solver
+from fem_snh.choices import HESSIANS
+from fem_snh.errors import BadInput, RenamedKey
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+from fem_snh.solver.options import OPTIONS
+
+mpi = pytest.mark.mpi
+
+
+def choices(snes):
+    """The Hessian and the globalization of a solver."""
+    used = snes.getPythonContext().options
+    return {key: used[f"snes_{key}"] for key in ("hessian", "globalization")}
+
+
+def note(comm):
+    """Expect the note of the alias on rank 0."""
+    named = "'hessian = trust' is accepted and now called 'hessian = adaptive, globalization = t"
+    return pytest.warns(RenamedKey, match=named) if comm.rank == 0 else nullcontext()
+
+
+@pytest.mark.parametrize(
+    "element, name, expected",
+    [
+        ("Q1", "stable_neo_hookean", "trust_region"),
+        ("Q2Q1", "stable_neo_hookean", "linesearch"),
+        ("Q1", "filtered_neo_hookean", "linesearch"),
+    ],
+)
+def test_default_globalization_depends_on_the_problem(comm, element, name, expected):
+    law = material(name, nu=0.4)
+    p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], law, hold=[Hold("left")])
+    assert solver.default_globalization(p) == expected
+    assert choices(solver.create(p)) == {"hessian": "adaptive", "globalization": expected}
+
+
+@mpi
+def test_alias_is_accepted_with_a_note(comm):
+    p = twist(comm, cells=1)
+    with note(comm):
+        assert choices(solver.create(p, "trust")) == TRUST
+    with options(snes_hessian="trust"), note(comm):
+        assert choices(solver.create(p, "clamp", "linesearch")) == TRUST
+    with pytest.raises(BadInput, match=r"globalization = 'linesearch': expected 'trust_region'"):
+        solver.create(p, "trust", "linesearch")
+
+
+def test_alias_in_a_scene():
+    with pytest.warns(RenamedKey, match="hessian = trust"):
+        scene = scenes.load("twist", hessian="trust")
+    assert {"hessian": scene.hessian, "globalization": scene.globalization} == TRUST
+    with pytest.raises(BadInput, match=r"globalization = 'linesearch': expected 'trust_region'"):
+        scenes.load("twist", hessian="trust", globalization="linesearch")
+    with pytest.raises(BadInput, match=r"globalization = 'trust_regon': .*did you mean 'trust_reg"):
+        scenes.load("twist", globalization="trust_regon")
+
+
+@mpi
+def test_options_come_before_arguments(comm):
+    p = twist(comm, cells=1)
+    with options(snes_globalization="linesearch"), warnings.catch_warnings():
+        warnings.simplefilter("error", RenamedKey)
+        snes = solver.create(p, "abs", "trust_region")
+    assert choices(snes) == {"hessian": "abs", "globalization": "linesearch"}
+    assert snes.getPythonContext().trust_ksp is None
+    with options(snes_globalization="trust_regon"), pytest.raises(BadInput, match="trust_regon"):
+        solver.create(p)
+
+
+@mpi
+@pytest.mark.parametrize("hessian", HESSIANS)
+def test_trust_region_with_every_hessian(comm, hessian):
+    """The twist by half a turn in one step: all of them enter the region, and converge."""
+    p = half_turn(comm, 6)
+    with options(snes_forcing_max=5e-3, snes_max_it=60):
+        snes, context = solve(p, hessian=hessian, globalization="trust_region")
+    history = context.history
+    assert snes.getConvergedReason() > 0
+    assert any(i.filter == "trust_region" for i in history)
+    energies = [i.energy for i in history] + [p.energy(p.x)]
+    assert (np.diff(energies) <= 1e-12).all()
+    # The exact Hessian is indefinite at the start: adaptive falls back to clamp, and exact enters
+    # the region, whose first step has no radius yet.
+    first = {"exact": "clamp", "clamp": "clamp", "abs": "abs", "adaptive": "clamp"}
+    assert history[0].filter == first[hessian]
+
+
+@mpi
+def test_trust_region_is_entered_where_exact_gives_no_descent_direction(comm):
+    ends = {}
+    for globalization in ("linesearch", "trust_region"):
+        snes, context = solve(twist(comm, angle=1.2), "none", "exact", globalization)
+        ends[globalization] = solver.converged_reason(snes)
+    assert ends == {"linesearch": "DIVERGED_LINEAR_SOLVE", "trust_region": "CONVERGED_FNORM_ABS"}
+    assert all(i.step > 0 and i.linear > 0 for i in context.history)
+
+
+@mpi
+def test_thresholds_decide_when_the_region_is_entered(comm):
+    used = {}
+    for decrease in (0.0, 1.0):
+        p = half_turn(comm, 4)
+        with options(
+            snes_tr_enter_decrease=decrease, snes_tr_enter_residual=0.0, snes_forcing_max=5e-3
+        ):
+            _, context = solve(p, **TRUST)
+        used[decrease] = [i.lbfgs > 0 for i in context.history]
+    assert not any(used[0.0])
+    assert any(used[1.0][:5])
+
+
+@mpi
+@pytest.mark.parametrize("radius", [1e-3, 1e3])
+def test_initial_radius_and_largest_radius(comm, radius):
+    """Newton's method converges whatever they are."""
+    p = half_turn(comm, 4)
+    with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
+        snes, _ = solve(p, **TRUST)
+    assert snes.getConvergedReason() > 0
+
+
+def test_old_option_is_refused(comm):
+    p = twist(comm, cells=1)
+    with options(snes_corrections=5), pytest.raises(BadInput, match="'snes_lbfgs_max_it'"):
+        solver.create(p)
+
+
+def test_every_option_has_a_meaning_and_an_origin():
+    assert all(option.meaning and option.origin for option in OPTIONS.values())
+    assert {"snes_tr_eta1", "snes_tr_eta2", "snes_tr_eta3", "snes_tr_t1", "snes_tr_t2"} < set(
+        OPTIONS
+    )

@@ -1,0 +1,193 @@
+"""The line search, of functions of one unknown and of real problems."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import Force, Hold, cube, problem, put, wave
+from solver_problems import (
+    options,
+    solve,
+    twist,
+)
+
+from fem_snh import solver
+from fem_snh.runs import run
+from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.step import State
+
+mpi = pytest.mark.mpi
+
+
+@dataclass
+class Scalar:
+    """An energy of one unknown, in place of a SNES."""
+
+    energy: object
+    slope: object
+    calls: int = 0
+
+    def computeObjective(self, x):
+        self.calls += 1
+        return self.energy(x.array[0])
+
+    def computeFunction(self, x, f):
+        f.array[0] = self.slope(x.array[0])
+
+
+def search(energy, slope, x, d, scale=0.0):
+    """(what `LineSearch.search` found, its trial point, its residual there, energies asked for)."""
+    vectors = [PETSc.Vec().createSeq(1, comm=PETSc.COMM_SELF) for _ in range(5)]
+    at, residual, along, trial, f_trial = vectors
+    at.set(x)
+    along.set(d)
+    snes, end = Scalar(energy, slope), State(trial, f_trial)
+    line = LineSearch(snes, energy_scale=scale)
+    step = line.search(State(at, residual, energy(x)), along, slope(x) * d, end)
+    found = step.end and (step.length, step.end.energy)
+    return found, trial.array[0], f_trial.array[0], snes.calls
+
+
+def test_full_step_where_newton_is_right():
+    found, at, f, calls = search(lambda x: x**2, lambda x: 2 * x, 1.0, -1.0)
+    assert found == (1.0, 0.0) and at == 0 and f == 0 and calls == 1
+
+
+def test_backtracks_to_the_minimum_of_the_parabola():
+    found, at, _, calls = search(lambda x: x**2, lambda x: 2 * x, 1.0, -4.0)
+    assert found == pytest.approx((0.25, 0.0), abs=1e-15) and at == pytest.approx(0) and calls == 2
+
+
+def test_infinite_energy_backtracks():
+    def energy(x):
+        return x - np.log(x) if x > 0 else np.inf
+
+    (step, there), at, f, _ = search(energy, lambda x: 1 - 1 / x, 4.0, -16.0)
+    assert step < 0.25 and at > 0 and there < energy(4.0) and np.isfinite(f)
+
+
+def test_nan_energy_backtracks():
+    (step, _), at, _, _ = search(lambda x: x**2 if x > -0.1 else np.nan, lambda x: 2 * x, 1.0, -4.0)
+    assert step <= 0.25 and at > -0.1
+
+
+def test_full_step_is_extended_where_the_energy_still_decreases():
+    """A Hessian 2.5 times too stiff; the slope's secant finds the minimum."""
+    (step, there), at, f, _ = search(lambda x: x**2, lambda x: 2 * x, 1.0, -0.4)
+    assert step == pytest.approx(2.5) and at == pytest.approx(0) and f == pytest.approx(0)
+    assert there == pytest.approx(0)
+
+
+def test_extension_is_limited_to_three_and_to_a_decreasing_energy():
+    (step, _), *_ = search(lambda x: x**2, lambda x: 2 * x, 1.0, -0.01)
+    assert step == 3.0
+
+    def cliff(x):
+        return x**2 if x > 0.5 else np.inf
+
+    (step, there), at, f, _ = search(cliff, lambda x: 2 * x, 1.0, -0.4)
+    assert (step, there, at, f) == (1.0, pytest.approx(0.36), 0.6, pytest.approx(1.2))
+
+
+def test_slopes_decide_where_the_energy_is_constant_in_floating_point():
+    """1e6 + x^2: from 1e-6 on the energy is one number, the slope still knows."""
+    (step, _), at, f, _ = search(lambda x: 1e6 + x**2, lambda x: 2 * x, 1e-6, -1e-6)
+    assert step == 1.0 and abs(f) < 1e-12 and at == 0
+    # A step that goes as far on the other side is not accepted, though the energy would let it.
+    (step, _), at, _, _ = search(lambda x: 1e6 + x**2, lambda x: 2 * x, 1e-6, -4e-6)
+    assert step < 1.0 and abs(at) < 1e-6
+
+
+def test_energy_scale_bounds_the_rounding_of_a_small_energy():
+    """Energies of small strains are differences of large numbers: noise is relative to those."""
+    noise = iter([0.0, 3e-17, 3e-17, 3e-17, 3e-17, *[3e-17] * 50])
+
+    def energy(x):
+        return x**2 + next(noise)
+
+    (step, _), *_ = search(energy, lambda x: 2 * x, 1e-10, -1e-10, scale=1.0)
+    assert step == 1.0
+
+
+def test_no_step_without_descent():
+    """The slope lies: the energy rises at once."""
+    found, *_ = search(lambda x: -x, lambda x: 1.0, 1.0, -1.0)
+    assert found is None
+
+
+@mpi
+def test_steps_out_of_the_domain_are_backtracked(comm):
+    """A traction that full Newton steps overshoot: neo_hookean never sees J <= 0."""
+    body = cube(comm, "hexahedron", 2)
+    p = problem(
+        body, "Q1", "neo_hookean", hold=[Hold("left")], traction=[Force("right", (-0.8, 0, 0))]
+    )
+    snes, context = solve(p, hessian="clamp")
+    assert snes.getConvergedReason() > 0
+    assert p.measures(p.x)["min_J"] > 0
+    assert min(i.step for i in context.history) < 1
+
+
+@mpi
+def test_start_outside_the_domain_is_reported(comm):
+    p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=[Hold("left")])
+    put(p, wave(2.0))
+    snes = solver.create(p)
+    snes.solve(None, p.x)
+    assert solver.converged_reason(snes) == "DIVERGED_FUNCTION_DOMAIN"
+    assert not np.isfinite(snes.getFunctionNorm()) and snes.getIterationNumber() == 0
+    assert snes.getPythonContext().history == []
+
+
+@mpi
+@pytest.mark.parametrize("hessian", ["exact", "adaptive", "clamp"])
+@pytest.mark.parametrize("angle", [1e-5, 0.3])
+def test_tight_tolerances_are_reached_where_energies_no_longer_change(comm, hessian, angle):
+    """1e-12 of E V^(2/3); the energy has stopped changing in floating point long before."""
+    p = twist(comm, cells=2, angle=angle)
+    with options(snes_scaled_tol=1e-13 if angle < 0.1 else 1e-12, ksp_rtol=1e-6):
+        snes, context = solve(p, hessian=hessian, predictor="tangent")
+    assert solver.converged_reason(snes) == "CONVERGED_FNORM_ABS"
+    assert all(i.step > 1e-3 for i in context.history)
+
+
+@mpi
+@pytest.mark.parametrize("hessian", ["clamp", "adaptive"])
+def test_line_search_is_on_the_residual_without_an_energy(hessian):
+    """Where no stretch is below the threshold the filtered stress is the plain one: same states."""
+    states = []
+    for name in ("filtered_neo_hookean", "neo_hookean"):
+        result = run(
+            "stretch", material=name, cells=4, steps=4, stretch=2.0, nu=0.45,
+            hessian=hessian, progress=False,
+        )  # fmt: skip
+        assert result.converged
+        states.append(result)
+    filtered, plain = states
+    assert len(filtered.steps) == 4
+    assert all(step["energy"] is None for step in filtered.steps)
+    for a, b in zip(filtered.steps, plain.steps, strict=True):
+        assert a["volume_ratio"] == pytest.approx(b["volume_ratio"], abs=1e-7)
+        assert a["residual"] <= 1e-7 * filtered.problem.force_scale
+    difference = filtered.problem.x - plain.problem.x
+    assert difference.norm() <= 1e-5 * plain.problem.x.norm()
+
+
+@mpi
+@pytest.mark.parametrize("name", ["filtered_neo_hookean", "neo_hookean"])
+def test_a_filtered_stress_survives_inversion(name):
+    """A face jumps through the other: the plain energy is infinite, the filtered stress goes on."""
+    result = run(
+        "pull", material=name, cells=3, steps=1, hessian="clamp", predictor="none", progress=False,
+        petsc={"snes_max_it": 400}, **{"move.0.translate": [-1.1, 0.0, 0.0]},
+    )  # fmt: skip
+    first = result.steps[0]
+    if name == "neo_hookean":
+        assert first["reason"] == "DIVERGED_FUNCTION_DOMAIN"
+    else:
+        assert result.converged and len(result.steps) == 1
+        assert first["newton"] > 5

@@ -1,0 +1,192 @@
+"""PETSc's options, monitors, views, tolerances and errors of the SNES."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold, problem, put
+from solver_problems import (
+    SYMMETRIC,
+    options,
+    solve,
+    twist,
+)
+
+from fem_snh import solver
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+
+mpi = pytest.mark.mpi
+
+
+def printed(capfd, comm):
+    """What PETSc has printed, on rank 0."""
+    PETSc.Sys.syncFlush(comm=comm)
+    comm.barrier()
+    return capfd.readouterr().out
+
+
+@mpi
+def test_monitor_and_converged_reason_print_as_petsc_does(comm, capfd):
+    with options(snes_monitor=None, snes_converged_reason=None, ksp_converged_reason=None):
+        snes, _ = solve(twist(comm))
+    text = printed(capfd, comm)
+    if comm.rank == 0:
+        assert text.count("SNES Function norm") == snes.getIterationNumber() + 1
+        assert "solve converged due to CONVERGED_FNORM_ABS iterations" in text
+        assert text.count("Linear snh_ solve converged due to CONVERGED_RTOL") >= 2
+
+
+@mpi
+def test_view_shows_the_solver_and_its_options(comm, capfd):
+    with options(snes_view=None, snes_armijo=0.01):
+        solve(twist(comm))
+    text = printed(capfd, comm)
+    if comm.rank == 0:
+        assert "projected Newton with a line search" in text
+        for name in ("snes_hessian = adaptive", "snes_scaled_tol = 1e-07", "snes_armijo = 0.01"):
+            assert f"  {name}\n" in text
+        assert "fem_snh.linalg.ssor_cg.EisenstatCG" in text and "(snh_)" in text
+
+
+@mpi
+def test_python_monitors_and_history(comm):
+    p = twist(comm)
+    snes = solver.create(p)
+    snes.setConvergenceHistory()
+    seen = []
+    snes.setMonitor(lambda snes, its, norm: seen.append((its, norm)))
+    solver.Predictor(p, snes, "none").predict(1.0)
+    snes.solve(None, p.x)
+    norms, _ = snes.getConvergenceHistory()
+    its = snes.getIterationNumber()
+    assert [i for i, _ in seen] == list(range(its + 1))
+    assert list(norms) == [n for _, n in seen] and len(norms) == its + 1
+    history = snes.getPythonContext().history
+    assert [i.residual for i in history] == list(norms[:-1])
+
+
+@mpi
+def test_multigrid_with_the_near_null_space(comm):
+    p = twist(comm, cells=4)
+    with options(pc_type="gamg", ksp_rtol=1e-3):
+        snes, _ = solve(p, hessian="clamp")
+    assert snes.getConvergedReason() > 0
+
+
+@mpi
+@pytest.mark.parametrize("its", [0, 1, 3])
+def test_max_it(comm, its):
+    p = twist(comm)
+    with options(snes_max_it=its):
+        snes, context = solve(p)
+    assert solver.converged_reason(snes) == "DIVERGED_MAX_IT"
+    assert snes.getIterationNumber() == len(context.history) == its
+    r = p.x.duplicate()
+    p.residual(p.x, r)
+    assert r.norm() == pytest.approx(snes.getFunctionNorm(), rel=1e-9)
+
+
+@mpi
+@pytest.mark.parametrize("E", [1.0, 1e6])
+def test_absolute_tolerance_is_in_newtons(comm, E):
+    with options(snes_atol=1e-3 * E, snes_scaled_tol=0):
+        snes, context = solve(twist(comm, E=E))
+    assert solver.converged_reason(snes) == "CONVERGED_FNORM_ABS"
+    assert snes.getFunctionNorm() <= 1e-3 * E < context.history[-1].residual
+
+
+@mpi
+def test_relative_tolerance(comm):
+    with options(snes_rtol=1e-2, snes_scaled_tol=0):
+        snes, context = solve(twist(comm))
+    first = context.history[0].residual
+    assert solver.converged_reason(snes) == "CONVERGED_FNORM_RELATIVE"
+    assert snes.getFunctionNorm() <= 1e-2 * first < context.history[-1].residual
+
+
+@mpi
+def test_growing_residual_is_no_divergence(comm):
+    """A column that leaves its unstable straight state: 1e4 times the residual it starts from."""
+
+    def squeeze(X, load):
+        return load * np.array([-1.8, 0, 0]) * np.ones_like(X)
+
+    body = mesh.generate(comm, "cylinder", "hexahedron", cells=3, length=6.0, radius=0.5)
+    p = problem(body, "Q1", hold=[Hold("left")], move=[Condition("right", squeeze)])
+    with options(snes_scaled_tol=1e-5, **SYMMETRIC):
+        snes, _ = solve(p, hessian="clamp", predictor="tangent")
+    straight, energy = p.x.copy(), p.energy(p.x)
+    assert snes.getConvergedReason() > 0
+    bow = put(p, lambda X: 1e-5 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate())
+    p.x.axpy(1.0, bow)
+    bent = p.x.copy()
+    with options(snes_max_it=25):  # clamp needs many more to converge
+        snes = solver.create(p, "clamp", "linesearch")
+    snes.solve(None, p.x)
+    context = snes.getPythonContext()
+    assert solver.converged_reason(snes) == "DIVERGED_MAX_IT"
+    assert max(i.residual for i in context.history) > 1e4 * context.history[0].residual
+    assert p.energy(p.x) < 0.9 * energy
+    straight.axpy(-1.0, p.x)
+    assert straight.norm(PETSc.NormType.INFINITY) > 0.1
+    with options(snes_divergence_tolerance=1e3):  # but who asks for it gets it
+        snes = solver.create(p, "clamp", "linesearch")
+        snes.solve(None, bent)
+    assert solver.converged_reason(snes) == "DIVERGED_DTOL"
+
+
+@mpi
+def test_step_tolerance(comm):
+    with options(snes_stol=1e-2, snes_scaled_tol=0):
+        snes, _ = solve(twist(comm))
+    assert solver.converged_reason(snes) == "CONVERGED_SNORM_RELATIVE"
+
+
+@mpi
+@pytest.mark.parametrize("key", ["snes_hessian", "snes_adaptive_filter"])
+def test_unknown_values_are_bad_input_on_every_rank(comm, key):
+    p = twist(comm, cells=1)
+    with options(**{key: "clam"}):
+        with pytest.raises(BadInput, match=r" = 'clam': expected one of .*did you mean 'clamp'"):
+            solver.create(p)
+    with pytest.raises(
+        BadInput, match=r"hessian = 'exakt': expected one of .*did you mean 'exact'"
+    ):
+        solver.create(p, "exakt")
+    with pytest.raises(
+        BadInput, match=r"predictor = 'tangnt': expected one of .*did you mean 'tangent'"
+    ):
+        solver.Predictor(p, solver.create(p), "tangnt")
+
+
+@mpi
+@pytest.mark.parametrize("key, value", [("snes_scaled_tol", "abc"), ("pc_type", "jacoby")])
+def test_values_that_petsc_rejects_are_bad_input_on_every_rank(comm, key, value):
+    p = twist(comm, cells=1)
+    with options(**{key: value}):
+        with pytest.raises(BadInput, match="PETSc rejects an option under -snh_"):
+            solver.create(p)
+
+
+@mpi
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, BadInput])
+def test_exceptions_of_callbacks_pass_unchanged(comm, kind):
+    p = twist(comm, cells=2)
+    snes = solver.create(p)
+
+    def monitor(snes, its, norm):
+        if its == 1:
+            raise kind("enough")
+
+    snes.setMonitor(monitor)
+    solver.Predictor(p, snes, "none").predict(1.0)
+    with pytest.raises(kind, match="enough"):
+        with solver.callback_errors():
+            snes.solve(None, p.x)
+
+
+def test_petsc_options_are_restored():
+    assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
