@@ -123,20 +123,27 @@ INLINE void eigenvector_point(int k, const real *Q, const real *U, const real *V
       d[3 * j + i] = r * (U[3 * a + i] * V[3 * b + j] + sign * (U[3 * b + i] * V[3 * a + j]));
 }
 
-/* Lanes whose scaling block A is positive definite by Sylvester's criterion, with a margin of 1e-13
- * relative to the diagonal for the rounding of the minors. False where A is nearly singular. */
-INLINE mask surely_positive(const real *A) {
+/* Sylvester's criterion for the scaling block A, with a margin of 1e-13 relative to the diagonal for the
+ * rounding of the minors: `positive` where all leading minors are positive, `indefinite` where one is
+ * negative. Neither is true where A is nearly singular. */
+INLINE void leading_minors_test(const real *A, mask *positive, mask *indefinite) {
   const real minor = A[0] * A[1] - A[3] * A[3];
   const real det = minor * A[2] - A[0] * A[5] * A[5] - A[1] * A[4] * A[4] + 2 * A[3] * A[4] * A[5];
-  return (A[0] > 0) & (A[1] > 0) & (A[2] > 0) & (minor > 1e-13 * A[0] * A[1]) & (det > 1e-13 * A[0] * A[1] * A[2]);
+  const real minor_error = 1e-13 * A[0] * A[1], det_error = 1e-13 * A[0] * A[1] * A[2];
+  *positive = (A[0] > 0) & (A[1] > 0) & (A[2] > 0) & (minor > minor_error) & (det > det_error);
+  *indefinite = (A[0] < 0) | (A[1] < 0) | (A[2] < 0) | (minor < -absolute(minor_error)) | (det < -absolute(det_error));
 }
 
-/* Filter the eigenvalues of the scaling block A in place. Returns the lanes with a negative eigenvalue. */
+/* Filter the eigenvalues of the scaling block A in place. Returns the lanes with a negative eigenvalue. Lanes
+ * that are positive definite are left as they are. */
 INLINE mask filter_scaling_block(int filter, int solver, real *A) {
-  const mask positive = surely_positive(A);
-  if (filter == EXACT || !any(~positive)) return ~positive;
+  mask positive, indefinite;
+  leading_minors_test(A, &positive, &indefinite);
+  /* EXACT needs the sign of an eigenvalue only: the minors give it, unless A is nearly singular. */
+  if (!any(filter == EXACT ? ~(positive | indefinite) : ~positive)) return ~positive;
   real e[3], Q[9];
   eigen3(solver, A, e, Q);
+  if (filter == EXACT) return ~positive & (indefinite | (e[2] < 0));
   real B[6] = {splat(0), splat(0), splat(0), splat(0), splat(0), splat(0)};
   for (int k = 0; k < 3; ++k) {
     const real value = filter_eigenvalue(filter, e[k]), *q = Q + 3 * k;
