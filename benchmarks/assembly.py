@@ -1,4 +1,4 @@
-"""Seconds per cell of the filtered Jacobian, beside FFCx's exact one or stable_neo_hookean's."""
+"""Assembly time of the filtered Jacobian, relative to FFCx or to stable_neo_hookean."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
 from fem_snh.materials import names
 
-#: What each element's ratio must not exceed, and the cells per edge it is measured on.
+#: Limit on the ratio to FFCx for each element, and the cells per edge of its mesh.
 LIMITS = {"Q1": 0.60, "P1": 1.0, "P2": 0.60, "Q2": 0.60}
 CELLS = {"Q1": 24, "P1": 24, "P2": 12, "Q2": 8}
 
-#: FFCx's code gets the flags our kernels get.
+#: The compiler flags of our kernels, for FFCx's code.
 JIT = {"cffi_extra_compile_args": ["-O3", "-march=native"]}
 
 
-#: No material's filtered Jacobian is to cost more than this many of stable_neo_hookean's.
-MOST = 1.5
+#: Limit on the time of any material's filtered Jacobian over that of stable_neo_hookean.
+MATERIAL_LIMIT = 1.5
 
 
 def rows(
@@ -37,9 +37,14 @@ def rows(
     material: str = "stable_neo_hookean",
     repeat: int = 7,
 ) -> Iterator[Row]:
-    """One row per element, on a cube whose every cell is deformed so that it has to be filtered.
+    """Measure the assembly on a deformed cube, so that the filter has work in every cell.
 
-    ``material="all"``: a row per material on the first element, against stable_neo_hookean.
+    Parameters
+    ----------
+    cells : along the edge; default: `CELLS` of each element.
+    material : "all" gives one row per material on the first element, relative to
+        stable_neo_hookean; otherwise there is one row per element, relative to FFCx.
+    repeat : assemblies of each kind.
     """
     chosen = split_list(elements)
     if material == "all":
@@ -50,37 +55,37 @@ def rows(
 
 
 def deformed(name: str, cells: int) -> tuple[Any, Any]:
-    """A space on a cube and a displacement of many short waves."""
+    """Return the mesh of a cube and a displacement of many short waves on it."""
     element = elements.element(name)
     domain = mesh.generate(MPI.COMM_SELF, "cube", element.cell, cells=cells)
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))
     u = _dolfinx.function(V, "u")
     wave = np.random.default_rng(0).standard_normal((3, 3))
-    # Waves short enough that J varies by a few per cent: beyond 1 + mu/lambda, flips are negative.
+    # J varies by a few per cent: where J > 1 + mu/lambda, flip eigenvalues are negative.
     u.x.array[:] = (0.05 / cells * np.sin(2 * cells * V.tabulate_dof_coordinates() @ wave)).ravel()
     return domain, u
 
 
 def elastic_term(u: Any, name: str, material: Material) -> Elastic:
-    """The material's elastic term on u's space, ready to assemble."""
+    """Return the elastic term of a material on the space of u."""
     return Elastic(u.function_space, elements.element(name), material)
 
 
-def times(ways: dict[str, Callable[[], Any]], repeat: int) -> dict[str, np.ndarray]:
-    """Each way's ``repeat`` times of the processor [s], taken in turns."""
-    taken: dict[str, list[float]] = {kind: [] for kind in ways}
+def times(calls: dict[str, Callable[[], Any]], repeat: int) -> dict[str, np.ndarray]:
+    """Return ``repeat`` processor times of each call [s], the calls taken in turns."""
+    taken: dict[str, list[float]] = {kind: [] for kind in calls}
     for _ in range(repeat):
-        for kind, call in ways.items():
+        for kind, call in calls.items():
             start = process_time()
             call()
             taken[kind].append(process_time() - start)
-    return {kind: np.array(list_) for kind, list_ in taken.items()}
+    return {kind: np.array(values) for kind, values in taken.items()}
 
 
 def compare(
     name: str, cells: int, repeat: int, materials: Sequence[str] | None = None
 ) -> Iterator[Row]:
-    """Every material's filtered Jacobian beside stable_neo_hookean's, in turns with it."""
+    """Yield a row per material: its filtered Jacobian, timed in turns with stable_neo_hookean's."""
     domain, u = deformed(name, cells)
     x = _dolfinx.petsc_vec(u)
     reference = elastic_term(u, name, make_material("stable_neo_hookean"))
@@ -94,7 +99,9 @@ def compare(
             },
             2 * repeat,
         )
-        ratio = np.median(taken["clamp"] / taken["reference"])  # of neighbours in time
+        ratio = np.median(
+            taken["clamp"] / taken["reference"]
+        )  # of measurements that are neighbours in time
         yield {
             "element": name,
             "material": material,
@@ -102,37 +109,37 @@ def compare(
             "filtered": round(filtered / points_of(name, domain.num_cells), 3),
             "clamp_us": round(1e6 * taken["clamp"].min() / domain.num_cells, 3),
             "to_stable_neo_hookean": round(float(ratio), 3),
-            "limit": MOST,
-            "ok": bool(ratio <= MOST),
+            "limit": MATERIAL_LIMIT,
+            "ok": bool(ratio <= MATERIAL_LIMIT),
         }
 
 
 def points_of(name: str, cells: int) -> int:
-    """Quadrature points of so many cells."""
+    """Return the number of quadrature points of ``cells`` cells."""
     element = elements.element(name)
     return len(_dolfinx.quadrature(element.cell, element.quadrature)[1]) * cells
 
 
 def measure(name: str, cells: int, material: str, repeat: int) -> Row:
-    """Best of ``repeat`` assemblies of each kind, taken in turns [us per cell of one rank]."""
+    """Return the row of an element: best of ``repeat`` assemblies of each kind [us per cell]."""
     element = elements.element(name)
     domain, u = deformed(name, cells)
     V, x = u.function_space, _dolfinx.petsc_vec(u)
     chosen = make_material(material)
-    law, elastic = chosen.expression, elastic_term(u, name, chosen)
+    expression, elastic = chosen.expression, elastic_term(u, name, chosen)
     filtered = elastic.jacobian(x, filter="clamp")
-    ways: dict[str, Callable[[], Any]] = {
+    calls: dict[str, Callable[[], Any]] = {
         kind: lambda kind=kind: elastic.jacobian(x, filter=kind)  # type: ignore[misc]
         for kind in ("exact", "clamp")
     }
-    if not law.needs_stretches:
+    if not expression.needs_stretches:
         v, w = ufl.TestFunction(V), ufl.TrialFunction(V)
         degree = {"quadrature_degree": element.quadrature}
         dx = ufl.Measure("dx", domain=domain.domain, metadata=degree)
-        form = _dolfinx.form(ufl_forms.jacobian(law, u, v, w, dx), JIT)
+        form = _dolfinx.form(ufl_forms.jacobian(expression, u, v, w, dx), JIT)
         matrix = _dolfinx.create_matrix(form)
-        ways["ffcx"] = lambda: _dolfinx.assemble_matrix(matrix, form)
-    best = {kind: taken.min() for kind, taken in times(ways, repeat).items()}
+        calls["ffcx"] = lambda: _dolfinx.assemble_matrix(matrix, form)
+    best = {kind: taken.min() for kind, taken in times(calls, repeat).items()}
     row: Row = {
         "element": name,
         "material": material,

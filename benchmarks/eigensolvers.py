@@ -1,12 +1,12 @@
-"""Which 3x3 eigensolver for the scaling block: accuracy and cost, one record per kind of stretches.
+"""Accuracy and cost of three eigensolvers for the 3x3 scaling block of Stable Neo-Hookean.
 
-The block of Stable Neo-Hookean (eq. 13 and eq. 14) is filtered with the eigenpairs of
+The block (Smith et al. 2018, eq. 13 and 14) is filtered with the eigenpairs of
 
 ``cubic``    eigen3.h, the default: one root of the characteristic cubic, then a 2x2 block
 ``jacobi``   eigen3.h: cyclic Jacobi rotations
-``printed``  the paper's formulas as they stand: all three roots of eq. 42, the vectors of eq. 44
+``printed``  the formulas of the paper: three roots of eq. 42, the vectors of eq. 44
 
-and compared with the same done in 50 digits. Errors are relative to the norm of the block.
+and compared with the same in 50 digits. Errors are relative to the norm of the block.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _DIAGONAL = (0, 4, 8)
 
 
 def stretches(n: int, seed: int = 0) -> dict[str, Array]:
-    """n principal stretches (n, 3) of each kind that an eigensolver may find hard."""
+    """Return n principal stretches (n, 3) of each kind that is hard for an eigensolver."""
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], (n, 3))
     anything = rng.uniform(-2, 2, (n, 3))
@@ -54,7 +54,7 @@ def stretches(n: int, seed: int = 0) -> dict[str, Array]:
 
 
 def cubic_coefficients(s: Any, eta: Any, rho: Any) -> tuple[Any, Any, Any]:
-    """c_2, c_1, c_0 of eq. 42 (of eq. 66 for eta = 0), in any arithmetic."""
+    """Return c_2, c_1, c_0 of eq. 42 (of eq. 66 for eta = 0), in any arithmetic."""
     J, I_C = s[0] * s[1] * s[2], s[0] ** 2 + s[1] ** 2 + s[2] ** 2
     g = (s[1] * s[2]) ** 2 + (s[0] * s[2]) ** 2 + (s[0] * s[1]) ** 2
     c2 = -g * rho - I_C * eta
@@ -64,7 +64,7 @@ def cubic_coefficients(s: Any, eta: Any, rho: Any) -> tuple[Any, Any, Any]:
 
 
 def cubic_vector(s: Any, root: Any, eta: Any, rho: Any) -> tuple[Any, Any, Any]:
-    """The diagonal of D_k, eq. 44 (eq. 67 for eta = 0), not normalised, in any arithmetic.
+    """Return the diagonal of D_k, eq. 44 (eq. 67 for eta = 0), not normalised.
 
     The paper prints alpha_1 with s0^2 - s1^2 + s2^2; it is an eigenvector with s0^2 - s1^2 - s2^2.
     """
@@ -83,9 +83,9 @@ def cubic_vector(s: Any, root: Any, eta: Any, rho: Any) -> tuple[Any, Any, Any]:
 
 
 def paper_terms(m: Material, s: Any) -> tuple[Any, Any, Any, Any]:
-    """gamma_I, gamma_H, eta, rho of eq. 43 and 45 for stable_neo_hookean ``m``, any arithmetic.
+    """Return gamma_I, gamma_H, eta, rho of eq. 43 and 45 for stable_neo_hookean ``m``.
 
-    Its block is gamma_I I + gamma_H (H + rho g g^T + eta f f^T), in the paper's terms.
+    The scaling block is gamma_I I + gamma_H (H + rho g g^T + eta f f^T).
     """
     mu, lam = m.expression.values
     J, I_C = s[0] * s[1] * s[2], s[0] ** 2 + s[1] ** 2 + s[2] ** 2
@@ -97,7 +97,7 @@ def paper_terms(m: Material, s: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def printed(m: Material, sigma: Array) -> Array:
-    """The clamped scaling blocks (n, 3, 3) by the paper's formulas, in double precision."""
+    """Return the clamped scaling blocks (n, 3, 3) by the formulas of the paper."""
     clamped = []
     for s in sigma:
         gamma_I, gamma_H, eta, rho = paper_terms(m, s)
@@ -111,13 +111,13 @@ def printed(m: Material, sigma: Array) -> Array:
 
 
 def blocks(m: Material, sigma: Array) -> Array:
-    """The scaling blocks (n, 3, 3) at stretches (n, 3), from the kernel."""
+    """Return the scaling blocks (n, 3, 3) at stretches (n, 3), from the kernel."""
     H = m.hessian(sigma[:, :, None] * np.eye(3))
     return np.asarray(H[:, _DIAGONAL][:, :, _DIAGONAL])
 
 
 def reference(A: Array) -> Array:
-    """A (n, 3, 3) with its negative eigenvalues set to 0, in 50 digits, then rounded."""
+    """Return A (n, 3, 3) with negative eigenvalues set to 0, computed in 50 digits."""
     with mpmath.workdps(50):
         out = []
         for block in A:
@@ -128,28 +128,30 @@ def reference(A: Array) -> Array:
 
 
 def clamp(A: Array, eigensolver: str) -> Array:
-    """A (n, 3, 3) with its negative eigenvalues set to 0 by one of our eigensolvers."""
+    """Return A (n, 3, 3) with negative eigenvalues set to 0 by one of our eigensolvers."""
     e, Q = eigen3(A, eigensolver)
     return np.asarray((Q * np.maximum(e, 0)[:, None, :]) @ np.swapaxes(Q, 1, 2))
 
 
-def errors(sigma: Array, laws: list[Material]) -> dict[str, float]:
-    """The worst error of each way over these stretches; nan where a way fails altogether."""
+def errors(sigma: Array, materials: list[Material]) -> dict[str, float]:
+    """Return the largest error of each eigensolver over these stretches; nan if it fails."""
     worst = dict.fromkeys((*EIGENSOLVERS, "printed"), 0.0)
-    for m in laws:
+    for m in materials:
         A = blocks(m, sigma)
         norm = np.maximum(abs(A).sum(axis=2).max(axis=1), np.finfo(float).tiny)
         exact = reference(A)
         with np.errstate(all="ignore"):
-            ways = {name: clamp(A, name) for name in EIGENSOLVERS} | {"printed": printed(m, sigma)}
-        for name, found in ways.items():
+            results = {name: clamp(A, name) for name in EIGENSOLVERS} | {
+                "printed": printed(m, sigma)
+            }
+        for name, found in results.items():
             error = float(np.max(abs(found - exact).max(axis=(1, 2)) / norm))
             worst[name] = max(error, worst[name]) if error == error else error
     return worst
 
 
 def _nanoseconds(calls: dict[str, Any], points: int, repeats: int) -> dict[str, float]:
-    """The best time of each call [ns per point], in turns so that all see the same machine."""
+    """Return the best time of each call [ns per point]; the calls are timed in turns."""
     best = dict.fromkeys(calls, np.inf)
     for _ in range(repeats):
         for name, call in calls.items():

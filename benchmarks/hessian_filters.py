@@ -1,4 +1,4 @@
-"""The filters of the Hessian against each other, element by element, from rough starts."""
+"""Newton iterations of the Hessian filters, element by element, from rough initial guesses."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.scenes import Hold, Move, Rotate
 
-#: What becomes of the unit cube's right face, in one step: stretched to twice the length, pressed
-#: to six tenths, turned by a right angle, or moved sideways by half of the length.
+#: Displacement of the right face of the unit cube, in one step: stretch to twice the length,
+#: compression to 0.6, a quarter turn, or a shift by half the length.
 CASES = {
     "stretch": Move(group="right", translate=(1, 0, 0)),
     "press": Move(group="right", translate=(-0.4, 0, 0)),
@@ -30,8 +30,8 @@ CASES = {
     ),
     "shear": Move(group="right", translate=(0, 0, 0.5)),
 }
-#: Newton iterations after which a solve is given up.
-MOST = 150
+#: Limit on the Newton iterations of a solve.
+MAX_IT = 150
 
 
 def rows(
@@ -43,15 +43,20 @@ def rows(
     noise: float = 0.3,
     hessians: str = "clamp,abs,adaptive",
 ) -> Iterator[Row]:
-    """One row per element, case, nu and mesh: Newton iterations by filter, medians over seeds.
+    """Yield one row per element, case, nu and mesh. Linear systems are solved directly.
 
-    Every node starts where a random displacement puts it, of ``noise`` cell sizes, so that cells
-    are inverted; the linear systems are solved by factors. ``cells`` along an edge: of elements of
-    order two; twice as many of order one.
+    Parameters
+    ----------
+    cells : along an edge, for elements of degree 2; those of degree 1 have twice as many.
+    noise : size of the random displacement of every node that is the initial guess, in cell sizes;
+        it inverts cells.
 
-    newton : the median, None where most seeds were given up after MOST.
-    failed : seeds given up. better : seeds for which abs took fewer iterations than clamp.
-    states : how many different energies the seeds and filters ended at.
+    Yields
+    ------
+    dict
+        ``newton``: the median over the seeds by filter; None where most seeds reached MAX_IT.
+        ``failed``: number of seeds that did. ``better``: seeds for which abs took fewer iterations
+        than clamp. ``states``: number of different final energies.
     """
     for name in split_list(elements):
         for case in split_list(cases):
@@ -63,7 +68,7 @@ def rows(
 def compare(
     name: str, case: str, nu: float, cells: int, seeds: int, noise: float, hessians: list[str]
 ) -> Row:
-    """A row."""
+    """Return the row of an element, case, nu and mesh."""
     many = cells * (3 - element(name).degree)
     counts: dict[str, list[float]] = {}
     energies = []
@@ -85,7 +90,7 @@ def compare(
 def solve(
     name: str, case: str, nu: float, cells: int, seed: int, noise: float, hessian: str
 ) -> tuple[float, float]:
-    """(Newton iterations, infinite if there is no end; energy) of one start."""
+    """Return the Newton iterations (infinite without convergence) and the energy of one seed."""
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
@@ -97,7 +102,7 @@ def solve(
     p.set_load(1.0)
     p.prescribe(p.x)
     snes = solver.create(p, **policy(hessian))
-    snes.setTolerances(max_it=MOST)
+    snes.setTolerances(max_it=MAX_IT)
     set_direct_solver(snes.getKSP())
     snes.solve(None, p.x)
     good = snes.getConvergedReason() > 0

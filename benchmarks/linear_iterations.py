@@ -1,4 +1,4 @@
-"""Linear iterations a Newton step, against the mesh and against nu, by linear solver."""
+"""Linear iterations per Newton iteration against mesh size and nu, by linear solver."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.studies.tradeoff.knobs import SOLVERS
 
-#: Those of a displacement alone.
+#: Solvers of displacement elements.
 _SOLVERS = SOLVERS[False]
 
 
@@ -22,10 +22,20 @@ def rows(
     tolerance: float = 1e-3,
     most: int = 24,
 ) -> Iterator[Row]:
-    """One row per mesh and solver at nu = 0.49; then one per nu and solver on the second mesh.
+    """Yield one row per mesh and solver at nu = 0.49, then one per nu and solver on one mesh.
 
-    The stretch's first frame: 20 % in one step, every linear solve to ``tolerance``. Direct solves
-    on at most ``most`` cells. seconds : of the step, a Newton step.
+    The problem is the stretch by 20 % in one step.
+
+    Parameters
+    ----------
+    cells : meshes; the second one is used for the other nu.
+    tolerance : relative tolerance of every linear solve.
+    most : largest number of cells for direct solves.
+
+    Yields
+    ------
+    dict
+        ``linear`` and ``seconds`` are per Newton iteration.
     """
     chosen = [choose("solver", name, _SOLVERS) for name in split_list(solvers)] or list(_SOLVERS)
     meshes = [int(number) for number in split_list(str(cells))]

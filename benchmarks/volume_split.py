@@ -29,12 +29,15 @@ def rows(
     cells: int = 0,
     hessian: str = "adaptive",
 ) -> Iterator[Row]:
-    """One row per mixed element and bound, and one of each other element beside them.
+    """Yield one row per mixed element and bound, and one for each other element.
 
-    spurious : modes of a free patch of cells at rest, beyond what may be.
-    least : the least eigenvalue of the exact stiffness [E m] of 2 x 2 x 2 cells in the exact
-        uniaxial state of each stretch, sides free: where it is negative, the cells buckle.
-    newton, energy, min_J : of the twist's two quarter turns at nu = 0.49.
+    Yields
+    ------
+    dict
+        ``spurious``: zero-energy modes of a free patch of cells at rest, without the rigid ones.
+        ``least``: smallest eigenvalue of the exact stiffness of 2 x 2 x 2 cells [E m] in the exact
+        uniaxial state of each stretch with free sides; where it is negative, the cells buckle.
+        ``newton``, ``energy``, ``min_J``: of the two quarter turns of the twist at nu = 0.49.
     """
     for name in split_list(elements) or ELEMENTS:
         kind = element(name)
@@ -51,18 +54,18 @@ def rows(
 
 @contextmanager
 def split_at(bound: float | None) -> Iterator[None]:
-    """Mixed elements made meanwhile have this bound instead of their own."""
-    kept = dict(BOUNDS)
+    """Give mixed elements that are created in this context another bound."""
+    original = dict(BOUNDS)
     if bound is not None:
         BOUNDS.update(dict.fromkeys(BOUNDS, bound))
     try:
         yield
     finally:
-        BOUNDS.update(kept)
+        BOUNDS.update(original)
 
 
 def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
-    """Of the stiffness, pressures eliminated, in the exact uniaxial state."""
+    """Return the smallest eigenvalue of the stiffness without pressures, in a uniaxial state."""
     chosen = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
     p = Problem(
         bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.0),
@@ -93,7 +96,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
 
 
 def twist(kind: Element, cells: int, hessian: str) -> Row:
-    """A run with direct solvers."""
+    """Return the results of the twist with direct solvers."""
     result = run(
         "twist",
         element=kind.name,
