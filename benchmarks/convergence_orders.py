@@ -11,7 +11,7 @@ from benchmarks.manufactured import Manufactured
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS, element
 
-#: Cells along the cube's edge, by the order of the displacement.
+#: Cells along the edge of the cube, by the degree of the displacement.
 CELLS = {1: "4,8,12", 2: "3,6,9"}
 NAMES = ("L2", "H1", "pressure")
 
@@ -23,11 +23,17 @@ def rows(
     shear: float = 0.1,
     swell: float = 0.1,
 ) -> Iterator[Row]:
-    """One row per element and nu; nu = 0.5 where a pressure is unknown.
+    """Yield one row per element and nu; nu = 0.5 for Taylor-Hood elements only.
 
-    L2, H1, pressure : errors ||u - u_h||, ||grad(u - u_h)||, ||p - p_h||, and their ``orders``
-        from mesh to mesh.
-    shear, swell : see `Manufactured`; swell = 0 is the same displacement at every nu, J = 1.
+    Parameters
+    ----------
+    shear, swell : see `Manufactured`; swell = 0 is the same displacement at every nu, with J = 1.
+
+    Yields
+    ------
+    dict
+        ``L2``, ``H1``, ``pressure``: the errors ||u - u_h||, ||grad(u - u_h)||, ||p - p_h||;
+        ``orders``: their orders from mesh to mesh.
     """
     for name in split_list(elements) or ELEMENTS:
         kind = element(name)
@@ -52,6 +58,6 @@ def _errors(name: str, meshes: list[int], nu: float, shear: float, swell: float)
 
 
 def _orders(meshes: list[int], errors: list[float]) -> list[float]:
-    """The slopes of log error over log h from mesh to mesh."""
+    """Return the slopes of log error over log h from mesh to mesh."""
     pairs = pairwise(zip(meshes, errors, strict=True))
     return [round(log(a / b) / log(fine / coarse), 3) for (coarse, a), (fine, b) in pairs]

@@ -1,12 +1,12 @@
-"""A problem whose exact solution is known: large shears, a small change of volume, a load to match.
+"""A manufactured solution with large shears, a small change of volume and a matching load.
 
-x is moved along z, y along x and z along y by waves: shears, so that J = 1 exactly; then a smooth
-field of size mu/lam changes the volume, so that the pressure lam (J - 1) is neither constant nor
-unbounded as nu -> 1/2. The load is the virtual work of the exact stress, b(v) = int P : grad v,
-which holds whatever part of the boundary is free. Here each face is free to slide along one axis,
-as at nu = 1/2 no displacement would be left to decide the pressure of a tetrahedron in a corner;
-and the top along its normal, as an incompressible body in a closed box has no solution but by
-chance.
+x is displaced along z, y along x and z along y by waves; these are shears, so J = 1 exactly. A
+smooth field of size mu/lam then changes the volume, so that the pressure lam (J - 1) varies and
+stays bounded as nu -> 1/2. The load is the virtual work of the exact stress, b(v) = int P : grad v,
+which is valid for any free part of the boundary. Each face is free to slide along one axis: with
+fully constrained faces no displacement would determine the pressure of a tetrahedron in a corner at
+nu = 1/2. The top is free along its normal: an incompressible body in a closed box has in general no
+solution.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 
-#: Integrates waves on cells as small as one half well enough for any element here.
+#: Quadrature degree of errors and load: enough for the waves on cells of size 1/2.
 DEGREE = 7
 FACES = {
     "left": ("x", "y"),
@@ -43,7 +43,7 @@ FACES = {
 
 
 def exact(X: Any, sin: Callable[[Any], Any], shear: Any, swell: Any) -> tuple[Any, Any, Any]:
-    """The displacement at X = (x, y, z), numbers or UFL; swell = 0 keeps every volume."""
+    """Return the displacement at X = (x, y, z), numbers or UFL; swell = 0 gives J = 1."""
     x = X[0] + shear * sin(2 * X[1] + 3 * X[2])
     y = X[1] + shear * sin(3 * X[2] - 2 * x)
     z = X[2] + shear * sin(2 * x + 3 * y)
@@ -52,7 +52,7 @@ def exact(X: Any, sin: Callable[[Any], Any], shear: Any, swell: Any) -> tuple[An
 
 
 def bent_cube(comm: MPI.Comm, cell: str, cells: int, bend: float) -> mesh.Mesh:
-    """The unit cube; ``bend`` moves inner nodes, so that cells are neither equal nor affine."""
+    """Return the unit cube with inner nodes moved by ``bend``: its cells are not affine."""
     made = mesh.generate(comm, "cube", cell, cells=cells)
     x = _dolfinx.geometry_x(made.domain)
     inside = 64 * (x * (1 - x)).prod(axis=1, keepdims=True)
@@ -60,11 +60,16 @@ def bent_cube(comm: MPI.Comm, cell: str, cells: int, bend: float) -> mesh.Mesh:
     return made
 
 
-def settle(problem: Problem, tolerance: float = 1e-9) -> int:
-    """Bring ``problem.x`` to equilibrium by direct solvers; the number of Newton iterations.
+def solve_to_rounding(problem: Problem, tolerance: float = 1e-9) -> int:
+    """Solve to rounding error with direct solvers and return the number of Newton iterations.
 
-    First as far as the energy can be told from its rounding, then, undamped, until nothing but
-    rounding is left of the residual. Raises BadInput if that is more than ``tolerance`` E V^(2/3).
+    The solver's line search works until the decrease of the energy is below its rounding error;
+    undamped Newton steps then continue until the residual stops decreasing.
+
+    Raises
+    ------
+    BadInput
+        If the residual stays above ``tolerance`` E V^(2/3).
     """
     snes, most = solver.create(problem, globalization="linesearch"), 30
     snes.getPythonContext().options |= {"snes_scaled_tol": 1e-7, "snes_forcing_max": 0.0}
@@ -100,7 +105,7 @@ class _Boundary:
 
 
 class Load:
-    """The virtual work of a stress field as an energy term, -f . u."""
+    """The potential -f . u of the virtual work of a stress field, as an energy term."""
 
     name = "load"
 
@@ -122,13 +127,13 @@ class Load:
 
 
 class Manufactured:
-    """The exact solution above on a cube of ``element`` and Stable Neo-Hookean, E = 1. Collective.
+    """The manufactured solution on a cube of Stable Neo-Hookean with E = 1. Collective.
 
     Parameters
     ----------
-    shear : amplitude of the waves; at 0.1 stretches are from 0.7 to 1.4.
-    swell : size of the change of volume, in mu/lam.
-    bend : how far inner nodes of the mesh are moved.
+    shear : amplitude of the waves; 0.1 gives stretches from 0.7 to 1.4.
+    swell : size of the change of volume, in units of mu/lam.
+    bend : distance by which inner nodes of the mesh are moved.
     """
 
     def __init__(
@@ -142,12 +147,12 @@ class Manufactured:
         comm: MPI.Comm = MPI.COMM_SELF,
     ) -> None:
         self.element, self.nu = element, nu
-        law = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
-        mu, lam = law.expression.values
+        solid = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
+        mu, lam = solid.expression.values
         self.shear, self.swell = shear, 0.0 if isinf(lam) else swell * mu / lam
         faces = [_Boundary(face, axes, self._displacement) for face, axes in FACES.items()]
         body = bent_cube(comm, element.cell, cells, bend)
-        self.problem = Problem(body, element, law, move=faces)
+        self.problem = Problem(body, element, solid, move=faces)
         numbers = {"shear": shear, "swell": self.swell, "mu": mu, "lam": 0.0, "volume": 0.0}
         if isinf(lam):
             numbers["push"] = mu / 2
@@ -163,7 +168,7 @@ class Manufactured:
         self.u = self._exact()
         F, c = ufl.Identity(3) + ufl.grad(self.u), self._constants
         self._J = ufl.det(F)
-        # lam (J - 1) - mu stands before cof F; at nu = 0.5 some wave - mu.
+        # The factor of cof F: lam (J - 1) - mu; at nu = 0.5 a wave minus mu.
         cofactor = self._J * ufl.inv(F).T
         push = c["lam"] * (self._J - 1) - c["mu"] + self._wave()
         self.problem.terms.append(Load(self.problem.V, c["mu"] * F + push * cofactor))
@@ -181,23 +186,26 @@ class Manufactured:
         return self._constants["push"] * ufl.sin(2 * X[0] - X[1] + 3 * X[2])
 
     def pressure(self) -> Any:
-        """In UFL, of Taylor-Hood elements: U'(J) (`materials.volume_split`), or the wave."""
+        """Return the exact pressure of Taylor-Hood elements in UFL: U'(J), at nu = 0.5 the wave."""
         return self._constants["volume"] * (self._J - 1) + self._wave()
 
     def solve(self) -> int:
-        """From the nodal values of the exact solution; the number of Newton iterations.
+        """Solve from the nodal values of the exact solution; return the Newton iterations.
 
-        Raises BadInput where it does not converge.
+        Raises
+        ------
+        BadInput
+            If Newton's method does not converge.
         """
         p = self.problem
         u = self._displacement(p.coordinates, 1.0)
         p.x.array[: u.size] = u.ravel()
         p.set_load(1.0)
         p.prescribe(p.x)
-        return settle(p)
+        return solve_to_rounding(p)
 
     def errors(self) -> list[float]:
-        """||u - u_h||, ||grad (u - u_h)|| and, if p_h is unknown, ||p - p_h||; in L2, V = 1."""
+        """Return ||u - u_h||, ||grad (u - u_h)|| and, for Taylor-Hood, ||p - p_h|| in L2."""
         wrong = self.problem.u - self.u
         found = [self._norm(wrong), self._norm(ufl.grad(wrong))]
         if self.problem.saddle_point:

@@ -1,4 +1,4 @@
-"""Where a Newton step's time goes, beside what its memory traffic alone would take."""
+"""Time of each part of a Newton iteration, and the lower bound from its memory traffic."""
 
 from __future__ import annotations
 
@@ -20,18 +20,23 @@ from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.runs import make_mesh
 
-#: Values in the copy that measures the bandwidth: beyond every cache.
+#: Numbers in the copy that measures the bandwidth: more than any cache holds.
 _COPIED = 20_000_000
-#: Krylov steps that are timed together: fewer than any solver here needs.
+#: Krylov iterations that are timed together: fewer than any solver here needs.
 _STEPS = 10
 
 
 def rows(cells: int = 38, nu: float = 0.49, repeat: int = 5) -> Iterator[Row]:
-    """A row for the memory's bandwidth, and for each part of a Newton step on the stretch.
+    """Yield a row for the bandwidth of the memory, and one per part of a Newton iteration.
 
-    All ranks work at once; times are the best of ``repeat``, the slowest rank's. bytes : that must
-    move, each value once. limit_ms : they take at the bandwidth of a copy in this run. share :
-    limit_ms over ms.
+    The problem is the stretch. All ranks work at the same time; a time is the best of ``repeat``,
+    each that of the slowest rank.
+
+    Yields
+    ------
+    dict
+        ``bytes_per_cell``: least memory traffic, each value moved once; ``limit_ms``: its time at
+        the bandwidth of a copy in this run; ``share``: limit_ms over ms.
     """
     comm = MPI.COMM_WORLD
     speed = _bandwidth(comm, repeat)
@@ -52,7 +57,7 @@ def rows(cells: int = 38, nu: float = 0.49, repeat: int = 5) -> Iterator[Row]:
 
 
 def _best(comm: MPI.Comm, call: Callable[[], Any], repeat: int) -> float:
-    """The best of some times [s], of the slowest rank each."""
+    """Return the best of ``repeat`` times [s], each that of the slowest rank."""
     best = float("inf")
     for _ in range(repeat + 1):  # the first one warms up
         comm.barrier()
@@ -63,14 +68,14 @@ def _best(comm: MPI.Comm, call: Callable[[], Any], repeat: int) -> float:
 
 
 def _bandwidth(comm: MPI.Comm, repeat: int) -> float:
-    """Bytes a second that all ranks together read and write in a copy."""
+    """Return the bytes per second that all ranks together read and write in a copy."""
     source, target = np.ones(_COPIED), np.zeros(_COPIED)
     seconds = _best(comm, lambda: np.copyto(target, source), repeat)
     return comm.size * 2 * source.nbytes / seconds
 
 
 def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
-    """The stretch, a step of 20 % linearised: filtered points and a residual to solve for."""
+    """Return the stretch after the predictor of a step: filtered points and a residual."""
     scene = scenes.load("stretch", cells=cells, nu=nu)
     element = element_of(scene.element)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
@@ -80,18 +85,20 @@ def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
 
 
 def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
-    """(name, what to do, bytes that this rank must move)."""
+    """Yield the name of each part, a call, and the bytes that this rank must move."""
     r, d = p.x.duplicate(), p.x.duplicate()
     nodes, shape = p.x.getLocalSize() / 3, p.elastic.shape
-    # Read: the cells' node numbers of displacement and geometry, u and x.
+    # Read: the node numbers of the cells (displacement and geometry), u and x.
     read = 2 * 4 * shape[0] * shape[1] + 2 * 24 * nodes
     yield "energy", lambda: p.energy(p.x), read
     yield "residual", lambda: p.residual(p.x, r), read + 2 * 24 * nodes
     values = p.A.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"]
-    fill = read + 4 * shape[0] * shape[1] ** 2 + 2 * 8 * values  # where blocks go; read, write
+    fill = (
+        read + 4 * shape[0] * shape[1] ** 2 + 2 * 8 * values
+    )  # positions of the blocks; read and write
     yield "jacobian, exact", lambda: p.jacobian(p.x, "exact"), fill
     yield "jacobian, clamp", lambda: p.jacobian(p.x, "clamp"), fill
-    # AIJ: a value and a column each; CG with Jacobi: 12 vectors a step besides the product's two.
+    # AIJ: a value and a column per entry. CG with Jacobi: 12 vectors besides those of the product.
     yield "product, AIJ", lambda: p.A.mult(r, d), 12 * values + 2 * 24 * nodes
     jacobi = _ksp(p, "cg", "jacobi")
     yield f"{_STEPS} CG + Jacobi", lambda: jacobi.solve(r, d), _STEPS * (12 * values + 336 * nodes)
@@ -101,12 +108,12 @@ def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
         ksp.solve(r, d)
         kept = ours.nbytes
         yield f"{name}, set-up", partial(ours.update_matrix, p.A, force=True), 8 * values + kept
-        # Half of the matrix twice, and 20 vectors in single precision.
+        # Half of the matrix, twice, and 20 vectors in single precision.
         yield f"{_STEPS} {name}", partial(ksp.solve, r, d), _STEPS * (2 * kept + 240 * nodes)
 
 
 def _ksp(p: Problem, kind: str, preconditioner: str) -> PETSc.KSP:
-    """A solver that takes so many steps and no more."""
+    """Return a solver that takes exactly `_STEPS` iterations."""
     ksp = PETSc.KSP().create(p.comm)
     ksp.setOperators(p.A)
     ksp.setType(kind)

@@ -1,4 +1,4 @@
-"""Newton's method by what it does with negative curvature, on loads that come in one step."""
+"""Policies for negative curvature in Newton's method, on large loads in one step."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from fem_snh.kernels.pointwise import material
 from fem_snh.scenes import Hold, Move, Rotate, Traction
 from fem_snh.studies.tradeoff.knobs import ICC
 
-#: Linear solves are tight, as the scene twist's: rounding has less of a say.
+#: A small linear tolerance, as in the scene twist, so that rounding has less influence.
 TIGHT = {"snes_forcing_max": 5e-3}
-#: How far from 1 `Ratio` trusts a clamped Hessian.
-_TRUSTED = 0.01
+#: Distance of the gain ratio from 1 up to which `Ratio` uses the clamped Hessian.
+_RATIO_TOLERANCE = 0.01
 
 
 class Ratio(solver.SearchDirection):
-    """Chen, Liu, Jacobson, Levin, Zheng 2024: abs or clamp, as the last step tells.
+    """The choice of Chen, Liu, Jacobson, Levin & Zheng 2024 between abs and clamp.
 
-    clamp after a step whose gain was within 1 % of what the exact quadratic model had promised;
-    abs after any other one, and at first.
+    clamp after a step whose decrease was within 1 % of that of the exact quadratic model; abs
+    otherwise, and in the first iteration.
     """
 
     _model: tuple[float, float, float] | None = None  # energy, slope and curvature
@@ -45,7 +45,7 @@ class Ratio(solver.SearchDirection):
         if self._model:
             energy, slope, curvature = self._model
             predicted = -self._length * (slope + self._length / 2 * curvature)
-            if abs(energy - start.energy - predicted) <= _TRUSTED * abs(predicted):
+            if abs(energy - start.energy - predicted) <= _RATIO_TOLERANCE * abs(predicted):
                 self.hessian = "clamp"
         direction = super().compute(start, d)
         if direction.slope is not None:
@@ -60,13 +60,13 @@ class Ratio(solver.SearchDirection):
 
 
 def _turn(angle: float) -> dict[str, Any]:
-    """A cube, its top turned by an angle."""
+    """Return the conditions of a cube whose top is turned by an angle."""
     turn = Rotate(axis=(0, 0, 1), through=(0.5, 0.5, 0.5), angle=angle)
     return {"hold": [Hold(group="bottom")], "move": [Move(group="top", rotate=turn)]}
 
 
-#: Mesh, material and conditions of a case; what its nodes' random displacement is, in sizes of a
-#: cell, if that is more than rounding.
+#: Mesh, its parameters, conditions, and the random displacement of the nodes in cell sizes (0: the
+#: option ``noise``) of each case.
 CASES: dict[str, tuple[str, dict[str, float], dict[str, Any], float]] = {
     "half turn": ("cube", {}, _turn(pi), 0.0),
     "quarter turn": ("cube", {}, _turn(pi / 2), 0.0),
@@ -107,13 +107,23 @@ def rows(
     most: int = 200,
     factors: bool = False,
 ) -> Iterator[Row]:
-    """One row per case, nu, mesh, policy and limit of L-BFGS iterations; lists by seed.
+    """Yield one row per case, nu, mesh, policy and limit on the L-BFGS iterations.
 
-    Every node starts off by a random displacement of ``noise`` lengths, as rounding would have it.
-    hessians : H for a line search, H+trust_region; "ratio": see `Ratio`.
-    lbfgs : L-BFGS iterations after each Newton step, at most. They need a good preconditioner:
-        ``factors`` gives every policy that of the trust region.
-    newton : None where a seed was given up after ``most``.
+    Parameters
+    ----------
+    hessians : H (with line search), H+trust_region, or "ratio": see `Ratio`.
+    lbfgs : limits on the L-BFGS iterations after each Newton iteration.
+    seeds : random initial displacements of size ``noise`` (a length; the default is that of
+        rounding errors).
+    tolerance : of the residual, in E V^(2/3).
+    most : limit on the Newton iterations.
+    factors : use incomplete Cholesky factors, the preconditioner of the trust region, for every
+        policy; L-BFGS iterations need a good preconditioner.
+
+    Yields
+    ------
+    dict
+        Lists have one value per seed; ``newton`` is None without convergence.
     """
     for case in split_list(cases):
         for nu in split_list(nus):
@@ -136,7 +146,7 @@ def rows(
 
 
 def create(case: str, nu: float, cells: int) -> Problem:
-    """The problem of a case, of Q1 hexahedra and E = 1, on all ranks."""
+    """Return the problem of a case: Q1 hexahedra, E = 1, on all ranks."""
     source, sizes, conditions, _ = CASES[choose("case", case, CASES)]
     body = mesh.generate(MPI.COMM_WORLD, source, "hexahedron", cells=cells, **sizes)
     law = material("stable_neo_hookean", E=1.0, nu=nu)
@@ -152,7 +162,7 @@ def solve(
     seed: int,
     settings: dict[str, Any],
 ) -> Row:
-    """One start: its counts, energy and seconds."""
+    """Solve from one random start; return its iterations, energy and seconds."""
     size = CASES[case][3] / cells or noise
     random = np.random.default_rng([seed, p.comm.rank])
     p.x.array[:] = size * random.uniform(-1, 1, p.x.getLocalSize())

@@ -1,4 +1,4 @@
-"""What a quadrature degree costs and is worth: modes, volumes, errors, the Jacobian's time."""
+"""Quadrature degree of each element: spurious modes, volume errors, accuracy, assembly time."""
 
 from __future__ import annotations
 
@@ -20,21 +20,24 @@ from fem_snh.fem.elements import ELEMENTS, Element, element
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
-#: Cells along the cube's edge.
+#: Cells along the edge of the cube, by the degree of the displacement.
 CELLS = {1: 8, 2: 5}
 
 
 def rows(
     elements: str = "", nus: str = "0.3,0.4999", cells: int = 0, repeat: int = 7
 ) -> Iterator[Row]:
-    """One row per element and rule; ok if the element's default has no spurious modes.
+    """Yield one row per element and rule; ``ok`` if the default rule has no spurious modes.
 
-    least_weight : of the rule, its weights' sum 1; if negative, nothing filtered is positive.
-    spurious : eigenvalues of the wrong sign, or zero, of one cell at rest.
-    volume_error : of a body whose inner nodes are moved.
-    error : ||grad(u - u_h)|| of the manufactured solution at each of ``nus``, and ...
-    newton : ... iterations to it; None where it was not found.
-    cost : processor time of the clamped Jacobian in units of the default's.
+    Yields
+    ------
+    dict
+        ``least_weight``: smallest weight (their sum is 1); with a negative one a filtered matrix
+        can be indefinite. ``spurious``: zero or negative eigenvalues of one cell at rest beyond
+        rigid motions and pressures. ``volume_error``: of a body whose inner nodes are moved.
+        ``error``: ||grad(u - u_h)|| of the manufactured solution at each of ``nus``; ``newton``:
+        iterations; None without convergence. ``cost``: processor time of the clamped Jacobian
+        relative to the default rule.
     """
     for name in split_list(elements) or ELEMENTS:
         default = element(name)
@@ -43,18 +46,18 @@ def rows(
 
 
 def degrees(default: Element) -> list[int]:
-    """Around the default's, the highest degree of each number of points."""
+    """Return degrees around the default, the highest one for each number of points."""
     near = range(max(default.quadrature - 2, 1), default.quadrature + 3)
     return sorted({points(element(default.name, degree)): degree for degree in near}.values())
 
 
 def points(kind: Element) -> int:
-    """Quadrature points of a cell."""
+    """Return the number of quadrature points of a cell."""
     return len(_dolfinx.quadrature(kind.cell, kind.quadrature)[1])
 
 
 def measure(default: Element, degree: int, nus: list[float], cells: int, repeat: int) -> Row:
-    """A row."""
+    """Return the row of an element and a degree."""
     kind, cells = element(default.name, degree), cells or CELLS[default.degree]
     spurious = spurious_modes(kind, one_cell(kind))
     weights = _dolfinx.quadrature(kind.cell, degree)[1]
@@ -83,13 +86,13 @@ def measure(default: Element, degree: int, nus: list[float], cells: int, repeat:
 
 
 def jacobian(problem: Problem) -> Any:
-    """What is timed: the filtered Jacobian at rest, where every point is looked at."""
+    """Return a call that assembles the filtered Jacobian at rest."""
     problem.x.set(0.0)
     return lambda: problem.jacobian(problem.x, "clamp")
 
 
 def one_cell(kind: Element) -> mesh.Mesh:
-    """A cell that is no unit cell."""
+    """Return a mesh of one distorted cell."""
     corners = _dolfinx.reference_corners(kind.cell)
     x = corners @ np.array([[1.1, 0.2, 0.1], [0, 0.9, -0.2], [0.1, 0, 1.2]]) + 0.1 * corners**2
     domain = _dolfinx.create_mesh(MPI.COMM_SELF, np.arange(len(x))[None], x, kind.cell, 1)
@@ -97,8 +100,8 @@ def one_cell(kind: Element) -> mesh.Mesh:
 
 
 def spurious_modes(kind: Element, body: mesh.Mesh, nu: float = 0.3) -> int:
-    """Of a free body at rest: zeros beyond the rigid motions, negatives beyond the pressures."""
-    p = Problem(body, kind, _law(nu))
+    """Count zero eigenvalues beyond rigid motions and negative ones beyond pressures, at rest."""
+    p = Problem(body, kind, _material(nu))
     p.jacobian(p.x, "exact")
     values = np.linalg.eigvalsh(dense(p.A))
     zero = abs(values) <= 1e-12 * values[-1]
@@ -107,14 +110,14 @@ def spurious_modes(kind: Element, body: mesh.Mesh, nu: float = 0.3) -> int:
 
 
 def dense(A: Any) -> np.ndarray:
-    """All of a matrix on one rank."""
+    """Return a matrix of one rank as a dense array."""
     indptr, indices, entries = A.getValuesCSR()
     return np.asarray(csr_matrix((entries, indices, indptr)).toarray())
 
 
 def volume_error(kind: Element) -> float:
-    """How far a body's volume is off when nodes inside it move and its boundary does not."""
-    p = Problem(bent_cube(MPI.COMM_SELF, kind.cell, 3, 0.02), kind, _law(0.3))
+    """Return the error of the volume when inner nodes move and the boundary does not."""
+    p = Problem(bent_cube(MPI.COMM_SELF, kind.cell, 3, 0.02), kind, _material(0.3))
     X = p.V.tabulate_dof_coordinates()
     inside = 64 * (X * (1 - X)).prod(axis=1, keepdims=True)
     moved = 0.1 * inside * np.sin(X @ np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]]) + 0.3)
@@ -122,5 +125,5 @@ def volume_error(kind: Element) -> float:
     return abs(p.measures(p.x)["volume_ratio"] - 1)
 
 
-def _law(nu: float) -> Any:
+def _material(nu: float) -> Any:
     return material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)

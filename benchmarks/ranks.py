@@ -1,4 +1,4 @@
-"""The same runs on 1 and 2 ranks, with Jacobi: energies to 1e-9 relative, equal Newton counts."""
+"""The same runs on 1 and 2 ranks with Jacobi: equal energies (1e-9) and Newton iterations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fem_snh.studies.processes import environment, program
 
 
 def rows(cells: int = 15) -> Iterator[Row]:
-    """One row per scene and element."""
+    """Yield one row per scene and element."""
     for scene, element, number in (
         ("twist", "Q1", cells),
         ("stretch", "Q1", cells - cells % 2),
@@ -38,15 +38,15 @@ def rows(cells: int = 15) -> Iterator[Row]:
 
 
 def _run(scene: str, element: str, cells: int, ranks: int, out: Path) -> dict:
-    """run.json of a run in processes of its own."""
+    """Return the record (run.json) of a run in processes of its own."""
     arguments = f"run {scene} --element {element} --cells {cells} --quiet --out {out}".split()
-    arguments += ["--", "-pc_type", "jacobi"]  # which knows nothing of ranks, as sweeps do
+    arguments += ["--", "-pc_type", "jacobi"]  # independent of the partition, unlike SSOR
     done = subprocess.run(
         [*program(ranks), *arguments], env=environment(), capture_output=True, text=True
     )
     if done.returncode:
         raise BadInput(
-            f"bench ranks: {scene} on {ranks} ranks failed: {done.stderr.strip()[-300:]}"
+            f"benchmark ranks: {scene} on {ranks} ranks failed: {done.stderr.strip()[-300:]}"
         )
     record: dict = json.loads((out / "run.json").read_text())
     return record

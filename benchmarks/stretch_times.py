@@ -1,6 +1,6 @@
-"""The whole stretch three ways: the paper's recipe, FEniCSx's tutorial, this library's defaults.
+"""The whole stretch by three solvers: the recipe of Smith et al. 2018, FEniCSx's tutorial, ours.
 
-Each in processes of its own, one after another, within limits of time and memory.
+Each run has processes of its own, one run after another, within limits of time and memory.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from fem_snh.studies.processes import Child, program
 from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.table import read_record
 
-#: What `fem-snh run` is given (None: `benchmarks.fenicsx_tutorial` instead), and of the load steps
-#: that are asked for one in how many is taken.
+#: Settings of `fem-snh run` (None: `benchmarks.fenicsx_tutorial`), and the divisor of the number of
+#: load steps.
 WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
     "ours": ({}, 1),
     "ours, a third of the steps": ({}, 3),
@@ -34,7 +34,7 @@ WAYS: dict[str, tuple[dict[str, Any] | None, int]] = {
     ),
     "tutorial": (None, 1),
 }
-#: Ours is faster than these by so much, from so many degrees of freedom on.
+#: Required speed-up over these, and the degrees of freedom from which it is required.
 LIMITS = {"paper": (6.0, 20_000), "tutorial": (10.0, 40_000)}
 
 
@@ -47,11 +47,18 @@ def rows(
     timeout: float = 3600.0,
     memory: float = 12.0,
 ) -> Iterator[Row]:
-    """A row for each mesh and way; one is given up after ``timeout`` s, or above ``memory`` GiB.
+    """Yield one row per mesh and solver.
 
-    cells : along the diameter, comma list: 20, 25, 40 and 72 have 2e4, 4e4, 1.6e5, 9.8e5 unknowns.
-    to_ours : its seconds over ours, as far as both have come. Seconds are those of the load steps,
-    without meshing and compilation. Residuals are in E V^(2/3).
+    Parameters
+    ----------
+    cells : along the diameter: 20, 25, 40 and 72 give 2e4, 4e4, 1.6e5 and 9.8e5 unknowns.
+    timeout, memory : limits of a run [s], [GiB].
+
+    Yields
+    ------
+    dict
+        ``seconds``: of the load steps, without meshing and compilation. ``to_ours``: ratio of the
+        seconds to ours, up to the load that both runs reached. ``residual``: in E V^(2/3).
     """
     for number in split_list(str(cells)):
         ours: dict[str, Any] | None = None
@@ -72,7 +79,7 @@ def rows(
 def _run(
     way: dict[str, Any] | None, settings: dict[str, Any], ranks: int, timeout: float, memory: float
 ) -> tuple[dict[str, Any], str]:
-    """run.json of a run in processes of its own, and what became of it."""
+    """Return the record of a run in processes of its own, and its status."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if way is None:
@@ -86,7 +93,7 @@ def _run(
                 *run_arguments("stretch", folder / "out", settings | values, petsc),
             ]
             folder = folder / "out"
-        with Interrupts() as interrupts:  # Ctrl-C does not reach a child: it has its own session
+        with Interrupts() as interrupts:  # Ctrl-C does not reach a child, which has its own session
             with interrupts.undivided():
                 child = Child(command, Path(name, "log.txt"), timeout, memory, search_path())
             try:
@@ -119,7 +126,7 @@ def _summary(record: dict[str, Any], ended: str) -> Row:
 
 
 def _until(record: dict[str, Any], load: float) -> float:
-    """The seconds up to ``load``; of the step that goes beyond it, its share."""
+    """Return the seconds up to ``load``, with the share of the step that passes it."""
     seconds, reached = 0.0, 0.0
     for step in record["steps"]:
         if reached >= load - 1e-9:

@@ -1,4 +1,4 @@
-"""Linear iterations a Newton step of Taylor-Hood elements, by nu, mesh and scene."""
+"""Linear iterations per Newton iteration of Taylor-Hood elements, by nu, mesh and scene."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from fem_snh.errors import choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.runs import run
 
-#: Each scene's meshes, and what keeps it short.
+#: Meshes of each scene, and settings that keep it short.
 SCENES: dict[str, tuple[list[int], dict[str, Any]]] = {
     "cook": ([8, 16, 32], {"steps": 1, "force": 25.0}),
     "block": ([4, 8], {}),
     "stretch": ([4, 6], {"steps": 1, "stretch": 1.3}),
 }
-#: Iterations at the largest nu over those at the smallest are at most this.
+#: Limit on the ratio of the iterations at the largest nu to those at the smallest.
 LIMIT = 1.5
 
 
@@ -26,9 +26,16 @@ def rows(
     nus: str = "0.3,0.45,0.49,0.4999,0.5",
     tolerance: float = 0.0,
 ) -> Iterator[Row]:
-    """One row per scene, mesh and element; ``tolerance`` of linear solves, 0: as Newton asks.
+    """Yield one row per scene, mesh and element.
 
-    linear : iterations a Newton step, by nu; growth : the last one over the first one.
+    Parameters
+    ----------
+    tolerance : relative tolerance of linear solves; 0: the forcing term of Newton's method.
+
+    Yields
+    ------
+    dict
+        ``linear``: iterations per Newton iteration, by nu; ``growth``: the last over the first.
     """
     names = split_list(elements) or [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
     petsc = {"snes_forcing_max": 0.0, "ksp_rtol": tolerance} if tolerance else {}

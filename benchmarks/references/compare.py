@@ -1,4 +1,4 @@
-"""A published number beside ours: what every reference is made with."""
+"""Compare a computed value with a published one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.runs import Result, run
 from fem_snh.scenes import Scene
 
-#: Residuals far below the differences that are looked for.
+#: A tolerance far below the differences that are compared.
 TIGHT = {"snes_scaled_tol": 1e-12, **DIRECT_SOLVER}
 
 
 def solve(scene: str | Scene, **overrides: Any) -> tuple[Result, Any]:
-    """A run and its last step, None if it did not get there. Collective."""
+    """Return a run and its last step, None if it did not converge. Collective."""
     options = {
         "hessian": "adaptive",
         "globalization": "linesearch",
@@ -32,10 +32,13 @@ def compare(
     limit: float | None = None,
     note: str = "",
 ) -> Row:
-    """A row: the difference and its ``limit`` in per cent.
+    """Return the row of a reference, with the difference in per cent.
 
-    ours : None where a run did not converge, which is not ok.
-    limit : None where a value is shown for what it tells (``note``), not to be met.
+    Parameters
+    ----------
+    ours : None if the run did not converge; the row is then not ok.
+    limit : on the difference [%]; None: the value is only shown.
+    note : for the page, in place of "ok".
     """
     difference = None if ours is None else 100 * (ours / published - 1)
     within = difference is not None and (limit is None or abs(difference) <= limit)

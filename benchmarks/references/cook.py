@@ -17,13 +17,13 @@ DEAL_II = {
 
 #: mu = 185.185 and lambda = 432.099 MPa, 20 MPa on the edge.
 SPP_1748 = {"force": 320.0, "E": 500.0, "nu": 0.35, "material": "neo_hookean_ciarlet"}
-#: At their finest mesh of triangles of order 2.
+#: On their finest mesh of triangles of degree 2.
 RISE = 10.59191221
 
 #: E = 240.565 MPa as in the scene, 100 N, and the energy with (J - 1)^2.
 NEARLY = {"material": "neo_hookean_bower", "nu": 0.499}
-#: By the cells along a side, and the cells of ours it is compared with: the mesh that is called 25
-#: has 24, for it fits ours of 24 as the others fit theirs.
+#: By the published and our number of cells along a side. The mesh that is published as 25 seems to
+#: have 24 cells: its value agrees with ours on 24 as the others do with theirs.
 LOCKED = {
     (4, 4): 2.28672, (10, 10): 2.84069, (15, 15): 3.37458,
     (20, 20): 3.88120, (25, 25): 4.24293, (25, 24): 4.24293, (30, 30): 4.70276,
@@ -38,13 +38,13 @@ LOCKING_FREE = (
 
 
 def _height(point: str, **setup: Any) -> float | None:
-    """The rise of a probe of the right edge [mm]."""
+    """Return the vertical displacement of a probe on the right edge [mm]."""
     _, step = solve("cook", **setup)
     return step and float(step["probes"][point][1])
 
 
 def cook(finest: int = 64) -> Iterator[Row]:
-    """The twelve displacements of the compressible membrane, up to ``finest`` cells a side."""
+    """Yield the twelve displacements of the compressible membrane, up to ``finest`` cells."""
     for element, values in DEAL_II.items():
         for cells, published in values.items():
             if cells <= finest:
@@ -54,7 +54,7 @@ def cook(finest: int = 64) -> Iterator[Row]:
 
 
 def cook_large() -> Iterator[Row]:
-    """The membrane of the benchmark collection, on two meshes of ours."""
+    """Yield the membrane of the benchmark collection of SPP 1748, on two meshes."""
     for element, cells, limit in (("P2", 32, 0.2), ("Q2", 32, 0.1)):
         ours = _height("corner", element=element, cells=cells, **SPP_1748)
         what = f"u_y (48, 60) [mm], nu = 0.35, finest T2, {element} {cells} x {cells}"
@@ -62,7 +62,7 @@ def cook_large() -> Iterator[Row]:
 
 
 def cook_locking(finest: int = 30) -> Iterator[Row]:
-    """The nearly incompressible membrane on Q1 as it stands, which locks, and equally so."""
+    """Yield the nearly incompressible membrane with Q1, which locks as published."""
     for (cells, matching), published in LOCKED.items():
         if cells <= finest:
             ours = _height("corner", element="Q1", cells=matching, **NEARLY)
@@ -74,7 +74,7 @@ def cook_locking(finest: int = 30) -> Iterator[Row]:
 
 
 def cook_locking_free(finest: int = 60) -> Iterator[Row]:
-    """The nearly incompressible membrane without locking, beside F-bar."""
+    """Yield the nearly incompressible membrane with locking-free elements, beside F-bar."""
     for element, cells, limit in LOCKING_FREE:
         if cells <= finest:
             ours = _height("corner", element=element, cells=cells, **NEARLY)

@@ -26,23 +26,23 @@ CORNER = Probe(name="corner", point=(1, 1, 1))
 
 
 def _of_shear_modulus(mu: float, lame: float = np.inf) -> dict[str, float]:
-    """E and nu for Lamé's constants."""
+    """Return E and nu for the Lamé constants."""
     nu = 0.5 if np.isinf(lame) else lame / (2 * (lame + mu))
     return {"E": 2 * mu * (1 + nu), "nu": nu}
 
 
 def uniaxial(elements: str = "P2P1,Q2Q1") -> Iterator[Row]:
-    """A cube pulled to twice its length: scikit-fem's ex36 (lambda/mu = 1e4), then nu = 1/2."""
+    """Yield a cube stretched to twice its length (scikit-fem ex36), then at nu = 1/2."""
     for element in elements.split(","):
         for lame in (1e4, np.inf):
-            law = _of_shear_modulus(1.0, lame)
+            constants = _of_shear_modulus(1.0, lame)
             scene = Scene(
                 name="uniaxial",
                 mesh=Geometry(source="cube"),
                 cells=2,
                 element=element,
                 steps=2,
-                material=MaterialChoice(name="neo_hookean_ogden", **law),
+                material=MaterialChoice(name="neo_hookean_ogden", **constants),
                 hold=SYMMETRY,
                 move=[Move(group="right", translate=(1, 0, 0), components=("x",))],
                 reactions=["right"],
@@ -61,15 +61,15 @@ def uniaxial(elements: str = "P2P1,Q2Q1") -> Iterator[Row]:
 
 
 def _mooney_rivlin(C1: float, C2: float) -> MaterialChoice:
-    """The incompressible material of these constants [Pa]."""
-    law: dict[str, Any] = _of_shear_modulus(2 * (C1 + C2))
+    """Return the incompressible material with these constants [Pa]."""
+    constants: dict[str, Any] = _of_shear_modulus(2 * (C1 + C2))
     if not C2:
-        return MaterialChoice(name="neo_hookean_ogden", **law)
-    return MaterialChoice(name="mooney_rivlin", **law | {"C1": C1})
+        return MaterialChoice(name="neo_hookean_ogden", **constants)
+    return MaterialChoice(name="mooney_rivlin", **constants | {"C1": C1})
 
 
 def plane_strain(elements: str = "P2P1,Q2Q1", force: float = -1.0) -> Iterator[Row]:
-    """An incompressible Mooney-Rivlin cube under a dead load in plane strain.
+    """Yield an incompressible Mooney-Rivlin cube under a dead load in plane strain.
 
     F = 2 S (C1 + C2) (s - 1/s^3), s = 1 + w the stretch along it.
     """
@@ -102,10 +102,10 @@ TWISTED = {"P2P1": 8, "Q2Q1": 6}
 
 
 def torsion(elements: str = "P2P1,Q2Q1", cells: int = 0, angle: float = pi / 2) -> Iterator[Row]:
-    """A cylinder of radius and length 1 twisted at constant length, its side free.
+    """Yield a cylinder of radius and length 1 twisted at constant length with free sides.
 
-    Every section turns rigidly; the torque is pi (C1 + C2) tau R^4, and the ends have to be
-    pressed together with pi (C1/2 + C2) tau^2 R^4, tau the angle per length: Poynting's effect.
+    Sections rotate rigidly. With tau the angle per length, the torque is pi (C1 + C2) tau R^4 and
+    the ends are compressed by pi (C1/2 + C2) tau^2 R^4 (the Poynting effect).
     """
     for rubber, (C1, C2) in RUBBERS.items():
         for element in elements.split(","):
@@ -133,7 +133,7 @@ def torsion(elements: str = "P2P1,Q2Q1", cells: int = 0, angle: float = pi / 2) 
 
 
 def torque_at(problem: Problem, x: float) -> float:
-    """The torque about the x axis [N m] that holds the nodes at X_0 = ``x``. Collective."""
+    """Return the torque about the x axis [N m] on the nodes at X_0 = ``x``. Collective."""
     gradient = problem.x.duplicate()
     problem.gradient(problem.x, gradient)
     X = problem.coordinates

@@ -8,15 +8,15 @@ from benchmarks import Row, stretch, twist
 from benchmarks.references.compare import compare
 
 SOURCE = "Smith et al. 2018, section 6"
-#: The paper's tolerance, absolute [E = 1, L = 1]; ours is 1e-7.
+#: The tolerance of the paper, absolute [E = 1, L = 1]; ours is 1e-7.
 LOOSE = 1e-2
-#: Length over diameter, cells along the diameter, limit: ours, then the proportions that the
-#: paper's volumes suggest; it does not publish its own.
+#: Length over diameter, cells along the diameter, limit: our cylinder, then one whose proportions
+#: are fitted to the volumes of the paper, which does not publish its own.
 CYLINDERS = ((1.0, 6, None), (0.45, 8, 10.0))
 
 
 def paper_twist(cells: int = 15) -> Iterator[Row]:
-    """Newton and linear iterations: no more than the paper's, where its tolerance is ours."""
+    """Yield Newton and linear iterations: at most those of the paper, to its tolerance."""
     for tolerance in (LOOSE, 1e-7):
         (found,) = twist.rows(cells=cells, hessians="clamp", tolerance=tolerance)
         for kind in ("newton", "linear"):
@@ -32,7 +32,7 @@ def paper_twist(cells: int = 15) -> Iterator[Row]:
 
 
 def paper_stretch() -> Iterator[Row]:
-    """Volumes at 3.4 times the length: those of our cylinder, then of one of fitted proportions."""
+    """Yield volumes at 3.4 times the length, of our cylinder and of one of fitted proportions."""
     for aspect, cells, limit in CYLINDERS:
         for found in stretch.rows(elements="P2", cells=cells, aspect=aspect):
             ours = found["volume_percent"] if found["converged"] else None
