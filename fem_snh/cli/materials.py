@@ -1,9 +1,10 @@
-"""The command ``materials``: list them, describe one, measure what it is like, compare them all."""
+"""The command ``materials``: list materials, describe one, report its behaviour, compare them."""
 
 from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,24 @@ from fem_snh.cli.options import Parser, assignments, value
 from fem_snh.errors import BadInput
 
 EPILOG = """\
-fem-snh materials                                  the list
-fem-snh materials NAME                             its equation, source and parameters
-fem-snh materials NAME --report --nu 0.3           what it is like, measured
-fem-snh materials NAME --plot a.png --set alpha=2  the same as a picture
-fem-snh materials --table --csv table.csv          the stabilities of all
+fem-snh materials                                  list all materials
+fem-snh materials NAME                             its energy density, source and parameters
+fem-snh materials NAME --report --nu 0.3           stability, admissible region, stress curves
+fem-snh materials NAME --plot a.png --set alpha=2  the report as a picture
+fem-snh materials NAME --source                    the generated C of its kernels
+fem-snh materials --table --csv table.csv          compare the stability of all materials
+fem-snh materials gent.py:gent --report            a function gent in a file of your own
 """
 
 
 def materials(argv: list[str]) -> int:
-    """List the materials, or describe one."""
-    parser = Parser("materials", "List the materials, describe one, or measure them.", EPILOG)
-    parser.add_argument("name", metavar="NAME", nargs="?")
+    """List the materials, describe one, or report how it behaves. Return 0."""
+    parser = Parser(
+        "materials", "List the materials, describe one, or report how it behaves.", EPILOG
+    )
+    parser.add_argument(
+        "names", metavar="NAME", nargs="*", help="a material, or FILE.py:FUNCTION of your own"
+    )
     parser.add_argument("--E", metavar="X", help="Young's modulus [Pa] (default: 1)")
     parser.add_argument("--nu", metavar="X", help="Poisson's ratio, in (-1, 0.5) (default: 0.49)")
     parser.add_argument(
@@ -30,34 +37,51 @@ def materials(argv: list[str]) -> int:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="a shape parameter or tuning",
+        help="a shape parameter or a tuning parameter (alpha, lambda_part, ...)",
     )
-    parser.add_argument("--report", action="store_true", help="what NAME is like, measured")
-    parser.add_argument("--plot", metavar="PNG", nargs="?", const="", help="the same, drawn")
-    parser.add_argument("--table", action="store_true", help="the stabilities of all materials")
-    parser.add_argument("--csv", metavar="FILE", type=Path, help="the table as a file, too")
+    parser.add_argument(
+        "--report", action="store_true", help="print stability, admissible region, stress curves"
+    )
+    parser.add_argument("--plot", metavar="PNG", nargs="?", const="", help="draw the report")
+    parser.add_argument("--source", action="store_true", help="print the generated C")
+    parser.add_argument(
+        "--table", action="store_true", help="compare the stability of NAME ... or of all materials"
+    )
+    parser.add_argument("--csv", metavar="FILE", type=Path, help="also write the table to FILE")
     args = parser.parse(argv)
     numbers = _numbers(args)
     if args.csv is not None and not args.table:
-        raise BadInput("materials --csv: only with --table")
+        raise BadInput("materials --csv: expected with --table")
+    one = args.report or args.plot is not None or args.source
     if args.table:
-        if args.name is not None or args.report or args.plot is not None:
-            raise BadInput("materials --table: of all materials, without NAME, --report or --plot")
-        return _table(args.csv, numbers)
-    measured = args.report or args.plot is not None
-    if args.name is None and measured:
-        raise BadInput("materials: which one? give NAME, or --table for all")
-    if numbers and not measured:
+        if one:
+            raise BadInput("materials --table: expected without --report, --plot and --source")
+        return _table(args.names, args.csv, numbers)
+    if len(args.names) > 1:
         raise BadInput(
-            "materials --E, --nu, --set: only with NAME --report, NAME --plot or --table"
+            f"materials: unexpected '{args.names[1]}': expected one name, or --table to compare"
         )
-    if args.name is None:
+    if one and not args.names:
+        raise BadInput("materials: missing NAME: expected with --report, --plot and --source")
+    if numbers and not one:
+        raise BadInput(
+            "materials --E, --nu, --set: expected with NAME --report, --plot or --source, or with "
+            "--table"
+        )
+    if not args.names:
         return _list()
-    return _measure(args, numbers) if measured else _describe(args.name)
+    name = args.names[0]
+    if not one:
+        return _describe(name)
+    if args.source:
+        _print_source(name, numbers)
+    if args.report or args.plot is not None:
+        _report(name, args, numbers)
+    return 0
 
 
 def _numbers(args: Namespace) -> dict[str, Any]:
-    """The keywords for `material` that were given: E, nu, and those of --set."""
+    """Return the keywords of `fem_snh.material` that were given: E, nu, and those of --set."""
     found: dict[str, Any] = {}
     for key in ("E", "nu"):
         text = getattr(args, key)
@@ -71,6 +95,7 @@ def _numbers(args: Namespace) -> dict[str, Any]:
 
 
 def _list() -> int:
+    """Print all materials with their energy densities and shape parameters."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -79,47 +104,63 @@ def _list() -> int:
 
     table = Table("material", "energy density and source", "shape parameters", show_lines=True)
     for name in names():
-        title, *body = describe(name).split("\n\n")
+        try:
+            title, *body = describe(name).split("\n\n")
+            own = [f"{key} = {default}" for key, default in defaults(name).items()]
+        except BadInput as error:  # an entry point that does not load leaves the others
+            table.add_row(name, Text(str(error)), "-")
+            continue
         shown = [title, *(part for part in body if "psi =" in part)]
-        own = [f"{key} = {default}" for key, default in defaults(name).items()]
         table.add_row(name, Text("\n".join(shown)), Text("\n".join(own) or "-"))
     Console(width=None if sys.stdout.isatty() else 110).print(table)
     print(
-        "All take --E [Pa] and --nu, and agree at small strain; `fem-snh materials NAME` says "
-        "more, NAME --report measures it, --table compares them all."
+        "Every material takes --E [Pa] and --nu; all agree at small strain. "
+        "`fem-snh materials NAME` describes one, NAME --report reports its stability, --table "
+        "compares them."
     )
     return 0
 
 
 def _describe(name: str) -> int:
+    """Print the energy density, source and parameters of a material."""
     from fem_snh.materials import describe
 
     print(describe(name))
     return 0
 
 
-def _measure(args: Namespace, numbers: dict[str, Any]) -> int:
+def _print_source(name: str, numbers: dict[str, Any]) -> None:
+    """Print the generated C of a material's kernels."""
+    from fem_snh.kernels.codegen.source import material_source
+    from fem_snh.materials import make_energy
+
+    print(material_source(make_energy(name, **numbers)))
+
+
+def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
+    """Print the report of a material, draw it, or both."""
     from fem_snh.kernels.pointwise import material
 
-    found = material(args.name, **numbers).report()
+    found = material(name, **numbers).report()
     if args.report:
         print(found)
     if args.plot is not None:
-        print(found.plot(Path(args.plot or f"{args.name}.png")))
-    return 0
+        stem = name.rpartition(":")[2]  # a reference FILE.py:FUNCTION is no file name
+        print(found.plot(Path(args.plot or f"{stem}.png")))
 
 
-def _table(path: Path | None, numbers: dict[str, Any]) -> int:
+def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:
+    """Print the table of the materials ``names``, of all if there are none."""
     from rich.console import Console
     from rich.table import Table
 
     from fem_snh.reports.table import rows, write
 
     found = []
-    with Console(stderr=True).status("compiling and measuring") as status:
-        for row in rows(**numbers):
+    with Console(stderr=True).status("compiling and evaluating") as status:
+        for row in rows(*names, **numbers):
             found.append(row)
-            status.update(f"compiling and measuring: {row['name']}")
+            status.update(f"compiling and evaluating: {row['name']}")
     if path is not None:
         write(path, found)
     four = ("inversion", "reflection", "rest", "degeneracy")
@@ -138,11 +179,12 @@ def _table(path: Path | None, numbers: dict[str, Any]) -> int:
             "yes" if row["stretches"] else "no",
         )
     Console(width=None if sys.stdout.isatty() else 180).print(table)
-    print("`fem-snh materials NAME --report` has the numbers behind each verdict.")
+    print("`fem-snh materials NAME --report` prints the numbers behind each verdict.")
     return 0
 
 
 def _verdict(verdict: str, why: str) -> str:
+    """Return the text of a table cell."""
     if verdict == "not applicable":
         return "n/a"
     return verdict if verdict == "holds" else f"fails: {why}"

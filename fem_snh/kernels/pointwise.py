@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -172,9 +173,27 @@ def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array,
     return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
 
 
-def material(name: str, E: float = 1.0, nu: float = 0.49, **shape: Any) -> Material:
-    """The material ``name`` normalised to (E [Pa], nu), with its shape parameters as keywords.
+def material(
+    name: str | Callable[..., Any], E: float = 1.0, nu: float = 0.49, **shape: Any
+) -> Material:
+    """Return a material, normalised to (E, nu).
 
-    Raises BadInput as `fem_snh.materials.make_energy` does.
+    Parameters
+    ----------
+    name : str or callable
+        A name of `fem_snh.materials()`, a reference ``FILE.py:FUNCTION``, or a function of the
+        user's own (see `fem_snh.materials`).
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio, in (-1, 0.5].
+    **shape : Any
+        Shape parameters of the material and the keywords of every material
+        (`fem_snh.materials.TUNING`).
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or parameter, or a function that does not define a material.
     """
     return Material(materials.make_energy(name, E, nu, **shape))

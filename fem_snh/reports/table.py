@@ -1,4 +1,4 @@
-"""One row per material: its constants at small strain, and which stabilities it has."""
+"""A table of materials: the constants at small strain and the stability of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fem_snh.reports import stability
 from fem_snh.reports.minima import minima
 from fem_snh.reports.report import domain
 
-#: The columns in order; why a stability does not hold is in the column of its name with _why.
+#: The columns in order; the columns ``*_why`` give the reason why a stability does not hold.
 COLUMNS = (
     "name", "nu", "mu_lame", "lambda_lame",
     "inversion", "reflection", "rest", "degeneracy",
@@ -22,25 +22,41 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def rows(E: float = 1.0, nu: float = 0.49, **keywords: Any) -> Iterator[dict[str, Any]]:
-    """A row (the keys are `COLUMNS`) for every material, as each is ready: a kernel is compiled.
+def rows(
+    *names: str, E: float = 1.0, nu: float = 0.49, **keywords: Any
+) -> Iterator[dict[str, Any]]:
+    """Yield a row (the keys are `COLUMNS`) for each material when its kernel is compiled.
 
-    A material that cannot be had with that nu has a row with its reason as ``note``. BadInput if
-    none can, or E or a keyword is wrong for all.
+    A material that does not exist for that nu has a row with the reason as ``note``.
+
+    Parameters
+    ----------
+    *names : str
+        The materials; all of `fem_snh.materials()` by default.
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio.
+    **keywords : Any
+        Shape and tuning parameters.
+
+    Raises
+    ------
+    BadInput
+        If no material accepts the parameters.
     """
     refused: list[BadInput] = []
-    for name in materials.names():
+    chosen = names or materials.names()
+    for name in chosen:
         try:
             yield row(name, E, nu, **keywords)
         except BadInput as error:
             refused.append(error)
-            if len(refused) == len(materials.names()):
+            if len(refused) == len(chosen):
                 raise
             yield dict.fromkeys(COLUMNS, "") | {"name": name, "note": str(error)}
 
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
-    """One material's row. Raises BadInput if there is no such material with these numbers."""
+    """Return the row of one material. Raises BadInput if it does not accept the parameters."""
     from fem_snh.kernels.pointwise import material
 
     m = material(name, E, nu, **keywords)
@@ -66,7 +82,7 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
 
 
 def write(path: Path, table: list[dict[str, Any]]) -> None:
-    """The rows as CSV. Raises BadInput if ``path`` cannot be written."""
+    """Write the rows as CSV. Raises BadInput if ``path`` cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="") as file:

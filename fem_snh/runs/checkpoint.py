@@ -178,18 +178,25 @@ def _finished(folder: Path, load: float) -> dict[str, Any] | None:
 
 
 def identity(scene: Scene) -> dict[str, Any]:
-    """What a resumed run's scene must have in common: dotted keys and their values.
+    """Return the values that a resumed run must have in common, by dotted keys.
 
-    A mesh file counts by its content, wherever it is.
+    Of a mesh file and of a material's Python file the content counts, wherever the file is.
     """
     data = scene.model_dump(mode="json", exclude=set(HOW))
     if isinstance(scene.mesh, Path):
-        try:
-            with scene.mesh.open("rb") as file:
-                data["mesh"] = "sha256 " + hashlib.file_digest(file, "sha256").hexdigest()[:16]
-        except OSError as error:
-            raise BadInput(f"mesh: cannot read {scene.mesh}: {error.strerror}") from None
+        data["mesh"] = _digest("mesh", scene.mesh)
+    for path in scene.material.files:
+        data["material"][path.name] = _digest("material", path)
     return _flat(data)
+
+
+def _digest(key: str, path: Path) -> str:
+    """Return a short hash of a file's content. Raises BadInput if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return "sha256 " + hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    except OSError as error:
+        raise BadInput(f"{key}: cannot read {path}: {error.strerror}") from None
 
 
 def _flat(value: Any, key: str = "") -> dict[str, Any]:

@@ -65,13 +65,16 @@ def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
     values = {key: getattr(scene, key) for key in REQUESTED if key not in ("scene", "E", "nu")}
     material = scene.material
     return values | {
-        "scene": scene.name, "material": material.name, "E": material.E, "nu": material.nu
+        "scene": scene.name, "material": material.label, "E": material.E, "nu": material.nu
     }  # fmt: skip
 
 
 def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
     """Return a digest of each file of a scene: with other contents it is another study."""
-    paths = {Path(scene), *(s.mesh for s in loaded if isinstance(s.mesh, Path))}
+    paths = {Path(scene)}
+    for one in loaded:
+        paths |= {one.mesh} if isinstance(one.mesh, Path) else set()
+        paths |= set(one.material.files)
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for path in sorted(paths)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem_snh import scenes
+from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import ScenePoint, file_digests, value_text
@@ -70,6 +71,9 @@ def sweep(
     """
     limits = Limits(jobs, ranks, timeout, memory)
     lists = {key: list(v) if isinstance(v, list | tuple) else [v] for key, v in axes.items()}
+    for key, values in lists.items():
+        if any(callable(v) for v in values):  # each point is a process of its own
+            raise BadInput(f"{key}: expected names or references FILE.py:FUNCTION, no functions")
     options = dict(petsc or {})
     points = {
         name: ScenePoint(scene, values, scenes.load(scene, **values), options)
