@@ -1,4 +1,4 @@
-"""A material one can call: the assembly's kernels at any deformation gradients."""
+"""Materials at given deformation gradients, evaluated by the kernels of the assembly."""
 
 from __future__ import annotations
 
@@ -24,39 +24,51 @@ Array = npt.NDArray[np.float64]
 
 
 class Material:
-    """A hyperelastic material with its numbers; every F is (..., 3, 3), vectorised over the rest.
+    """A hyperelastic material with numerical constants.
 
-    ``m.energy(F)``, ``m.pk1(F)``, ``m.hessian(F, filter)``, ``m.eigensystem(F)`` call the kernels
-    that the assembly uses. ``m.expression`` is the expression behind them.
+    Every F is an array (..., 3, 3); the methods are vectorised over the leading axes.
+
+    Parameters
+    ----------
+    expression : Energy
+        The normalised energy.
+
+    Attributes
+    ----------
+    expression : Energy
+        The normalised energy, a sympy expression with its constants.
+    constants : (n,)
+        The constants that the kernels use [Pa].
     """
 
-    def __init__(self, law: Energy) -> None:
-        self.expression = law
-        self.constants = np.array(law.values)
+    def __init__(self, expression: Energy) -> None:
+        self.expression = expression
+        self.constants = np.array(expression.values)
 
     def __repr__(self) -> str:
-        law = self.expression
-        numbers = ", ".join(f"{c}={v:g}" for c, v in zip(law.constants, law.values, strict=True))
-        return f"<{law.name}: E={law.E:g}, nu={law.nu:g}; {numbers}>"
+        e = self.expression
+        numbers = ", ".join(f"{c}={v:g}" for c, v in zip(e.constants, e.values, strict=True))
+        return f"<{e.name}: E={e.E:g}, nu={e.nu:g}; {numbers}>"
 
     @property
     def name(self) -> str:
+        """The material's name."""
         return self.expression.name
 
     @property
     def lame(self) -> tuple[float, float]:
-        """(mu_lame, lambda_lame) [Pa] from the energy itself (Chen & Barbic eq. 3, 4)."""
+        """(mu_lame, lambda_lame) [Pa], linearised from the energy (Chen & Barbic, eq. 3 and 4)."""
         return self.expression.lame
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
-        law = element_energy(self.expression, "pointwise")  # refuses nu = 0.5
-        return build.load(
-            build.library(source.material_source(law.energy)), source.header("pointwise_api.h")
-        )
+        """The compiled kernels; BadInput at nu = 0.5."""
+        energy = element_energy(self.expression, "pointwise").energy
+        path = build.library(source.material_source(energy))
+        return build.load(path, source.header("pointwise_api.h"))
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
-        """Run kernel ``name`` at every F; one array of each size per point."""
+        """Call the C function ``name`` at every F; return an array (..., size) for each size."""
         F = np.asarray(F, dtype=np.float64)
         if F.shape[-2:] != (3, 3):
             raise ValueError(f"F has shape {F.shape}; it must end in (3, 3)")
@@ -75,26 +87,40 @@ class Material:
         return [a.reshape(*shape, a.shape[1]) for a in out]
 
     def energy(self, F: npt.ArrayLike) -> Array:
-        """psi(F) [Pa], shape (...); +inf outside the energy's domain.
+        """Return the energy density psi(F) [Pa], (...); +inf outside the energy's domain.
 
-        Raises BadInput for a material that has stresses and no energy.
+        Raises
+        ------
+        BadInput
+            If the material is defined by a stress and has no energy.
         """
         if not self.expression.has_energy:
             raise BadInput(f"material '{self.name}' has no energy, only a stress")
         return self._call("energy_points", F, sizes=(1,))[0][..., 0]
 
     def pk1(self, F: npt.ArrayLike) -> Array:
-        """First Piola-Kirchhoff stress dpsi/dF [Pa], (..., 3, 3); zero where psi is infinite."""
+        """Return the first Piola-Kirchhoff stress dpsi/dF [Pa], (..., 3, 3); 0 where psi is inf."""
         P = self._call("stress_points", F, sizes=(9,))[0]
         return np.swapaxes(P.reshape(*P.shape[:-1], 3, 3), -1, -2)
 
     def hessian(
         self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
     ) -> Array:
-        """d2psi/dF2 [Pa], (..., 9, 9) on vec(F) by columns (paper, eq. 17, 20).
+        """Return the Hessian d2psi/dF2 [Pa] on vec(F) by columns (Smith et al. 2018, eq. 17, 20).
 
-        filter: "exact"; "clamp", negative eigenvalues become 0 (the paper); "abs", positive.
-        eigensolver: of the scaling block, "cubic" (the paper's eq. 42, made safe) or "jacobi".
+        Parameters
+        ----------
+        F : (..., 3, 3)
+            Deformation gradients.
+        filter : str
+            What to do with negative eigenvalues: "exact" keeps them, "clamp" replaces them by 0
+            (Smith et al. 2018), "abs" by their absolute values.
+        eigensolver : str
+            Solver for the 3x3 scaling block: "cubic" (Smith et al. 2018, eq. 42) or "jacobi".
+
+        Returns
+        -------
+        (..., 9, 9)
         """
         which = FILTERS.index(choose("filter", filter, FILTERS))
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
@@ -104,9 +130,22 @@ class Material:
     def eigensystem(
         self, F: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]
     ) -> tuple[Array, Array]:
-        """Eigenvalues (..., 9) and eigenvectors (..., 9, 9), in columns, of the exact Hessian.
+        """Return eigenvalues and eigenvectors of the exact Hessian in closed form.
 
-        In the paper's order: scaling 0-2 (descending), twist 3-5, flip 6-8 (eq. 45-48, 39, 62).
+        Parameters
+        ----------
+        F : (..., 3, 3)
+            Deformation gradients.
+        eigensolver : str
+            As for `hessian`.
+
+        Returns
+        -------
+        values : (..., 9)
+            Eigenvalues [Pa]: scaling 0-2 (descending), twist 3-5, flip 6-8 (Smith et al. 2018,
+            eq. 45-48).
+        vectors : (..., 9, 9)
+            Eigenvectors in columns, on vec(F) by columns (Smith et al. 2018, eq. 39 and 62).
         """
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
@@ -138,36 +177,65 @@ class Material:
 
 
 @lru_cache
-def _tools() -> tuple[Any, Any]:
-    """The kernels that know no material."""
-    return build.load(build.library(source.svd_eigen_source()), source.header("svd_eigen_api.h"))
+def _svd_eigen_library() -> tuple[Any, Any]:
+    """The compiled SVD and eigensolvers."""
+    path = build.library(source.svd_eigen_source())
+    return build.load(path, source.header("svd_eigen_api.h"))
 
 
 def _columns(A: Array) -> Array:
+    """Matrices (..., 3, 3) stored by columns, (n, 9)."""
     return np.ascontiguousarray(np.swapaxes(A, -1, -2)).reshape(-1, 9)
 
 
 def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
-    """Rotation-variant SVD F = U diag(sigma) V^T (paper, eq. 2): U, sigma, V; det U = det V = 1.
+    """Return the rotation-variant SVD F = U diag(sigma) V^T (Smith et al. 2018, eq. 2).
 
-    F is (..., 3, 3); sigma_0 >= sigma_1 >= |sigma_2|.
+    Parameters
+    ----------
+    F : (..., 3, 3)
+        Matrices.
+
+    Returns
+    -------
+    U : (..., 3, 3)
+        Rotations, det U = 1.
+    sigma : (..., 3)
+        Signed singular values, sigma_0 >= sigma_1 >= abs(sigma_2).
+    V : (..., 3, 3)
+        Rotations, det V = 1.
     """
     F = np.asarray(F, dtype=np.float64)
     columns = _columns(F)
     U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
-    ffi, lib = _tools()
+    ffi, lib = _svd_eigen_library()
     lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
     rows = [np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V)]
     return rows[0], s.reshape(F.shape[:-1]), rows[1]
 
 
 def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
-    """Eigenvalues (..., 3), descending, and eigenvectors (..., 3, 3), in columns, of A = A^T."""
+    """Return eigenvalues and eigenvectors of symmetric 3x3 matrices.
+
+    Parameters
+    ----------
+    A : (..., 3, 3)
+        Symmetric matrices.
+    eigensolver : str
+        "cubic" or "jacobi".
+
+    Returns
+    -------
+    values : (..., 3)
+        Descending.
+    vectors : (..., 3, 3)
+        In columns.
+    """
     A = np.asarray(A, dtype=np.float64)
     solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
     packed = np.ascontiguousarray(A.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]])
     e, Q = (np.empty((len(packed), size)) for size in (3, 9))
-    ffi, lib = _tools()
+    ffi, lib = _svd_eigen_library()
     a, b, c = (ffi.cast("double *", x.ctypes.data) for x in (packed, e, Q))
     lib.eigen3_points(len(packed), a, solver, b, c)
     return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
