@@ -43,7 +43,7 @@ MISTAKES = [
     ("run twist --nuu 0.3", "unknown option '--nuu': expected .*--cells.*did you mean '--nu'"),
     ("run twist --nu", "--nu: expected one argument"),
     ("run twist --nu 0.51", r"material.nu = 0.51: expected a number in \(-1, 0.5\]"),
-    ("run twist --nu 0.5", r"nu = 0.5: .* takes a Taylor-Hood element \(P2P1, Q2Q1\)"),
+    ("run twist --nu 0.5", r"nu = 0.5: .* requires a Taylor-Hood element \(P2P1, Q2Q1\)"),
     ("run twist --nu -1", "material.nu = -1: "),
     ("run twist --nu -inf", "material.nu = -inf: "),
     ("run twist --nu nan", "material.nu = nan: "),

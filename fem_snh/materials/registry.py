@@ -8,10 +8,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import sympy
+
 from fem_snh.errors import BadInput, choose, nearest
 from fem_snh.materials import models
 from fem_snh.materials.construction import construct
 from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.signature import (
     Function,
     check_signature,
@@ -27,6 +30,10 @@ GROUP = "fem_snh.materials"
 
 #: Rest stress [E] above which a user's energy is refused: rounding of its parameters is below it.
 REST_STRESS = 1e-9
+#: Three different stretches, at which an isotropic energy may not depend on their order.
+_STRETCHES = dict(
+    zip(SIGMA, (sympy.Rational(9, 8), sympy.Rational(1), sympy.Rational(4, 5)), strict=True)
+)
 _RESERVED = {"name", "E", "group", "density", *TUNING}
 
 
@@ -94,7 +101,8 @@ def function(material: str | Function) -> Function:
         try:
             own = load_reference(str(material), getattr(material, "folder", None))
         except BadInput as error:
-            raise BadInput(f"material = {error}") from None
+            reason = str(error).removeprefix(f"'{material}': ")
+            raise BadInput(f"material = '{material}': {reason}") from None
     else:
         points = entry_points(GROUP)
         choose("material", material, names())
@@ -182,6 +190,7 @@ def make_energy(
         lambda_part=None if other is None else make_energy(other, E, nu),
     )
     if not (isinstance(material, str) and material in built_in()):
+        _check_isotropy(energy)
         _check_rest_stress(energy)
     return energy
 
@@ -195,3 +204,21 @@ def _check_rest_stress(energy: Energy) -> None:
             "an energy whose derivative vanishes there, e.g. with a term - mu log(J) or "
             "- mu (J - 1)"
         )
+
+
+def _check_isotropy(energy: Energy) -> None:
+    """Raise BadInput if a user's energy in the stretches depends on their order."""
+    if not energy.of_stretches or energy.psi is None:
+        return
+    s0, s1, s2 = SIGMA
+    first = energy.psi.subs(_STRETCHES)
+    for order in ((s1, s0, s2), (s0, s2, s1)):
+        swapped = energy.psi.subs(dict(zip(SIGMA, order, strict=True)), simultaneous=True)
+        difference = (swapped.subs(_STRETCHES) - first).subs(
+            dict(zip(energy.constants, energy.values, strict=True))
+        )
+        if abs(float(difference)) > REST_STRESS * energy.E:
+            raise BadInput(
+                f"material '{energy.name}' is not symmetric in s0, s1, s2: expected an isotropic "
+                "energy"
+            )
