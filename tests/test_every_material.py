@@ -22,7 +22,8 @@ from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import BadInput
 from fem_snh.fem import ufl_forms
-from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.kernels.pointwise import Material
+from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.invariants import SIGMA
 
 NU = 0.3

@@ -27,7 +27,8 @@ from points import (
 
 from benchmarks.eigensolvers import cubic_coefficients, cubic_vector, paper_terms
 from fem_snh.choices import EIGENSOLVERS, FILTERS
-from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.kernels.pointwise import Material
+from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from points import KINDS, deformations, every_kind, rotations
 
-from fem_snh.kernels.pointwise import svd
+from fem_snh.kernels.svd_eigen import svd
 
 
 def check(F: np.ndarray) -> None:

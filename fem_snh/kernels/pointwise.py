@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
 from fem_snh.kernels.codegen import source
 from fem_snh.kernels.element_energy import element_energy
+from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.energy import Energy
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class Material:
         if F.shape[-2:] != (3, 3):
             raise ValueError(f"F has shape {F.shape}; it must end in (3, 3)")
         shape, n = F.shape[:-2], int(np.prod(F.shape[:-2]))
-        columns = _columns(F)
+        columns = stored_by_columns(F)
         out = [np.empty((n, size)) for size in sizes]
         ffi, lib = self._kernel
 
@@ -174,71 +175,6 @@ class Material:
         from fem_snh.reports.report import report  # imports scipy
 
         return report(self)
-
-
-@lru_cache
-def _svd_eigen_library() -> tuple[Any, Any]:
-    """The compiled SVD and eigensolvers."""
-    path = build.library(source.svd_eigen_source())
-    return build.load(path, source.header("svd_eigen_api.h"))
-
-
-def _columns(A: Array) -> Array:
-    """Matrices (..., 3, 3) stored by columns, (n, 9)."""
-    return np.ascontiguousarray(np.swapaxes(A, -1, -2)).reshape(-1, 9)
-
-
-def svd(F: npt.ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the rotation-variant SVD F = U diag(sigma) V^T (Smith et al. 2018, eq. 2).
-
-    Parameters
-    ----------
-    F : (..., 3, 3)
-        Matrices.
-
-    Returns
-    -------
-    U : (..., 3, 3)
-        Rotations, det U = 1.
-    sigma : (..., 3)
-        Signed singular values, sigma_0 >= sigma_1 >= abs(sigma_2).
-    V : (..., 3, 3)
-        Rotations, det V = 1.
-    """
-    F = np.asarray(F, dtype=np.float64)
-    columns = _columns(F)
-    U, s, V = (np.empty((len(columns), size)) for size in (9, 3, 9))
-    ffi, lib = _svd_eigen_library()
-    lib.svd_points(len(columns), *(ffi.cast("double *", a.ctypes.data) for a in (columns, U, s, V)))
-    rows = [np.swapaxes(a.reshape(F.shape), -1, -2) for a in (U, V)]
-    return rows[0], s.reshape(F.shape[:-1]), rows[1]
-
-
-def eigen3(A: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]) -> tuple[Array, Array]:
-    """Return eigenvalues and eigenvectors of symmetric 3x3 matrices.
-
-    Parameters
-    ----------
-    A : (..., 3, 3)
-        Symmetric matrices.
-    eigensolver : str
-        "cubic" or "jacobi".
-
-    Returns
-    -------
-    values : (..., 3)
-        Descending.
-    vectors : (..., 3, 3)
-        In columns.
-    """
-    A = np.asarray(A, dtype=np.float64)
-    solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
-    packed = np.ascontiguousarray(A.reshape(-1, 9)[:, [0, 4, 8, 1, 2, 5]])
-    e, Q = (np.empty((len(packed), size)) for size in (3, 9))
-    ffi, lib = _svd_eigen_library()
-    a, b, c = (ffi.cast("double *", x.ctypes.data) for x in (packed, e, Q))
-    lib.eigen3_points(len(packed), a, solver, b, c)
-    return e.reshape(A.shape[:-1]), np.swapaxes(Q.reshape(A.shape), -1, -2)
 
 
 def material(

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.kernels.pointwise import Material
+from fem_snh.kernels.svd_eigen import svd
 from fem_snh.reports.evaluate import Array, stress
 
 #: From (prescribed stretch, free stretch) to the three stretches, and which of them is free.

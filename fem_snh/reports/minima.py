@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.kernels.pointwise import Material, svd
+from fem_snh.kernels.pointwise import Material
+from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.normalise import lame
 from fem_snh.reports.evaluate import Array, inside
 
