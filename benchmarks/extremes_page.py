@@ -1,4 +1,4 @@
-"""The results of `fem-snh extremes` in docs/results/extremes.md, rewritten from its CSV file."""
+"""The results of `fem-snh extremes` in docs/results/extremes_tables.md, rewritten from its CSV file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks import Row, page_tables
 from fem_snh.studies.extremes import page
 
 
-def rows(write: str = "docs/results/extremes.md") -> Iterator[Row]:
+def rows(write: str = "docs/results/extremes_tables.md") -> Iterator[Row]:
     """Rewrite the part of a page between its markers.
 
     The rows and pictures are those in the folder of the page's name. One row is yielded, with the

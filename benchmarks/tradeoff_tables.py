@@ -1,4 +1,4 @@
-"""The tables of docs/results/tradeoff.md, rewritten from the CSV files beside it.
+"""The tables of docs/results/tradeoff_tables.md, rewritten from the CSV files beside it.
 
 The text between ``<!-- table: SCENE KIND -->`` and ``<!-- end -->`` is replaced by a table of
 docs/results/tradeoff/SCENE.csv; `TABLES` lists the kinds.
@@ -198,7 +198,7 @@ TABLES: dict[str, Callable[[pd.DataFrame], str]] = {
 }
 
 
-def rows(write: str = "docs/results/tradeoff.md") -> Iterator[Row]:
+def rows(write: str = "docs/results/tradeoff_tables.md") -> Iterator[Row]:
     """Rewrite the tables of a page from the CSV files in the folder of the page's name.
 
     Yields

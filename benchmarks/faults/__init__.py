@@ -45,7 +45,7 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
     Parameters
     ----------
     only : comma list of names of `FAULTS`; default: all.
-    write : a page whose table is replaced by these rows: docs/results/extremes.md.
+    write : a page whose table is replaced by these rows: docs/results/extremes_tables.md.
 
     Yields
     ------
