@@ -1,12 +1,17 @@
-"""Cook's membrane at nu = 0.4999: what locks, and what does not.
+# %% [markdown]
+# # Cook's membrane at ν = 0.4999: which elements lock
+#
+# A tapered panel in plane strain, clamped at its left edge and sheared at its right one. `Q1`
+# evaluates the volume term at eight points of each element, and locks; `Q1P0` at the mean of each
+# element; `Q2Q1` (Taylor-Hood) has an unknown pressure ([mixed forms](../theory/mixed_forms.md)).
+# Published numbers are [here](../results/references.md), the measured cost of accuracy
+# [here](../results/tradeoff.md).
+#
+# ![Displacement of the tip against the number of cells](cook.png)
+#
+#     mpirun -n 2 python demos/cook.py
 
-    mpirun -n 2 python demos/cook.py
-
-A tapered panel in plane strain, clamped at its left and sheared at its right edge. Full integration
-on Q1 keeps the volume at eight points of each cell, and locks; Q1P0 keeps the mean of each cell;
-Q2Q1, Taylor-Hood, has a pressure of its own. Published numbers: docs/results/references.md.
-"""
-
+# %%
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -16,12 +21,16 @@ from matplotlib.figure import Figure
 
 import fem_snh
 
-parser = ArgumentParser(description=__doc__)
+parser = ArgumentParser(description="Cook's membrane with three elements.")
 parser.add_argument("--finest", type=int, choices=(16, 32, 64), default=32, help="mesh")
 parser.add_argument("--out", type=Path, default=Path("out/cook"))
 args = parser.parse_args()
 
-#: One layer of cells: factors are cheap, and nu -> 1/2 costs them nothing.
+# %% [markdown]
+# The panel is one layer of cells: sparse factors are cheap, and $\nu \to 1/2$ does not make them
+# slower.
+
+# %%
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 MESHES = [cells for cells in (2, 4, 8, 16, 32, 64) if cells <= args.finest]
 tips: dict[str, list[float]] = {}
@@ -33,6 +42,7 @@ for element, meshes in (("Q1", MESHES), ("Q1P0", MESHES), ("Q2Q1", MESHES[:-1]))
         assert result.converged, (element, cells, result.status)
         tips[element].append(result.steps[-1]["probes"]["tip"][1])
 
+# %%
 best = tips["Q2Q1"][-1]
 if MPI.COMM_WORLD.rank == 0:
     figure = Figure(figsize=(6, 4.2), layout="constrained")
@@ -51,7 +61,10 @@ if MPI.COMM_WORLD.rank == 0:
     figure.savefig(args.out / "cook.png", dpi=200)
     print(f"picture: {args.out / 'cook.png'}")
 
-# Q1 moves less than half as far on every mesh; the others get there, Q2Q1 with 4 x 4 cells.
+# %% [markdown]
+# `Q1` moves less than half as far on every mesh. The others converge, `Q2Q1` with 4 x 4 cells.
+
+# %%
 assert tips["Q1"][-1] < 0.5 * best, tips
 assert abs(tips["Q1P0"][-1] / best - 1) < 0.05, tips
 assert abs(tips["Q2Q1"][1] / best - 1) < 0.025, tips

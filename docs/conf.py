@@ -24,6 +24,7 @@ extensions = [
     "sphinx-mathjax-offline",  # equations are typeset without a network
     "sphinxcontrib.bibtex",
     "generated",  # of this folder's _ext: tables made from the program
+    "gallery",  # the demos as pages
 ]
 exclude_patterns = ["_build", "_ext", "inventories"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}

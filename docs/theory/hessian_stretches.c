@@ -1,4 +1,4 @@
-INLINE void hessian_stretches(Law p, const real *s, real *A, real *twist, real *flip) {
+INLINE void hessian_stretches(Parameters p, const real *s, real *A, real *twist, real *flip) {
   const double mu = p.constants[0];
   const double lam = p.constants[1];
   const real s0 = s[0];
