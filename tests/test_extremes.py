@@ -153,6 +153,32 @@ def test_a_study_is_a_table_and_a_page(done: tuple[Path, Outcome]) -> None:
     assert (out / "extremes.png").stat().st_size > 1000
 
 
+GENT = """
+from sympy import log
+
+def gent(I_C, J, mu, lam, *, limit=50.0):
+    stretch = -mu * limit / 2 * log(1 - (I_C - 3) / limit)
+    return stretch - mu * (J - 1) + lam / 2 * (J - 1) ** 2
+"""
+
+
+def test_a_material_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its pointwise errors must be within their bounds; no theory predicts its runs."""
+    (tmp_path / "gent.py").write_text(GENT)
+    material, out = f"{tmp_path / 'gent.py'}:gent", tmp_path / "out"
+    for family in (scramble, crush, loads):
+        made = family.cases(True, 1, material)
+        assert made and not any(case.required for case in made)
+        assert {case.point.requested()["material"] for case in made} == {material}
+    words = ["extremes", "--quick", "--only", "pointwise", "--material", material]
+    assert main([*words, "--out", str(out)]) == 0
+    assert "1 of 1 that are expected to pass do" in capsys.readouterr().out
+    (row,) = pd.read_csv(out / "extremes.csv").to_dict("records")
+    assert row["passed"] and row["material"] == material and row["expected"] == "pass"
+    with pytest.raises(BadInput, match=r"material = .*genz"):
+        extremes(out, quick=True, material=f"{tmp_path / 'gent.py'}:genz")
+
+
 def test_a_study_goes_on_where_it_was(done: tuple[Path, Outcome]) -> None:
     out, outcome = done
     said: list[str] = []

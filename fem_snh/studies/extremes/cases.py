@@ -66,7 +66,8 @@ class Case:
         reason = self.check(record, row) if record else str(row["status"])
         remark = ""
         if reason:
-            remark = "failed" if self.required else "failed; this case may fail"
+            remark = "failed" if self.required else "failed, as it may"
+            remark += "" if reason == row["status"] else f": {reason}"
         return {"passed": not reason, "reason": reason, "remark": remark}
 
 

@@ -57,6 +57,8 @@ def _head(table: pd.DataFrame) -> str:
     required = table[table["expected"] == PASS]
     passed = int(required["passed"].sum())
     aggregate = aggregate_criteria(table).items()
+    materials = table.loc[table["family"] != "pointwise", "material"].dropna()
+    other = [name for name in materials.unique() if name != "stable_neo_hookean"]
     lines = [f"- {criterion}: {reason or 'passed'}" for criterion, reason in aggregate]
     return "\n".join(
         [
@@ -64,6 +66,14 @@ def _head(table: pd.DataFrame) -> str:
             f"{len(table) - len(required)} more may fail;",
             "they are run for comparison. Written by `fem-snh extremes`; extremes.csv has one row "
             "per case.",
+            *(
+                [
+                    "",
+                    f"The runs are of `{other[0]}`; the theory below is that of Stable Neo-Hookean.",
+                ]
+                if len(other)
+                else []
+            ),
             *(["", *lines] if lines else []),
         ]
     )
