@@ -20,27 +20,25 @@ EIGENSOLVERS = ("cubic", "jacobi")
 #: First guesses of a load step.
 PREDICTORS = ("none", "extrapolate", "tangent")
 
-#: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike. The default
-#: globalization depends on the problem: see `default_globalization`.
+#: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike.
 DEFAULT_HESSIAN = "adaptive"
 DEFAULT_PREDICTOR = "extrapolate"
 DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
 
+#: The default globalization of each kind of problem. Without an energy to minimise there is nothing
+#: that a trust region could reduce.
+DEFAULT_GLOBALIZATIONS = {
+    "minimisation problem": "trust_region",
+    "saddle-point problem": "linesearch",  # Taylor-Hood elements
+    "stress without an energy": "linesearch",
+}
+
 #: L-BFGS iterations after a Newton step, at most: with a line search, and in a trust region (more
-#: than 80 were never used; see docs/speed.md).
+#: than 80 were never needed; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
 
 #: ``hessian = "trust"``, the name of a choice of both until 0.1.0.
 _ALIAS, _MEANING = "trust", ("adaptive", "trust_region")
-
-
-def default_globalization(minimisation: bool) -> str:
-    """Return ``trust_region`` for a minimisation problem, ``linesearch`` for any other.
-
-    A saddle-point problem (Taylor-Hood elements) and a stress without an energy have no objective
-    that a trust region could reduce.
-    """
-    return "trust_region" if minimisation else "linesearch"
 
 
 def replace_alias(

@@ -5,8 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from fem_snh._petsc import default_options
-from fem_snh.choices import DEFAULT_HESSIAN
-from fem_snh.choices import default_globalization as of_kind
+from fem_snh.choices import DEFAULT_GLOBALIZATIONS, DEFAULT_HESSIAN
 from fem_snh.errors import BadInput
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver import options, saddle_point, trust_region
@@ -96,8 +95,11 @@ def create(
 
 
 def default_globalization(problem: NonlinearProblem) -> str:
-    """Return ``trust_region`` for a minimisation problem, ``linesearch`` for any other."""
-    return of_kind(problem.has_energy and not problem.saddle_point)
+    """Return the default globalization of a problem: see `DEFAULT_GLOBALIZATIONS`."""
+    if problem.saddle_point:
+        return DEFAULT_GLOBALIZATIONS["saddle-point problem"]
+    kind = "minimisation problem" if problem.has_energy else "stress without an energy"
+    return DEFAULT_GLOBALIZATIONS[kind]
 
 
 def linear_solver_name(snes: PETSc.SNES) -> str:
