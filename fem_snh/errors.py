@@ -22,8 +22,12 @@ _SIMILAR = 0.5
 class BadInput(ValueError):
     """A mistake in the input or the environment: one line, exit code 2.
 
-    The message names the key, its value and what is accepted.
+    The message names the key, its value and what is accepted. Line breaks in it, as of a value,
+    become spaces.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(" ".join(str(message).split()))
 
 
 class RenamedKey(FutureWarning):
@@ -43,6 +47,15 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f" (did you mean '{match[0]}'?)" if match else ""
 
 
+def shown(value: object) -> str:
+    """Return the ``repr`` of a value in one line, cut if it is long."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # Python prints no whole number of more than 4300 digits
+        text = "<a number of too many digits>"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
 def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ()) -> BadInput:
     """Return the exception ``<key> = <value>: expected <accepted>``.
 
@@ -57,9 +70,8 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
     known : iterable of str
         Accepted words; the nearest to ``value`` is suggested.
     """
-    shown = repr(value)
-    shown = shown if len(shown) <= _SHOWN else shown[: _SHOWN - 3] + "..."
-    return BadInput(f"{key} = {shown}: expected {accepted}{nearest(str(value), known)}")
+    word = value if isinstance(value, str) else ""
+    return BadInput(f"{key} = {shown(value)}: expected {accepted}{nearest(word, known)}")
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> BadInput:

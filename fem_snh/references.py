@@ -29,15 +29,9 @@ def is_reference(text: str) -> bool:
     return re.search(r"\.py(:|$)", text) is not None
 
 
-def absolute_reference(text: str, folder: Path) -> str:
-    """Return the reference ``text`` with its file made absolute, seen from ``folder``.
-
-    A text that is no reference, such as the name of a built-in material, is returned unchanged.
-    """
-    if not is_reference(text):
-        return text
-    file, colon, name = text.partition(".py")
-    return f"{(folder / f'{file}.py').resolve()}{name}" if colon else text
+def file_of(text: str) -> Path:
+    """Return the path of a reference's file; of another text, the text as a path."""
+    return Path(text.rpartition(":")[0] if is_reference(text) and ":" in text else text)
 
 
 def load_reference(reference: str, folder: Path | None = None) -> Function:
@@ -117,7 +111,7 @@ def _load_entry_point(point: metadata.EntryPoint) -> Function:
     try:
         found = point.load()
     except (Exception, SystemExit) as error:
-        raise BadInput(f"{label}: {_describe(error)}") from None
+        raise BadInput(f"{label}: {describe_error(error)}") from None
     if not callable(found):
         raise BadInput(f"{label}: it is of type {type(found).__name__}: expected a function")
     function: Function = found
@@ -138,14 +132,14 @@ def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise BadInput(f"{path} does not import: {_describe(error, path)}") from None
+        raise BadInput(f"{path} does not import: {describe_error(error, path)}") from None
     finally:
         sys.path.remove(str(path.parent))
     return module
 
 
-def _describe(error: BaseException, path: Path | None = None) -> str:
-    """Return an error in one line, with the line of the file where it arose if it is known."""
+def describe_error(error: BaseException, path: str | Path | None = None) -> str:
+    """Return an error in one line; with the line of the file ``path`` in which it was raised."""
     text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     line = error.lineno if isinstance(error, SyntaxError) else None
     if path is not None and line is None:

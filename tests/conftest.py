@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+from scene_file import TOML
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -38,6 +39,14 @@ def comm() -> MPI.Intracomm:
 def folder(comm: MPI.Intracomm, tmp_path: Path) -> Path:
     """An empty folder, the same one on every rank."""
     return comm.bcast(tmp_path, root=0)
+
+
+@pytest.fixture
+def toml(tmp_path: Path) -> Path:
+    """A scene file."""
+    path = tmp_path / "block.toml"
+    path.write_text(TOML)
+    return path
 
 
 # --- a test that fails on one rank must not leave the others in a collective ---------------------

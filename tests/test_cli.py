@@ -49,7 +49,7 @@ MISTAKES = [
     ("run twist --nu nan", "material.nu = nan: "),
     ("run twist --nu abc", "material.nu = 'abc': "),
     ("run twist --E -1e-3", "material.E = -0.001: expected a number > 0"),
-    ("run twist --cells 0", "cells = 0: expected a whole number, 1 or more"),
+    ("run twist --cells 0", "cells = 0: expected a whole number from 1 to 10000"),
     (
         "run twist --material neo_hookan",
         "material = 'neo_hookan': expected .*did you mean 'neo_hookean'",

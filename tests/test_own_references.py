@@ -10,7 +10,7 @@ import pytest
 
 from fem_snh import references
 from fem_snh.errors import BadInput
-from fem_snh.references import absolute_reference, entry_points, is_reference, load_reference
+from fem_snh.references import entry_points, file_of, is_reference, load_reference
 
 FILE = """
 import math
@@ -90,12 +90,10 @@ def test_a_file_that_does_not_import(tmp_path: Path, text: str, said: str) -> No
     assert "\n" not in str(caught.value)
 
 
-def test_what_a_reference_is(tmp_path: Path) -> None:
+def test_what_a_reference_is() -> None:
     assert is_reference("press.py:press") and is_reference("a/b.py")
     assert not any(map(is_reference, ("twist", "block.toml", "a.pyc", "happy:press")))
-    assert absolute_reference("twist", tmp_path) == "twist"
-    assert absolute_reference("a.py:f", tmp_path) == f"{tmp_path.resolve()}/a.py:f"
-    assert absolute_reference("/x/a.py:f", tmp_path) == "/x/a.py:f"
+    assert file_of("a/press.py:press") == Path("a/press.py") and file_of("a.toml") == Path("a.toml")
 
 
 def test_entry_points(monkeypatch: pytest.MonkeyPatch) -> None:

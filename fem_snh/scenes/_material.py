@@ -43,13 +43,17 @@ class MaterialChoice(Table):
 
     model_config = ConfigDict(extra="allow")  # `_check_parameters` validates them
 
-    name: Annotated[Any, Field(description="the name of a material, or FILE.py:FUNCTION")]
-    E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")]
+    name: Annotated[Any, Expect("the name of a material, see `fem-snh materials`")] = Field(
+        description="Name of the material, one that `fem-snh materials` lists, or FILE.py:FUNCTION."
+    )
+    E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")] = Field(
+        description="Young's modulus at small strain [Pa]."
+    )
     nu: Annotated[
         Finite,
         Field(gt=-1, le=0.5),
         Expect("a number in (-1, 0.5]; 0.5 itself takes a Taylor-Hood element"),
-    ]
+    ] = Field(description="Poisson's ratio at small strain; 0.5 requires a Taylor-Hood element.")
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -76,8 +80,11 @@ class MaterialChoice(Table):
         from fem_snh.materials import function
 
         if not (callable(name) or isinstance(name, str)):
-            raise BadInput(f"{name!r}: expected the name of a material, see `fem-snh materials`")
-        function(name)
+            raise bad_value("name", name, "the name of a material, see `fem-snh materials`")
+        try:
+            function(name)
+        except BadInput as error:
+            raise BadInput(str(error).replace("material =", "name =", 1)) from None
         return name
 
     @model_validator(mode="after")

@@ -1,24 +1,63 @@
-"""What the tables of a scene hold, each with what to say where it is something else."""
+"""Types of the values in a scene's tables; each states in its message what it accepts."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from fem_snh.scenes._validation import Expect, Finite
+from fem_snh.scenes._validation import Expect, Finite, Whole
+
+#: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
+INT32_MAX = 2**31 - 1
+#: Largest whole number that TOML promises to hold (TOML 1.0, "Integer").
+INT64_MAX = 2**63 - 1
+#: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
+#: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
+MAX_CELLS = 10_000
+#: basix has Xiao-Gimbutas rules up to this degree; a hexahedron has 16^3 points then.
+MAX_QUADRATURE = 30
+#: run.json has a row of some 500 bytes for each step: 0.5 GB.
+MAX_STEPS = 1_000_000
 
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Finite, Expect("a finite number")]
-Count = Annotated[int, Field(strict=True, ge=1), Expect("a whole number, 1 or more")]
+Positive = Annotated[Finite, Field(gt=0), Expect("a number > 0")]
+NonNegative = Annotated[Finite, Field(ge=0), Expect("a number >= 0")]
+Cells = Annotated[int, Whole(1, MAX_CELLS)]
+Degree = Annotated[int, Whole(1, MAX_QUADRATURE)]
+Steps = Annotated[int, Whole(1, MAX_STEPS)]
+Count = Annotated[int, Whole(1, INT32_MAX)]
+Seed = Annotated[int, Whole(0, INT64_MAX)]
 Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
-Volume = Annotated[Finite, Field(gt=0), Expect("a number > 0 (times the body's volume)")]
+Range = Annotated[tuple[Finite, Finite], Expect("two finite numbers")]
 GroupKey = Annotated[
-    Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True)],
-    Expect("the name or number of a physical group"),
+    Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)],
+    Expect(f"the name of a physical group, or its number from 1 to {INT32_MAX}"),
 ]
+Groups = Annotated[list[GroupKey], Expect("a list of names or numbers of physical groups")]
 Axis = Literal["x", "y", "z"]
 Components = Annotated[
     tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
 ]
+PoissonRatios = Annotated[
+    list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
+    Expect("a list of Poisson's ratios in (-1, 0.5)"),
+]
+
+
+def _check_float(value: object) -> object:
+    """Reject whole numbers, which a strict float of pydantic accepts."""
+    if not isinstance(value, float):
+        raise ValueError
+    return value
+
+
+Option = (
+    Annotated[bool, Field(strict=True)]
+    | Annotated[int, Field(strict=True, ge=-INT32_MAX, le=INT32_MAX)]
+    | Annotated[Finite, BeforeValidator(_check_float)]
+    | str
+    | None
+)

@@ -1,7 +1,8 @@
-"""Validated tables whose mistakes read well: one line with the key, the value and what would do."""
+"""Validation of a scene's tables with messages of the form ``<key> = <value>: expected ...``."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -16,14 +17,17 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from fem_snh.errors import BadInput, unknown_name
+from fem_snh.errors import BadInput, shown, unknown_name
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
 class Expect:
-    """Says what a field expects, in place of pydantic's own messages; takes numpy's values too."""
+    """An annotation that states what a field accepts; it replaces pydantic's own messages.
+
+    Numpy's scalars and arrays are accepted as Python's.
+    """
 
     what: str
 
@@ -35,18 +39,38 @@ class Expect:
     def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
         try:
             return inner(value.tolist() if hasattr(value, "tolist") else value)
-        except ValidationError:
+        except (ValidationError, OverflowError):  # a whole number too large for a float
             raise PydanticCustomError("expected", "expected {what}", {"what": self.what}) from None
 
 
+@dataclass(frozen=True, init=False)
+class Whole(Expect):
+    """An annotation for whole numbers from ``lowest`` to ``highest``."""
+
+    lowest: int
+    highest: int
+
+    def __init__(self, lowest: int, highest: int) -> None:
+        object.__setattr__(self, "lowest", lowest)
+        object.__setattr__(self, "highest", highest)
+        object.__setattr__(self, "what", f"a whole number from {lowest} to {highest}")
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        numbers = core_schema.int_schema(strict=True, ge=self.lowest, le=self.highest)
+        return core_schema.no_info_wrap_validator_function(self._check, numbers)
+
+
 class Table(BaseModel):
-    """A table with known keys: an unknown one names the nearest, a missing one what it takes."""
+    """A table with known keys; messages name unknown and missing ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     @model_validator(mode="before")
     @classmethod
-    def _keys(cls, data: Any) -> Any:
+    def _check_keys(cls, data: Any) -> Any:
+        """Raise BadInput for an unknown or a missing key."""
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
@@ -60,24 +84,29 @@ class Table(BaseModel):
         return data
 
 
-_KINDS = {
+#: Messages for pydantic's error types, where a field has no `Expect`.
+_EXPECTED = {
     "list_type": "expected a list of tables, [[...]] in TOML",
     "model_type": "expected a table",
     "float_type": "expected a number",
     "int_type": "expected a whole number",
 }
+#: Tags by which pydantic distinguishes the two kinds of a scene's ``mesh``; no user wrote them.
+_TAGS = ("built-in", "file")
 
 
 def one_line(error: ValidationError) -> str:
-    """The first mistake of a ValidationError in one line: ``material.nu = 0.5: expected ...``."""
+    """Return the first mistake as one line: ``material.nu = 0.6: expected ...``."""
     first = error.errors(include_url=False)[0]
-    # "built-in" and "file" are the tags by which Scene.mesh tells its two kinds apart.
-    where = ".".join(str(part) for part in first["loc"] if part not in ("built-in", "file"))
+    where = [str(part) for part in first["loc"] if part not in _TAGS]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, BadInput):
-        return f"{where}: {cause}" if where else str(cause)
-    value = repr(first["input"])
-    value = value if len(value) <= 60 else value[:57] + "..."
-    what = _KINDS.get(first["type"]) or first["msg"].removeprefix("Input ")
+        message = str(cause)
+        if key := re.match(r"(\w+) = ", message):  # a validator knows its key without its table
+            return ".".join([*(where[:-1] if where[-1:] == [key[1]] else where), message])
+        return f"{'.'.join(where)}: {message}" if where else message
+    if first["type"].startswith("missing_"):  # an argument of a scene's function
+        return f"missing parameter '{'.'.join(where)}': expected a value"
+    what = _EXPECTED.get(first["type"]) or first["msg"].removeprefix("Input ")
     what = what.replace("should be", "expected")
-    return f"{where} = {value}: {what}"
+    return f"{'.'.join(where)} = {shown(first['input'])}: {what}"

@@ -1,18 +1,11 @@
-"""What a scene may say: the same tables, with the same rules, for Python scenes and TOML files."""
+"""The schema of a scene: the same tables and rules for Python scenes and for TOML files."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import (
-    Discriminator,
-    Field,
-    Tag,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fem_snh.choices import (
     DEFAULT_EIGENSOLVER,
@@ -24,103 +17,125 @@ from fem_snh.choices import (
     PREDICTORS,
     replace_alias,
 )
-from fem_snh.errors import BadInput, choose, note_rename
+from fem_snh.errors import BadInput, bad_value, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._conditions import Hold, Move, Rotate, Start, Traction
 from fem_snh.scenes._material import MaterialChoice
-from fem_snh.scenes._types import Count, GroupKey, Text, Vector
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.scenes._outputs import Geometry, Mesh, Modes, Probe
+from fem_snh.scenes._types import (
+    MAX_CELLS,
+    Cells,
+    Degree,
+    Groups,
+    Option,
+    PoissonRatios,
+    Range,
+    Steps,
+    Text,
+)
+from fem_snh.scenes._validation import Expect, Table
 
 __all__ = [
-    "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
+    "RENAMED", "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
     "Start", "Traction",
 ]  # fmt: skip
-
-Scalar = Annotated[bool, Field(strict=True)] | Annotated[int, Field(strict=True)] | Finite | str
-Softer = Annotated[
-    list[Annotated[Finite, Field(gt=-1, lt=0.5)]],
-    Expect("a list of Poisson's ratios in (-1, 0.5)"),
-]
-
 
 #: Old names of a scene's keys, and their new ones.
 RENAMED = {"soften": "nu_continuation"}
 
-
-class Geometry(Table):
-    """A built-in geometry: a gmsh source under meshes/ and its parameters besides ``cells``."""
-
-    source: Text
-    parameters: Annotated[
-        dict[str, Annotated[int, Field(strict=True)] | Finite], Expect("a table of numbers")
-    ] = {}
-
-
-class Probe(Table):
-    """A point of the body, in reference coordinates, whose displacement each step reports."""
-
-    name: Text
-    point: Vector
-
-
-class Modes(Table):
-    """The ``count`` lowest eigenfrequencies at the end, for a mass density [kg/m^3]."""
-
-    count: Count = 10
-    density: Annotated[Finite, Field(gt=0), Expect("a number > 0 (mass density)")] = 1000.0
-
-
-Mesh = Annotated[
-    Annotated[Geometry, Tag("built-in")]
-    | Annotated[Path, Expect("a gmsh file or a built-in geometry"), Tag("file")],
-    Discriminator(lambda mesh: "built-in" if isinstance(mesh, dict | Geometry) else "file"),
-]
+#: The words that some keys accept.
+WORDS = {
+    "element": tuple(ELEMENTS),
+    "hessian": HESSIANS,
+    "globalization": GLOBALIZATIONS,
+    "eigensolver": EIGENSOLVERS,
+    "predictor": PREDICTORS,
+}
 
 
 class Scene(Table):
-    """One quasi-static experiment: everything `fem_snh.run` needs to know.
+    """A quasi-static experiment: all that `fem_snh.run` needs.
 
-    The load goes from 0 to 1 in ``steps`` equal steps; ``load_range`` is what plots call its ends.
-    ``cells`` is the resolution of a built-in geometry, None for a mesh file. ``reactions`` are
-    groups whose total force each step reports, ``probe`` points whose displacement; ``modes`` asks
-    for eigenfrequencies at the end. ``hessian`` and ``globalization`` are Newton's method's
-    (`fem_snh.solver.create`). ``start`` is where the first step begins: there is nothing to predict
-    it from, so it needs ``predictor`` none. ``nu_continuation`` are Poisson's ratios with which
-    each step is solved before it is with the material's own. ``quadrature`` is a polynomial degree,
-    None the element's own; ``eigensolver`` is of the Hessian's 3x3 scaling block. ``petsc`` holds
-    PETSc options without the leading dash, to go under the solver's prefix; a flag's value is None.
+    The load goes from 0 to 1 in ``steps`` equal increments.
     """
 
-    name: Text
-    mesh: Mesh
-    cells: Count | None = None
-    element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))]
-    quadrature: Count | None = None
-    hessian: str = DEFAULT_HESSIAN
-    globalization: str | None = None
-    eigensolver: str = DEFAULT_EIGENSOLVER
-    steps: Count = 1
-    material: MaterialChoice
-    hold: list[Hold] = []
-    move: list[Move] = []
-    traction: list[Traction] = []
-    start: Start | None = None
-    nu_continuation: Softer = []
-    reactions: Annotated[
-        list[GroupKey], Expect("a list of names or numbers of physical groups")
-    ] = []
-    probe: list[Probe] = []
-    modes: Modes | None = None
-    predictor: str = DEFAULT_PREDICTOR
+    name: Text = Field(description="Name of the scene; default: the file's name.")
+    mesh: Mesh = Field(
+        description="Path of a gmsh file, relative to the scene file; or a built-in geometry."
+    )
+    cells: Cells | None = Field(
+        default=None,
+        description="Resolution of a built-in geometry, in cells along an edge; "
+        "a mesh file has none.",
+    )
+    element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))] = Field(
+        description=f"Finite element, one of {', '.join(ELEMENTS)}: P on tetrahedra, Q on "
+        "hexahedra; then the degree of the displacement; P0 with mean dilatation; P1 or Q1 with "
+        "a continuous pressure (Taylor-Hood)."
+    )
+    quadrature: Degree | None = Field(
+        default=None,
+        description="Polynomial degree that the quadrature rule integrates exactly; "
+        "default: the element's.",
+    )
+    hessian: str = Field(
+        default=DEFAULT_HESSIAN,
+        description=f"Hessian of Newton's method, one of {', '.join(HESSIANS)}.",
+    )
+    globalization: str | None = Field(
+        default=None,
+        description=f"Globalisation of Newton's method, one of {', '.join(GLOBALIZATIONS)}; "
+        "default: trust_region for a minimisation problem, linesearch otherwise.",
+    )
+    eigensolver: str = Field(
+        default=DEFAULT_EIGENSOLVER,
+        description="Eigensolver of the Hessian's 3x3 scaling block, "
+        f"one of {', '.join(EIGENSOLVERS)}.",
+    )
+    steps: Steps = Field(
+        default=1, description="Number of load steps; a step that fails is halved."
+    )
+    material: MaterialChoice = Field(description="The material.")
+    hold: list[Hold] = Field(default=[], description="Groups that do not move.")
+    move: list[Move] = Field(default=[], description="Groups that move with the load.")
+    traction: list[Traction] = Field(default=[], description="Dead loads on surfaces.")
+    start: Start | None = Field(
+        default=None, description="Initial displacement; it needs predictor = 'none'."
+    )
+    nu_continuation: PoissonRatios = Field(
+        default=[],
+        description="Continuation in Poisson's ratio: the ratios with which each step is solved "
+        "before it is solved with the material's own.",
+    )
+    reactions: Groups = Field(
+        default=[],
+        description="Physical groups whose total reaction force is reported after each step.",
+    )
+    probe: list[Probe] = Field(
+        default=[], description="Points whose displacement is reported after each step."
+    )
+    modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
+    predictor: str = Field(
+        default=DEFAULT_PREDICTOR,
+        description=f"Initial guess of a load step, one of {', '.join(PREDICTORS)}: the last "
+        "equilibrium, its linear extrapolation in the load, or a linear solve with the tangent.",
+    )
     petsc: Annotated[
-        dict[str, Scalar | None], Expect("a table of numbers, texts, true and false")
-    ] = {}
-    load_name: Text = "load"
-    load_range: Annotated[tuple[Finite, Finite], Expect("two finite numbers")] = (0.0, 1.0)
+        dict[str, Option],
+        Expect("a table of numbers (whole ones of 32 bits), texts, true and false"),
+    ] = Field(
+        default={},
+        description="PETSc options under the solver's prefix, with or without the leading dash; "
+        "the value of a flag is true.",
+    )
+    load_name: Text = Field(default="load", description="What plots call the load.")
+    load_range: Range = Field(
+        default=(0.0, 1.0), description="What plots show for the loads 0 and 1."
+    )
 
     @model_validator(mode="before")
     @classmethod
-    def _renamed(cls, data: Any) -> Any:
+    def _rename(cls, data: Any) -> Any:
         """Accept the old names of keys and values, with a note."""
         if not isinstance(data, dict):
             return data
@@ -132,55 +147,55 @@ class Scene(Table):
             data |= dict(zip(("hessian", "globalization"), choices, strict=True))
         return data
 
-    @field_validator("element", "hessian", "globalization", "eigensolver", "predictor")
+    @field_validator(*WORDS)
     @classmethod
-    def _known(cls, name: str | None, info: ValidationInfo) -> str | None:
-        if name is None:
-            return None
-        known = {
-            "element": ELEMENTS,
-            "hessian": HESSIANS,
-            "globalization": GLOBALIZATIONS,
-            "eigensolver": EIGENSOLVERS,
-            "predictor": PREDICTORS,
-        }
+    def _check_word(cls, word: str | None, info: ValidationInfo) -> str | None:
         key = str(info.field_name)
-        return choose(key, name, known[key])
+        return None if word is None else choose(key, word, WORDS[key])
 
     @field_validator("probe")
     @classmethod
-    def _named_once(cls, probes: list[Probe]) -> list[Probe]:
+    def _check_probes(cls, probes: list[Probe]) -> list[Probe]:
         names = [probe.name for probe in probes]
         for name in names:
             if names.count(name) > 1:
-                raise BadInput(f"two probes are called '{name}': give each a name of its own")
+                raise bad_value("name", name, "a different name for each probe")
         return probes
 
     @field_validator("petsc")
     @classmethod
-    def _no_dash(cls, options: dict[str, Any]) -> dict[str, Any]:
+    def _remove_dashes(cls, options: dict[str, Any]) -> dict[str, Any]:
+        """Remove the leading dash of PETSc options."""
+        for key in options:
+            if not key.strip("-").strip():
+                raise bad_value("petsc", options, "the name of a PETSc option for each value")
         return {key.lstrip("-"): value for key, value in options.items()}
 
     @model_validator(mode="after")
-    def _consistent(self) -> Scene:
+    def _check_mesh(self) -> Scene:
         if isinstance(self.mesh, Geometry) and self.cells is None:
-            raise BadInput("missing key 'cells': expected a whole number, 1 or more")
+            raise BadInput(f"missing key 'cells': expected a whole number from 1 to {MAX_CELLS}")
         if isinstance(self.mesh, Path) and self.cells is not None:
-            raise BadInput(
-                f"cells = {self.cells}: only a built-in geometry has it; the cells come from "
-                f"{self.mesh.name}"
-            )
+            raise bad_value("cells", self.cells, f"no value, as {self.mesh.name} has its own cells")
+        return self
+
+    @model_validator(mode="after")
+    def _check_predictor(self) -> Scene:
         if self.start is not None and self.predictor != "none":
-            begins = "a run that begins at a 'start' has none: expected predictor = 'none'"
-            raise BadInput(f"predictor = '{self.predictor}': {begins}")
-        taken = [(str(h.group), set(h.components), "held") for h in self.hold]
+            raise bad_value("predictor", self.predictor, "'none', as the scene has a 'start'")
+        return self
+
+    @model_validator(mode="after")
+    def _check_constraints(self) -> Scene:
+        """Raise BadInput if a group has two conditions on one component."""
+        taken = [(str(h.group), set(h.components), "hold") for h in self.hold]
         for move in self.move:
-            for group, components, how in taken:
+            for group, components, table in taken:
                 both = components & set(move.components)
                 if group == str(move.group) and both:
                     raise BadInput(
-                        f"group '{group}' is both {how} and moved in {', '.join(sorted(both))}: "
-                        "take it out of one, or give each its own 'components'"
+                        f"move.group = '{group}': expected components other than "
+                        f"{', '.join(sorted(both))}, which [[{table}]] constrains for this group"
                     )
-            taken.append((str(move.group), set(move.components), "moved"))
+            taken.append((str(move.group), set(move.components), "move"))
         return self

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
+from fem_snh.references import file_of
 from fem_snh.studies.point import Point
 from fem_snh.studies.table import REQUESTED, measured_columns
 
@@ -65,16 +66,16 @@ def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
     values = {key: getattr(scene, key) for key in REQUESTED if key not in ("scene", "E", "nu")}
     material = scene.material
     return values | {
-        "scene": scene.name, "material": material.label, "E": material.E, "nu": material.nu
+        "scene": scene.name, "material": material.name, "E": material.E, "nu": material.nu
     }  # fmt: skip
 
 
 def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
     """Return a digest of each file of a scene: with other contents it is another study."""
-    paths = {Path(scene)}
-    for one in loaded:
-        paths |= {one.mesh} if isinstance(one.mesh, Path) else set()
-        paths |= set(one.material.files)
+    paths = {file_of(str(scene))}
+    for each in loaded:
+        paths |= {each.mesh} if isinstance(each.mesh, Path) else set()
+        paths |= set(each.material.files)
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for path in sorted(paths)

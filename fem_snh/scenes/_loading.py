@@ -1,0 +1,169 @@
+"""Load a scene: by name, from a file or a function, with some of its values replaced."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from fem_snh.errors import BadInput, nearest, note_rename, unknown_name
+from fem_snh.references import is_reference
+from fem_snh.materials import Reference
+from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
+from fem_snh.scenes._validation import one_line
+from fem_snh.scenes.schema import RENAMED, Scene
+
+#: Keys that stand for a key of the material's table.
+_SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
+#: Keys of a material whose value may be a reference FILE.py:NAME.
+_REFERENCES = ("name", "lambda_part")
+
+
+def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
+    """Return a scene, with some of its values replaced.
+
+    Parameters
+    ----------
+    scene : str, Path, Scene or callable
+        A name (`names`), a path that ends in ``.toml``, a reference ``FILE.py:NAME`` to a function
+        that returns a Scene, the function itself, or a Scene.
+    **overrides
+        Parameters of the scene's function; keys of `Scene`; ``material`` (a name or a table), ``E``
+        and ``nu``; dotted keys such as ``material.barrier`` or ``move.0.translate``. A table
+        ``petsc`` is merged with the scene's. None leaves a value unchanged. Another material drops
+        the shape parameters of the scene's.
+
+    Raises
+    ------
+    BadInput
+        One line that names the scene, the key, its value and what is accepted.
+    """
+    given = {key: value for key, value in overrides.items() if value is not None or "." in key}
+    given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
+    for key in [key for key in given if key in RENAMED]:
+        note_rename(key, RENAMED[key])
+        given[RENAMED[key]] = given.pop(key)
+    if isinstance(scene, Scene):
+        return validate(scene.model_dump(), scene.name, given)
+    if callable(scene):
+        return _call(scene, getattr(scene, "__name__", "scene"), given)
+    label = str(scene)
+    if label.endswith(".toml"):
+        return validate(read_toml(Path(scene)), label, given)
+    return _call(function(label), label, given)
+
+
+def validate(
+    data: Mapping[str, Any],
+    label: str,
+    overrides: Mapping[str, Any] | None = None,
+    known: Mapping[str, Any] | None = None,
+) -> Scene:
+    """Return the Scene of some tables.
+
+    Parameters
+    ----------
+    data : mapping
+        The tables.
+    label : str
+        The scene's name in messages.
+    overrides : mapping, optional
+        Values to put into the tables, by keys as in `load`.
+    known : mapping, optional
+        Parameters of the scene's function, which a message about an unknown key lists.
+
+    Raises
+    ------
+    BadInput
+        One line, which starts with ``label``.
+    """
+    overrides = overrides or {}
+    try:
+        keys = dict.fromkeys([*(known or {}), *_SHORT, *Scene.model_fields])
+        for key in overrides:
+            if (first := key.partition(".")[0]) not in keys:
+                raise unknown_name("parameter", first, keys)
+        return Scene.model_validate(_replace(dict(data), overrides))
+    except ValidationError as error:
+        raise BadInput(f"{label}: {one_line(error)}") from None
+    except BadInput as error:
+        raise BadInput(f"{label}: {error}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a scene file.
+
+    Relative paths in it become relative to the working directory; the name is the file's stem.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise BadInput(f"{path} is not valid TOML: it is not UTF-8 text") from None
+    except (ValueError, RecursionError) as error:  # also a number of too many digits
+        raise BadInput(f"{path} is not valid TOML: {error}") from None
+    except OSError as error:
+        others = {other.stem: other.name for other in path.parent.glob("*.toml")}
+        near = nearest(path.stem, others).replace("'?)", ".toml'?)")
+        raise BadInput(f"cannot read the scene {path}: {error.strerror}{near}") from None
+    return {"name": path.stem} | _locate(data, path.parent)
+
+
+def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
+    """Return the Scene that a function makes, with some of its values replaced."""
+    own = parameters(make)
+    arguments = {key: given.pop(key) for key in own if key in given}
+    try:
+        data = make_scene(make, arguments).model_dump()
+    except ValidationError as error:
+        raise BadInput(f"{label}: {one_line(error)}") from None
+    except BadInput as error:
+        raise BadInput(f"{label}: {error}") from None
+    if is_reference(label):
+        data = _locate(data, Path(label.rpartition(":")[0]).parent)
+    return validate(data, label, given, own)
+
+
+def _locate(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return tables whose relative paths start from ``folder``: the mesh, and references."""
+    if isinstance(data.get("mesh"), str | Path):
+        data = data | {"mesh": folder / data["mesh"]}
+    if isinstance(material := data.get("material"), dict):
+        found = {key: material[key] for key in _REFERENCES if isinstance(material.get(key), str)}
+        found = {key: Reference(text, folder) for key, text in found.items()}
+        data = data | {"material": material | found}
+    return data
+
+
+def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Put the overrides into the tables ``data``, which are changed in place."""
+    choice = overrides.get("material", {})
+    name = choice.get("name") if isinstance(choice, Mapping) else choice
+    material = data.get("material")
+    if name is not None and isinstance(material, dict) and material.get("name") != name:
+        data["material"] = {key: material[key] for key in ("E", "nu") if key in material}
+    for key, value in overrides.items():
+        if isinstance(value, Mapping) and key in ("material", "petsc"):
+            table = data.get(key)
+            data[key] = (table if isinstance(table, dict) else {}) | dict(value)
+        else:
+            _put(data, _SHORT.get(key, key), value)
+    return data
+
+
+def _put(data: Any, key: str, value: Any) -> None:
+    """Set data[a][b][c] for the dotted key a.b.c; missing tables on the way are made."""
+    *way, last = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
+    try:
+        for part in way:
+            if isinstance(data, list):
+                data = data[int(part)]
+            else:
+                if data.get(part) is None:
+                    data[part] = {}
+                data = data[part]
+        data[int(last) if isinstance(data, list) else last] = value
+    except (IndexError, ValueError, TypeError, AttributeError):
+        raise BadInput(f"unknown key '{key}': expected a key of a table of the scene") from None

@@ -1,0 +1,56 @@
+"""Tables of a scene that state its geometry and its additional results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Discriminator, Field, Tag
+
+from fem_snh.errors import bad_value
+from fem_snh.scenes._types import Count, Positive, Text, Vector
+from fem_snh.scenes._validation import Expect, Finite, Table
+
+
+class Geometry(Table):
+    """A built-in geometry: a gmsh source of the folder meshes/ and the values of its parameters."""
+
+    source: Text = Field(description="Name of the gmsh source, e.g. cube, cylinder, block, cook.")
+    parameters: Annotated[dict[str, Finite], Expect("a table of numbers")] = Field(
+        default={},
+        description="Values of its parameters, except for cells, which the scene has [length].",
+    )
+
+
+class Probe(Table):
+    """A point of the body whose displacement is reported after each step."""
+
+    name: Text = Field(description="Name of the point in the results.")
+    point: Vector = Field(description="Reference coordinates [length].")
+
+
+class Modes(Table):
+    """Eigenfrequencies of the body, computed at the end of the run (needs SLEPc)."""
+
+    count: Count = Field(default=10, description="Number of modes, from the lowest.")
+    density: Positive = Field(default=1000.0, description="Mass per reference volume [kg/m^3].")
+
+
+def _check_path(path: Path) -> Path:
+    """Raise BadInput for a path that no file can have."""
+    if "\0" in str(path):
+        raise bad_value("mesh", str(path), "a gmsh file or a built-in geometry")
+    return path
+
+
+#: A gmsh file, or a built-in geometry; the tags are removed from messages.
+Mesh = Annotated[
+    Annotated[Geometry, Tag("built-in")]
+    | Annotated[
+        Path,
+        AfterValidator(_check_path),
+        Expect("a gmsh file or a built-in geometry"),
+        Tag("file"),
+    ],
+    Discriminator(lambda mesh: "built-in" if isinstance(mesh, dict | Geometry) else "file"),
+]

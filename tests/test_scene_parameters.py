@@ -1,0 +1,66 @@
+"""Shape parameters of a scene's material: their types and their mistakes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Scene
+
+
+@pytest.fixture
+def parametrised() -> Any:
+    """A function: a material of many constants and of shape parameters of every kind."""
+
+    def many(  # type: ignore[no-untyped-def]
+        I_C,
+        J,
+        C1: Any = 0.1,
+        C2: Any = 0.05,
+        kappa: Any = 1.0,
+        *,
+        powers: tuple[float, ...] = (1.0,),
+        volume: str = "J",
+        n: float = 2.0,
+        terms: int | None = None,
+    ):
+        """Many."""
+
+    return many
+
+
+def test_parameters_of_every_kind(parametrised: Any) -> None:
+    table = {"name": parametrised, "powers": [1, 2.5], "volume": "log", "n": 3, "C2": 0, "terms": 2}
+    table |= {"E": 1.0, "nu": 0.3}
+    given = scenes.load("twist", material=table).material.parameters
+    assert given == {"powers": (1.0, 2.5), "volume": "log", "n": 3.0, "C2": 0.0, "terms": 2}
+    also = scenes.load("twist", material=table | {"powers": np.array([1.5])})
+    assert also.material.parameters["powers"] == (1.5,)
+    assert Scene.model_validate(also.model_dump()) == also
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("powers", 2.0, r"powers = 2.0: expected a list of float"),
+        ("powers", ["a"], r"powers = \['a'\]: expected a list of float"),
+        ("powers", [float("nan")], r"powers = \[nan\]: expected a list of float"),
+        ("volume", 1, "volume = 1: expected str"),
+        ("n", "x", "n = 'x': expected float"),
+        ("n", True, "n = True: expected float"),
+        ("terms", 2.5, "terms = 2.5: expected int or None"),
+        ("C2", "x", "C2 = 'x': expected float or None"),
+        (
+            "C3",
+            1.0,
+            "unknown parameter 'C3': expected .*C1, C2, kappa, alpha.*did you mean 'C[12]'",
+        ),
+    ],
+)
+def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, told: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: material[.:].*{told}"):
+        scenes.load("twist", material={"name": parametrised, key: value})
