@@ -52,7 +52,7 @@ MISTAKES = [
     ("run twist --cells 0", "cells = 0: expected a whole number from 1 to 10000"),
     (
         "run twist --material neo_hookan",
-        "material = 'neo_hookan': expected .*did you mean 'neo_hookean'",
+        "material.name = 'neo_hookan': expected .*did you mean 'neo_hookean'",
     ),
     ("run twist --element Q9", "element = 'Q9': expected .*did you mean 'Q"),
     ("run twist --hessian clampp", "hessian = 'clampp': expected .*did you mean 'clamp'"),

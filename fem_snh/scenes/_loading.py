@@ -10,8 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from fem_snh.errors import BadInput, nearest, note_rename, unknown_name
-from fem_snh.references import is_reference
 from fem_snh.materials import Reference
+from fem_snh.references import is_reference
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import RENAMED, Scene
