@@ -20,7 +20,7 @@ TRUST = {"hessian": "adaptive", "globalization": "trust_region"}
 
 @contextmanager
 def options(**values):
-    """PETSc options under the solver's prefix, None for a flag."""
+    """Set PETSc options under the solver's prefix inside the block; None for a flag."""
     database = PETSc.Options(solver.PREFIX)
     for key, value in values.items():
         database.setValue(key, value)
@@ -31,7 +31,7 @@ def options(**values):
             database.delValue(key)
 
 
-#: What keeps the symmetry of a state, and so finds the unstable ones.
+#: A direct solver keeps the symmetry of a state, so that unstable states are found.
 SYMMETRIC = {
     "ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"
 }  # fmt: skip
@@ -43,7 +43,7 @@ def rotation(angle):
 
 
 def turned(angle, size=1.0):
-    """The top turns about the vertical axis through the middle."""
+    """Return a rotation about the vertical axis through the middle, proportional to the load."""
     middle = size * np.array([0.5, 0.5, 0])
 
     def displacement(X, load):
@@ -59,7 +59,7 @@ def twist(comm, element="Q1", law="stable_neo_hookean", cells=3, angle=0.6, size
 
 
 def solve(p, predictor="none", hessian="adaptive", globalization="linesearch"):
-    """One load step: (snes, its context)."""
+    """Solve one load step; return the SNES and its context."""
     snes = solver.create(p, hessian, globalization)
     solver.Predictor(p, snes, predictor).predict(1.0)
     snes.solve(None, p.x)
@@ -67,7 +67,7 @@ def solve(p, predictor="none", hessian="adaptive", globalization="linesearch"):
 
 
 def half_turn(comm, cells, noise=0.0):
-    """The paper's cube, its top turned by half a turn, nu = 0.3: it folds in many ways."""
+    """Return the twist of Smith et al. 2018 by half a turn, nu = 0.3: it has many equilibria."""
     p = Problem(
         cube(comm, "hexahedron", cells),
         ELEMENTS["Q1"],

@@ -1,4 +1,4 @@
-"""Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what cannot be had."""
+"""Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what is refused."""
 
 import json
 
@@ -28,15 +28,15 @@ def turned(**overrides):
     return run("twist", **settings | overrides)
 
 
-def linear(result):
-    """Linear iterations a Newton iteration."""
+def linear_per_newton(result):
+    """Return the linear iterations per Newton iteration."""
     return sum(s["linear"] for s in result.steps) / sum(s["newton"] for s in result.steps)
 
 
 @mpi
 @taylor_hood
 @pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
-def test_minres_and_a_factorisation_find_the_same_state(element, nu):
+def test_minres_and_a_direct_solver_reach_the_same_state(element, nu):
     tight = {"snes_scaled_tol": 1e-10}
     found = [turned(element=element, nu=nu, petsc=tight | more) for more in ({}, DIRECT)]
     assert all(result.converged for result in found)
@@ -49,31 +49,31 @@ def test_minres_and_a_factorisation_find_the_same_state(element, nu):
 
 @taylor_hood
 @pytest.mark.parametrize("hessian", ["clamp", "abs"])
-def test_every_direction_is_one_of_the_merit(element, hessian, monkeypatch):
-    """A filtered one, too: it is there that the penalty is raised."""
-    seen, slope = [], saddle_point.MeritLineSearch.slope
+def test_every_direction_descends_on_the_merit_function(element, hessian, monkeypatch):
+    """A filtered Hessian's, too: there the penalty has to be raised."""
+    slopes, slope = [], saddle_point.MeritLineSearch.slope
 
-    def looked_at(self, *vectors):
-        seen.append(slope(self, *vectors))
-        return seen[-1]
+    def recorded(self, *vectors):
+        slopes.append(slope(self, *vectors))
+        return slopes[-1]
 
-    monkeypatch.setattr(saddle_point.MeritLineSearch, "slope", looked_at)
+    monkeypatch.setattr(saddle_point.MeritLineSearch, "slope", recorded)
     result = turned(element=element, nu=0.49, hessian=hessian)
     assert result.converged
-    assert len(seen) == result.steps[-1]["newton"] and all(s < 0 for s in seen)
+    assert len(slopes) == result.steps[-1]["newton"] and all(s < 0 for s in slopes)
 
 
 @taylor_hood
-def test_linear_iterations_know_neither_the_nines_of_nu_nor_the_mesh(element):
-    """On Cook's membrane; of the mesh, with a factorisation of the displacement's block."""
+def test_linear_iterations_depend_neither_on_nu_nor_on_the_mesh(element):
+    """Cook's membrane; on finer meshes, with a factorisation of the displacement's block."""
     petsc = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
     common = {"element": element, "steps": 1, "force": 25.0, "progress": False}
     nus = (0.3, 0.499, 0.5)
-    by_nu = [linear(run("cook", cells=6, nu=nu, **common, petsc=petsc)) for nu in nus]
+    by_nu = [linear_per_newton(run("cook", cells=6, nu=nu, **common, petsc=petsc)) for nu in nus]
     assert by_nu[2] <= 1.05 * by_nu[1]
     assert by_nu[2] <= 1.5 * by_nu[0]
     petsc |= {f"fieldsplit_u_{key}": value for key, value in DIRECT.items()}
-    by_mesh = [linear(run("cook", cells=n, **common, petsc=petsc)) for n in (5, 10)]
+    by_mesh = [linear_per_newton(run("cook", cells=n, **common, petsc=petsc)) for n in (5, 10)]
     assert by_mesh[1] <= 1.1 * by_mesh[0]
 
 
@@ -82,7 +82,7 @@ def test_options_reach_the_blocks(element):
     petsc = {"fieldsplit_u_pc_type": "cholesky", "fieldsplit_p_pc_type": "cholesky"}
     tight = {"snes_forcing_max": 0, "ksp_rtol": 1e-6}
     found = [turned(element=element, nu=0.5, petsc=tight | more) for more in ({}, petsc)]
-    assert linear(found[1]) < linear(found[0])
+    assert linear_per_newton(found[1]) < linear_per_newton(found[0])
 
 
 def test_a_wrong_option_of_a_block_is_named():
@@ -93,7 +93,7 @@ def test_a_wrong_option_of_a_block_is_named():
 @mpi
 @taylor_hood
 def test_the_preconditioner_is_definite_where_the_hessian_is_not(comm, element):
-    """In a wild state every direction of the clamped problem is found, and it is downhill."""
+    """d.P^-1 d > 0 for random d, at a state whose exact Hessian is indefinite."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, hold=[Hold("left")])
     owned = p.x.getLocalSize() - len(p.saddle_point.pressure_dofs(p.x))
     p.x.array[:owned] = wave(0.4)(p.V.tabulate_dof_coordinates()[: owned // 3]).ravel()
@@ -122,7 +122,7 @@ def test_no_modes_with_a_pressure():
 
 
 @pytest.mark.parametrize("element", ["P1", "Q2", "P2P0", "Q1P0"])
-def test_an_incompressible_body_takes_a_pressure(element):
+def test_incompressible_material_needs_a_pressure(element):
     with pytest.raises(BadInput, match=r"nu = 0\.5.*P2P1, Q2Q1"):
         turned(element=element, nu=0.5)
 
@@ -135,7 +135,7 @@ def test_a_material_without_a_volume_term_is_refused():
 @mpi
 @taylor_hood
 def test_fields_hold_the_pressure(comm, element, tmp_path):
-    """Of a bar of nu = 1/2 pulled by a tenth, free at its sides, all of which is exact."""
+    """A bar with nu = 1/2 and free sides, stretched by 10 %: the solution is exact."""
     out = comm.bcast(str(tmp_path / "run"))
     stretch = 1.1
     scene = comm.bcast(str(tmp_path / "bar.toml"))

@@ -47,10 +47,10 @@ def test_every_choice_reaches_the_same_state(comm, element, hessian, globalizati
 
 @mpi
 @pytest.mark.parametrize("globalization", GLOBALIZATIONS)
-@pytest.mark.parametrize("hessian", ["clamp", "abs", "adaptive"])  # exact may well fail
+@pytest.mark.parametrize("hessian", ["clamp", "abs", "adaptive"])  # exact may fail
 @pytest.mark.parametrize("law", ["stable_neo_hookean", "neo_hookean", "fixed_corotational"])
 def test_energy_and_history_of_a_strong_twist(comm, law, hessian, globalization):
-    """From far away: the energy falls in every iteration, and the history is complete."""
+    """From a distant start the energy decreases in every iteration; the history is complete."""
     p = twist(comm, law=law, cells=3, angle=0.8)
     snes, context = solve(p, hessian=hessian, globalization=globalization)
     assert snes.getConvergedReason() > 0
@@ -71,8 +71,8 @@ def test_energy_and_history_of_a_strong_twist(comm, law, hessian, globalization)
 
 @mpi
 def test_adaptive_filters_only_where_the_solver_meets_negative_curvature(comm):
-    """Far from the solution it must; near a stable solution the exact Hessian is kept, although
-    there are points with negative eigenvalues."""
+    """It falls back far from the solution, and keeps the exact Hessian near a stable one, even
+    with negative eigenvalues at some points."""
     p = twist(comm, angle=1.2)
     _, far = solve(p)
     assert {"clamp"} < {i.filter for i in far.history}
@@ -83,7 +83,7 @@ def test_adaptive_filters_only_where_the_solver_meets_negative_curvature(comm):
     p.prescribe(p.x)
     near.solve(None, p.x)
     assert {i.filter for i in near.getPythonContext().history} <= {"exact", "none needed"}
-    # exact alone, from where it was not enough: a failure that is told, and no step taken
+    # The exact Hessian alone fails from this start, and reports why.
     p.x.set(0.0)
     p.set_load(1.0)
     p.prescribe(p.x)
@@ -130,7 +130,7 @@ def test_direct_solver(comm, hessian):
 
 
 def factorisation(comm):
-    """A direct solver that this PETSc has on this many ranks."""
+    """Return a direct solver that this PETSc has on this number of ranks."""
     for package in ("mumps", "superlu_dist", *(["petsc"] if comm.size == 1 else [])):
         pc = PETSc.PC().create(comm)
         A = PETSc.Mat().createAIJ(comm.size, nnz=1, comm=comm)
@@ -151,7 +151,7 @@ def factorisation(comm):
 
 @pytest.mark.parametrize("seed", [43, 98])
 def test_double_precision_replaces_failing_single_precision(seed):
-    """Of a scramble in which sweeps overflow, and one in which a clamped matrix seems negative."""
+    """In one scramble SSOR overflows; in the other rounding makes the clamped matrix indefinite."""
     case = {"cells": 10, "element": "P1", "nu": 0.45, "seed": seed, "nu_continuation": [-0.3]}
     result = run("scramble", **case, progress=False)
     assert result.converged and result.steps[-1]["max_u"] < 1e-6
@@ -159,7 +159,7 @@ def test_double_precision_replaces_failing_single_precision(seed):
 
 @mpi
 def test_iterations_free_their_memory(comm):
-    """petsc4py 3.18 keeps vectors and matrices that were dropped until it is told to free them."""
+    """petsc4py 3.18 keeps dropped vectors and matrices until it is told to free them."""
     p, grown = half_turn(comm, 10), []
     with options(snes_forcing_max=5e-3):
         for _ in range(3):
@@ -171,6 +171,6 @@ def test_iterations_free_their_memory(comm):
 
 
 def resident() -> float:
-    """What this process has in RAM [MiB]."""
+    """Return the resident memory of this process [MiB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

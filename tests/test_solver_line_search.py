@@ -25,7 +25,7 @@ mpi = pytest.mark.mpi
 
 @dataclass
 class Scalar:
-    """An energy of one unknown, in place of a SNES."""
+    """An energy of one unknown, with the callbacks of a SNES."""
 
     energy: object
     slope: object
@@ -40,7 +40,7 @@ class Scalar:
 
 
 def search(energy, slope, x, d, scale=0.0):
-    """(what `LineSearch.search` found, its trial point, its residual there, energies asked for)."""
+    """Return step and energy (None without), trial point, residual there, energy evaluations."""
     vectors = [PETSc.Vec().createSeq(1, comm=PETSc.COMM_SELF) for _ in range(5)]
     at, residual, along, trial, f_trial = vectors
     at.set(x)
@@ -76,7 +76,7 @@ def test_nan_energy_backtracks():
 
 
 def test_full_step_is_extended_where_the_energy_still_decreases():
-    """A Hessian 2.5 times too stiff; the slope's secant finds the minimum."""
+    """A Hessian that is 2.5 times too stiff: the secant of the slope finds the minimum."""
     (step, there), at, f, _ = search(lambda x: x**2, lambda x: 2 * x, 1.0, -0.4)
     assert step == pytest.approx(2.5) and at == pytest.approx(0) and f == pytest.approx(0)
     assert there == pytest.approx(0)
@@ -94,16 +94,16 @@ def test_extension_is_limited_to_three_and_to_a_decreasing_energy():
 
 
 def test_slopes_decide_where_the_energy_is_constant_in_floating_point():
-    """1e6 + x^2: from 1e-6 on the energy is one number, the slope still knows."""
+    """1e6 + x^2 is constant in floating point for |x| < 1e-6; its slope is not."""
     (step, _), at, f, _ = search(lambda x: 1e6 + x**2, lambda x: 2 * x, 1e-6, -1e-6)
     assert step == 1.0 and abs(f) < 1e-12 and at == 0
-    # A step that goes as far on the other side is not accepted, though the energy would let it.
+    # A step as far to the other side is rejected, though the energy would accept it.
     (step, _), at, _, _ = search(lambda x: 1e6 + x**2, lambda x: 2 * x, 1e-6, -4e-6)
     assert step < 1.0 and abs(at) < 1e-6
 
 
 def test_energy_scale_bounds_the_rounding_of_a_small_energy():
-    """Energies of small strains are differences of large numbers: noise is relative to those."""
+    """The energy at small strain is a difference of numbers of size E, which sets its rounding."""
     noise = iter([0.0, 3e-17, 3e-17, 3e-17, 3e-17, *[3e-17] * 50])
 
     def energy(x):
@@ -114,14 +114,14 @@ def test_energy_scale_bounds_the_rounding_of_a_small_energy():
 
 
 def test_no_step_without_descent():
-    """The slope lies: the energy rises at once."""
+    """A slope of the wrong sign: the energy increases along the direction."""
     found, *_ = search(lambda x: -x, lambda x: 1.0, 1.0, -1.0)
     assert found is None
 
 
 @mpi
 def test_steps_out_of_the_domain_are_backtracked(comm):
-    """A traction that full Newton steps overshoot: neo_hookean never sees J <= 0."""
+    """Full Newton steps under this traction overshoot; neo_hookean requires J > 0."""
     body = cube(comm, "hexahedron", 2)
     p = problem(
         body, "Q1", "neo_hookean", hold=[Hold("left")], traction=[Force("right", (-0.8, 0, 0))]
@@ -147,7 +147,7 @@ def test_start_outside_the_domain_is_reported(comm):
 @pytest.mark.parametrize("hessian", ["exact", "adaptive", "clamp"])
 @pytest.mark.parametrize("angle", [1e-5, 0.3])
 def test_tight_tolerances_are_reached_where_energies_no_longer_change(comm, hessian, angle):
-    """1e-12 of E V^(2/3); the energy has stopped changing in floating point long before."""
+    """1e-12 E V^(2/3): the energy is constant in floating point long before."""
     p = twist(comm, cells=2, angle=angle)
     with options(snes_scaled_tol=1e-13 if angle < 0.1 else 1e-12, ksp_rtol=1e-6):
         snes, context = solve(p, hessian=hessian, predictor="tangent")
@@ -158,7 +158,7 @@ def test_tight_tolerances_are_reached_where_energies_no_longer_change(comm, hess
 @mpi
 @pytest.mark.parametrize("hessian", ["clamp", "adaptive"])
 def test_line_search_is_on_the_residual_without_an_energy(hessian):
-    """Where no stretch is below the threshold the filtered stress is the plain one: same states."""
+    """The filtered stress equals the plain one while no stretch is below the threshold."""
     states = []
     for name in ("filtered_neo_hookean", "neo_hookean"):
         result = run(
@@ -180,7 +180,7 @@ def test_line_search_is_on_the_residual_without_an_energy(hessian):
 @mpi
 @pytest.mark.parametrize("name", ["filtered_neo_hookean", "neo_hookean"])
 def test_a_filtered_stress_survives_inversion(name):
-    """A face jumps through the other: the plain energy is infinite, the filtered stress goes on."""
+    """One face moves through the other: the plain energy is infinite, the filtered stress finite."""
     result = run(
         "pull", material=name, cells=3, steps=1, hessian="clamp", predictor="none", progress=False,
         petsc={"snes_max_it": 400}, **{"move.0.translate": [-1.1, 0.0, 0.0]},

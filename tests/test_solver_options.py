@@ -22,7 +22,7 @@ mpi = pytest.mark.mpi
 
 
 def printed(capfd, comm):
-    """What PETSc has printed, on rank 0."""
+    """Return what PETSc has printed on rank 0."""
     PETSc.Sys.syncFlush(comm=comm)
     comm.barrier()
     return capfd.readouterr().out
@@ -109,7 +109,7 @@ def test_relative_tolerance(comm):
 
 @mpi
 def test_growing_residual_is_no_divergence(comm):
-    """A column that leaves its unstable straight state: 1e4 times the residual it starts from."""
+    """A column leaves its unstable straight state: the residual grows by a factor of 1e4."""
 
     def squeeze(X, load):
         return load * np.array([-1.8, 0, 0]) * np.ones_like(X)
@@ -132,7 +132,7 @@ def test_growing_residual_is_no_divergence(comm):
     assert p.energy(p.x) < 0.9 * energy
     straight.axpy(-1.0, p.x)
     assert straight.norm(PETSc.NormType.INFINITY) > 0.1
-    with options(snes_divergence_tolerance=1e3):  # but who asks for it gets it
+    with options(snes_divergence_tolerance=1e3):  # PETSc's test, if the option is given
         snes = solver.create(p, "clamp", "linesearch")
         snes.solve(None, bent)
     assert solver.converged_reason(snes) == "DIVERGED_DTOL"

@@ -46,14 +46,14 @@ def test_predictors_reach_the_same_state(comm, element):
 @mpi
 @elements
 def test_tangent_prediction_is_of_second_order(comm, element):
-    """Its error at a small load goes with the load squared, of moved and of loaded bodies."""
+    """Its error is of second order in the load, with moved boundaries and with tractions."""
     sizes, errors = (0.08, 0.04, 0.02), []
     for load in sizes:
         p = twist(comm, element, cells=2, angle=1.0, traction=[Force("left", (0, 0.1, 0))])
         with options(ksp_rtol=1e-10, snes_scaled_tol=1e-12):
             snes = solver.create(p)
             predictor = solver.Predictor(p, snes, "tangent")
-            # `predict` solves to 1e-2 at best; the order needs more
+            # `predict` has a relative tolerance of 1e-2; the order needs a smaller one.
             snes.getKSP().setConvergenceTest(
                 lambda ksp, its, r, first=[0.0]: (
                     first.__setitem__(0, r if its == 0 else first[0])
@@ -72,7 +72,7 @@ def test_tangent_prediction_is_of_second_order(comm, element):
 
 @mpi
 def test_prediction_after_a_failure_starts_from_the_last_success(comm):
-    """A load that was predicted but not accepted leaves no trace in the extrapolation."""
+    """Extrapolation ignores a prediction that was not accepted."""
     p = twist(comm, cells=2)
     snes = solver.create(p)
     predictor = solver.Predictor(p, snes, "extrapolate")
@@ -80,12 +80,12 @@ def test_prediction_after_a_failure_starts_from_the_last_success(comm):
     snes.solve(None, p.x)
     predictor.accept()
     state = p.x.copy()
-    predictor.predict(1.0)  # fails, say
+    predictor.predict(1.0)  # and suppose that it fails
     state.copy(p.x)
     p.set_load(0.2)
     predictor.predict(0.4)
     expected = state.copy()
-    expected.scale(2.0)  # rest is zero
+    expected.scale(2.0)  # the first state was u = 0
     p.prescribe(expected)
     assert norm(comm, p.x.array - expected.array) <= 1e-12 * expected.norm()
 
@@ -95,7 +95,7 @@ def test_prediction_after_a_failure_starts_from_the_last_success(comm):
 @pytest.mark.parametrize("predictor", ["none", "tangent"])
 @pytest.mark.parametrize("E, size", [(1e6, 1.0), (1.0, 1e-3), (1e-3, 1e3)])
 def test_solve_is_scale_invariant(comm, hessian, predictor, E, size):
-    """Stiffness and size change nothing but the units."""
+    """Scaling stiffness and size scales the solution, iteration by iteration."""
     small = twist(comm)
     other = twist(comm, E=E, size=size)
     _, context = solve(small, hessian=hessian, predictor=predictor)
@@ -113,7 +113,7 @@ def test_solve_is_scale_invariant(comm, hessian, predictor, E, size):
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_frame_indifference_of_the_whole_solve(comm, element):
-    """Turning all boundary values turns the solution, iteration by iteration."""
+    """Rotating all boundary values rotates the solution, iteration by iteration."""
     R = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     R *= np.linalg.det(R)
 

@@ -28,8 +28,8 @@ mpi = pytest.mark.mpi
 
 @mpi
 @pytest.mark.parametrize(("cells", "noise"), [(8, 0.0), (8, 1e-10), (8, 1e-4), (12, 0.0)])
-def test_the_trust_region_leaves_nearly_unstable_states(comm, cells, noise):
-    """The twist by half a turn in one step, where filtered steps crawl from fold to fold."""
+def test_trust_region_leaves_nearly_unstable_states(comm, cells, noise):
+    """The twist by half a turn in one step, where filtered steps make little progress."""
     p = half_turn(comm, cells, noise)
     with options(snes_forcing_max=5e-3, snes_max_it=40):
         snes, context = solve(p, **TRUST)
@@ -38,7 +38,7 @@ def test_the_trust_region_leaves_nearly_unstable_states(comm, cells, noise):
     assert any(i.filter == "trust_region" for i in history)
     energies = [i.energy for i in history] + [p.energy(p.x)]
     assert (np.diff(energies) <= 1e-12).all()
-    # corrections come with the region
+    # L-BFGS iterations follow steps in the region only.
     first = next(k for k, i in enumerate(history) if i.lbfgs)
     assert first > 3 and all(i.step > 0 for i in history)
     assert 0 < max(i.lbfgs for i in history) <= 640
@@ -47,21 +47,21 @@ def test_the_trust_region_leaves_nearly_unstable_states(comm, cells, noise):
 @mpi
 def test_lbfgs_iterations_save_newton_iterations(comm):
     counts = []
-    for most in (0, 5, 20):
+    for max_it in (0, 5, 20):
         p = half_turn(comm, 6)
-        with options(snes_forcing_max=5e-3, snes_lbfgs_max_it=most):
+        with options(snes_forcing_max=5e-3, snes_lbfgs_max_it=max_it):
             snes, context = solve(p, **TRUST)
         assert snes.getConvergedReason() > 0
-        assert all(i.lbfgs <= most for i in context.history)
+        assert all(i.lbfgs <= max_it for i in context.history)
         counts.append(len(context.history))
         if comm.size == 1:
             p.jacobian(p.x, "exact")
-            assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # no saddle: a minimum
+            assert np.linalg.eigvalsh(dense(p.A))[0] > 0  # a minimum, not a saddle point
     assert max(counts[:2]) > counts[2] and counts[0] > counts[2]
 
 
 def test_trust_region_is_not_entered_while_filtered_steps_converge(monkeypatch):
-    """The third of them gains 0.4 % of all, and leaves a fortieth of the residual."""
+    """The third decreases the energy by 0.4 % of the whole, but leaves 1/40 of the residual."""
     monkeypatch.setattr(TrustRegion, "_step_in_region", None)
     case = {"cells": 25, "steps": 1, "stretch": 1.2, "petsc": {"ksp_deflation_subdomains": 0}}
     result = run("stretch", **case, **TRUST, progress=False)
@@ -72,9 +72,9 @@ def test_trust_region_is_not_entered_while_filtered_steps_converge(monkeypatch):
 @pytest.mark.parametrize("hessian", ["clamp", "adaptive"])
 def test_lbfgs_with_a_line_search_reaches_the_same_state(comm, hessian):
     counts, energies = [], []
-    for most in (0, 20):
+    for max_it in (0, 20):
         p = twist(comm, angle=1.2)
-        with options(snes_lbfgs_max_it=most, pc_type="bjacobi", sub_pc_type="icc"):
+        with options(snes_lbfgs_max_it=max_it, pc_type="bjacobi", sub_pc_type="icc"):
             snes, context = solve(p, hessian=hessian)
         assert snes.getConvergedReason() > 0
         counts.append(len(context.history))
@@ -85,16 +85,18 @@ def test_lbfgs_with_a_line_search_reaches_the_same_state(comm, hessian):
 
 @mpi
 def test_trust_region_leaves_an_unstable_state_that_clamp_does_not(comm):
-    """A straight column pressed far beyond its buckling load."""
+    """A straight column compressed far beyond its buckling load."""
     body = mesh.generate(comm, "cylinder", "hexahedron", cells=3, length=6.0, radius=0.5)
-    press = [Condition("right", lambda X, load: load * np.array([-1.8, 0, 0]) * np.ones_like(X))]
-    p = problem(body, "Q1", hold=[Hold("left")], move=press)
+    compression = [
+        Condition("right", lambda X, load: load * np.array([-1.8, 0, 0]) * np.ones_like(X))
+    ]
+    p = problem(body, "Q1", hold=[Hold("left")], move=compression)
     with options(snes_scaled_tol=1e-5, **SYMMETRIC):
         snes, _ = solve(p, hessian="clamp", predictor="tangent")
     straight, energy = p.x.copy(), p.energy(p.x)
     bow = put(p, lambda X: 1e-4 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate())
     straight.axpy(1.0, bow)
-    assert snes.getConvergedReason() > 0  # clamp takes the saddle for a solution
+    assert snes.getConvergedReason() > 0  # clamp converges to the saddle point
     ends = {}
     for hessian, globalization in (("clamp", "linesearch"), ("adaptive", "trust_region")):
         straight.copy(p.x)
@@ -121,13 +123,16 @@ def test_trust_region_needs_a_linear_solver_with_a_radius(comm):
         solver.create(p, **TRUST)
 
 
-@pytest.mark.parametrize("why", ["Taylor-Hood", "without an energy"])
-def test_trust_region_needs_a_minimisation_problem(comm, why):
+@pytest.mark.parametrize("reason", ["Taylor-Hood", "without an energy"])
+def test_trust_region_needs_a_minimisation_problem(comm, reason):
     name, element = "stable_neo_hookean", "Q2Q1"
-    if why == "without an energy":
+    if reason == "without an energy":
         name, element = "filtered_neo_hookean", "Q1"
     p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
-    with pytest.raises(BadInput, match=f"globalization = 'trust_region'.*{why}"):
+    with pytest.raises(BadInput, match=f"globalization = 'trust_region'.*{reason}"):
         solver.create(p, **TRUST)
-    with options(snes_lbfgs_max_it=5), pytest.raises(BadInput, match=f"snes_lbfgs_max_it.*{why}"):
+    with (
+        options(snes_lbfgs_max_it=5),
+        pytest.raises(BadInput, match=f"snes_lbfgs_max_it.*{reason}"),
+    ):
         solver.create(p)

@@ -41,7 +41,7 @@ class Option(NamedTuple):
 
 
 _NW = "Nocedal & Wright 2006"
-_TWIST = "measured: python -m benchmarks policies"
+_MEASURED = "measured: python -m benchmarks negative_curvature"
 
 #: By name, without the leading dash. The defaults of ``snes_globalization`` and
 #: ``snes_lbfgs_max_it`` are those of a problem without an energy: see `defaults_for`.
@@ -55,10 +55,10 @@ OPTIONS: dict[str, Option] = {
         f"{_NW}, chapters 3 and 4",
     ),
     "snes_adaptive_filter": Option(
-        "clamp", "filter that adaptive falls back to: clamp or abs", _TWIST
+        "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED
     ),
     "snes_adaptive_retry": Option(
-        0.1, "adaptive: exact again once the residual has fallen by this factor", _TWIST
+        0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED
     ),
     "snes_scaled_tol": Option(
         1e-7, "converged when ||residual||_2 <= this * E V^(2/3)", "scale-invariant -snes_atol"
@@ -80,7 +80,7 @@ OPTIONS: dict[str, Option] = {
         f"{_NW}, alg. 7.5",
     ),
     "snes_lbfgs_rtol": Option(
-        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _TWIST
+        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _MEASURED
     ),
     "snes_tr_eta1": Option(
         0.05, "a step is accepted for a ratio of at least this", "SNESNEWTONTR (0.001)"
@@ -106,13 +106,13 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_tr_enter_decrease": Option(
         0.01, "entered when a filtered step decreases the energy by less than this part of the "
-        "decrease since the start, ...", _TWIST,
+        "decrease since the start, ...", _MEASURED,
     ),
     "snes_tr_enter_residual": Option(
-        0.5, "... and leaves more than this part of the residual", _TWIST
+        0.5, "... and leaves more than this part of the residual", _MEASURED
     ),
     "snes_tr_exit_residual": Option(
-        0.1, "exited when a step leaves less than this part of the residual", _TWIST
+        0.1, "exited when a step leaves less than this part of the residual", _MEASURED
     ),
 }  # fmt: skip
 
