@@ -1,0 +1,163 @@
+"""The fenced blocks of the README and the documentation, and the runner of one page.
+
+    python tests/pages.py PAGE.md          # in an empty folder
+
+runs a page as its reader does, from top to bottom: Python blocks in one namespace, TOML blocks as
+scenes, commands of `fem-snh` in the same process. A block whose first line is a comment with the
+name of a file (`# gent.py`, `# press.toml`, `// block.geo`) is that file. `<!-- not run -->`
+above a block leaves it to the checks of names; `<!-- exit code 1 -->` is what its command returns.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts),
+]
+SHELL = ("console", "bash", "sh")
+_FENCE = re.compile(
+    r"(?:^<!-- (?P<note>[^\n]*) -->\n+)?"
+    r"^(?P<fence>`{3,})(?P<kind>\w+)[^\n]*\n(?P<text>.*?)^(?P=fence)",
+    re.S | re.M,
+)
+_FILE_NAME = re.compile(r"(?:#|//) (\S+\.(?:py|toml|geo|csv))\n")
+_NUMBER = re.compile(r"[-+]?\d[\d,]*\.?\d*(e[-+]?\d+)?")
+#: What a fragment of a scene file is completed with.
+_SCENE: dict[str, Any] = {"mesh": {"source": "cube"}, "cells": 2, "element": "Q1"}
+_MATERIAL = {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3}
+
+
+class Block(NamedTuple):
+    """A fenced block: its line, its language, what it holds and the note above it."""
+
+    line: int
+    kind: str
+    text: str
+    note: str
+
+    @property
+    def file_name(self) -> str | None:
+        """The file's name that its first line gives, or None."""
+        found = _FILE_NAME.match(self.text)
+        return found[1] if found else None
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the fenced blocks of a page."""
+    text = page.read_text(encoding="utf-8")
+    return [
+        Block(
+            text[: match.start("fence")].count("\n") + 1,
+            match["kind"],
+            match["text"],
+            match["note"] or "",
+        )
+        for match in _FENCE.finditer(text)
+    ]
+
+
+def commands(block: Block) -> Iterator[tuple[str, str]]:
+    """Yield each command of a shell block with the output that the page shows for it."""
+    text = block.text.replace("\\\n", " ")
+    if "$ " not in text:
+        yield from ((line.strip(), "") for line in text.splitlines() if line.strip())
+        return
+    for part in re.split(r"^\$ ", text, flags=re.M)[1:]:
+        command, _, output = part.partition("\n")
+        yield command, output
+
+
+def words_of(command: str) -> list[str]:
+    """Return a command's words, without comment, environment and the path of the program."""
+    words = shlex.split(command, comments=True)
+    while words and re.match(r"[A-Z_]+=", words[0]):
+        words.pop(0)
+    if words and words[0] == "mpirun":
+        words = words[3:]  # mpirun -n 2
+    if words:
+        words[0] = words[0].removeprefix(".venv/bin/")
+    if words[:3] == ["python", "-m", "fem_snh"]:
+        words[:3] = ["fem-snh"]
+    return words
+
+
+def same_form(shown: str, printed: str) -> bool:
+    """Whether two outputs agree but for their numbers and spaces."""
+    return _form(shown) == _form(printed)
+
+
+def _form(text: str) -> list[str]:
+    lines = (_NUMBER.sub("#", line).split() for line in text.splitlines())
+    return [" ".join(words) for words in lines if words]
+
+
+def complete(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a scene file's tables with those that a fragment leaves out."""
+    if "mesh" in data:
+        return data
+    material = data.get("material", {})
+    if isinstance(material, dict):
+        material = _MATERIAL | material
+    return {"name": "fragment"} | _SCENE | data | {"material": material}
+
+
+def run(page: Path) -> None:
+    """Run a page in the present folder; raises what its blocks raise, with their line."""
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page):
+        if "not run" in block.note:
+            continue
+        if block.file_name:
+            Path(block.file_name).write_text(block.text, encoding="utf-8")
+        if block.kind == "toml":
+            _load(block)
+        elif block.kind == "python" and not block.file_name:
+            code = "\n" * block.line + block.text  # tracebacks name the page's line
+            exec(compile(code, str(page), "exec"), namespace)
+        elif block.kind in SHELL and "results" not in page.parts:
+            for command, output in commands(block):
+                _command(page, block, command, output)
+
+
+def _load(block: Block) -> None:
+    from fem_snh import scenes
+
+    if block.file_name and "mesh" in tomllib.loads(block.text):
+        scenes.load(block.file_name)
+    else:
+        scenes.Scene.model_validate(complete(tomllib.loads(block.text)))
+
+
+def _command(page: Path, block: Block, command: str, output: str) -> None:
+    """Run a command of `fem-snh`; its exit code and the form of its output must be the page's."""
+    from fem_snh import cli
+
+    words = words_of(command)
+    if not words or words[0] != "fem-snh" or command.startswith("mpirun"):
+        return
+    print(f"{page.name}:{block.line}: {command}", flush=True)
+    printed = io.StringIO()
+    with redirect_stdout(printed), redirect_stderr(printed):
+        code = cli.main(words[1:])
+    wanted = re.search(r"exit code (\d+)", block.note)
+    expected = int(wanted[1]) if wanted else 0
+    where = f"{page}:{block.line}: {command}"
+    assert code == expected, f"{where}: exit code {code}\n{printed.getvalue()}"
+    if output.strip():
+        assert same_form(output, printed.getvalue()), f"{where} prints\n{printed.getvalue()}"
+
+
+if __name__ == "__main__":
+    run(Path(sys.argv[1]).resolve())
