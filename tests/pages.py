@@ -106,7 +106,7 @@ def _form(text: str) -> list[str]:
 def complete(data: dict[str, Any]) -> dict[str, Any]:
     """Return a scene file's tables with those that a fragment leaves out."""
     if "mesh" in data:
-        return data
+        return {"name": "scene"} | data
     material = data.get("material", {})
     if isinstance(material, dict):
         material = _MATERIAL | material

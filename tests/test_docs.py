@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -18,7 +19,7 @@ import fem_snh
 from fem_snh import scenes
 
 #: Commands that pages name and this repository does not have.
-OTHERS = {"apt-get", "cd", "git", "paraview", "pip", "sudo", "source", "tail"}
+OTHERS = {"apt-get", "cd", "export", "git", "paraview", "pip", "sudo", "source", "tail"}
 _TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
 _INLINE = re.compile(r"(?<!`)`((?:fem-snh|python -m benchmarks|mpirun|make) [^`\n]+)`(?!`)")
 
@@ -39,6 +40,7 @@ def test_page_runs(page: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(Path(__file__).parent / "pages.py"), str(page)],
         cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},  # benchmarks are not installed
         capture_output=True,
         text=True,
         timeout=300,
