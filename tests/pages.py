@@ -126,7 +126,7 @@ def run(page: Path) -> None:
         elif block.kind == "python" and not block.file_name:
             code = "\n" * block.line + block.text  # tracebacks name the page's line
             exec(compile(code, str(page), "exec"), namespace)
-        elif block.kind in SHELL and "results" not in page.parts:
+        elif block.kind in SHELL:
             for command, output in commands(block):
                 _command(page, block, command, output)
 
@@ -160,4 +160,5 @@ def _command(page: Path, block: Block, command: str, output: str) -> None:
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, "")  # a page imports the files that it has written
     run(Path(sys.argv[1]).resolve())

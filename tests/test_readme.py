@@ -1,4 +1,4 @@
-"""The README's code is real: its example runs, its material and its scene are found and work."""
+"""The README fits a screen and its example runs; the how-to pages' material and scene are found."""
 
 from __future__ import annotations
 
@@ -13,13 +13,22 @@ from fem_snh import materials, scenes
 from fem_snh.materials import models
 from fem_snh.scenes import builtin
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
 
 
-def block(kind: str, containing: str) -> str:
-    """The fenced block of this kind that contains a text."""
-    (found,) = (b for b in re.findall(rf"```{kind}\n(.*?)```", README, re.S) if containing in b)
+def block(kind: str, containing: str, page: str = "README.md") -> str:
+    """Return the fenced block of this kind that contains a text."""
+    text = (ROOT / page).read_text()
+    (found,) = (b for b in re.findall(rf"```{kind}\n(.*?)```", text, re.S) if containing in b)
     return str(found)
+
+
+def test_fits_a_screen() -> None:
+    assert len(README.splitlines()) <= 60
+    assert len(re.findall(r"^\| (?!measured|---)", README, re.M)) <= 8
+    for link in re.findall(r"\]\(([^):]+)\)", README):
+        assert (ROOT / link).exists(), link
 
 
 def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -33,7 +42,7 @@ def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Non
 
 
 def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "gent.py").write_text(block("python", "def gent"))
+    (tmp_path / "gent.py").write_text(block("python", "def gent", "docs/howto/own_material.md"))
     monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
     assert "gent" in fem_snh.materials()
     m = fem_snh.material("gent", E=2.0, nu=0.3)
@@ -44,7 +53,7 @@ def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_new_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "press.py").write_text(block("python", "def press"))
+    (tmp_path / "press.py").write_text(block("python", "def press", "docs/howto/own_scene.md"))
     monkeypatch.setattr(builtin, "__path__", [*builtin.__path__, str(tmp_path)])
     assert "press" in scenes.names()
     result = fem_snh.run("press", cells=2, depth=0.2, progress=False)
@@ -52,9 +61,9 @@ def test_new_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_scene_file(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(block("toml", "block.msh"))
+    (tmp_path / "scene.toml").write_text(block("toml", "press.toml", "docs/howto/own_scene.md"))
     scene = scenes.load(tmp_path / "scene.toml")
-    assert scene.petsc == {"ksp_rtol": 1e-6} and scene.move[0].translate == (0.5, 0, 0)
+    assert scene.petsc == {"ksp_rtol": 1e-6} and scene.move[0].translate == (0, 0, -0.4)
 
 
 def test_figures_name_commands_that_exist() -> None:
