@@ -1,6 +1,6 @@
-// A quarter of a block pressed in the middle of its top: [0,side]^2 x [0,height] with the planes of
-// symmetry x = 0 and y = 0; the patch on the top is [0,side/2]^2. `cells` (even) along each edge,
-// hexahedra (tets = 0) or tetrahedra (tets = 1).
+// A quarter of a block that is pressed in the middle of its top: [0,side]^2 x [0,height]. The planes
+// x = 0 and y = 0 are planes of symmetry; the surface "patch" is [0,side/2]^2 on the top. There are
+// `cells` (an even number) cells along each edge: hexahedra (tets = 0) or tetrahedra (tets = 1).
 SetFactory("Built-in");
 DefineConstant[
   cells = {8, Min 2, Step 2, Name "cells"}
@@ -9,10 +9,10 @@ DefineConstant[
   tets = {0, Choices{0, 1}, Name "tets"}
 ];
 If (!(cells >= 2) || cells / 2 != Floor(cells / 2))
-  Error("cells = %g: must be an even whole number, 2 or more", cells);
+  Error("cells = %g: expected an even whole number, 2 or more", cells);
 EndIf
 If (!(side > 0) || !(height > 0))
-  Error("side = %g, height = %g: must be positive", side, height);
+  Error("side = %g, height = %g: expected positive numbers", side, height);
 EndIf
 
 half = side / 2;
@@ -36,7 +36,7 @@ Else
   Recombine Surface {1:4};
 EndIf
 
-// For each quarter of the section: the opposite surface, the volume, the sides by its curves.
+// Extrude returns the opposite surface, the volume, and the side surfaces in the order of the curves.
 top[] = {}; body[] = {}; sides[] = {};
 For i In {1:4}
   If (tets)

@@ -1,12 +1,12 @@
-// Cook's membrane: the panel (0,0), (48,44), (48,60), (0,44) of thickness 1 in one layer, `cells` x
-// `cells` x 1 hexahedra (tets = 0) or tetrahedra (tets = 1).
+// Cook's membrane: the panel with corners (0,0), (48,44), (48,60), (0,44) and thickness 1. It has
+// `cells` x `cells` x 1 hexahedra (tets = 0), or tetrahedra in the same layer (tets = 1).
 SetFactory("Built-in");
 DefineConstant[
   cells = {16, Min 1, Step 1, Name "cells"}
   tets = {0, Choices{0, 1}, Name "tets"}
 ];
 If (!(cells >= 1) || cells != Floor(cells))
-  Error("cells = %g: must be a whole number, 1 or more", cells);
+  Error("cells = %g: expected a whole number, 1 or more", cells);
 EndIf
 
 Point(1) = {0, 0, 0}; Point(2) = {48, 44, 0}; Point(3) = {48, 60, 0}; Point(4) = {0, 44, 0};

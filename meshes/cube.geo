@@ -1,11 +1,11 @@
-// Unit cube [0,1]^3: `cells` along each edge, hexahedra (tets = 0) or tetrahedra (tets = 1).
+// Unit cube [0,1]^3 with `cells` cells along each edge: hexahedra (tets = 0) or tetrahedra (tets = 1).
 SetFactory("Built-in");
 DefineConstant[
   cells = {15, Min 1, Step 1, Name "cells"}
   tets = {0, Choices{0, 1}, Name "tets"}
 ];
 If (!(cells >= 1) || cells != Floor(cells))
-  Error("cells = %g: must be a whole number, 1 or more", cells);
+  Error("cells = %g: expected a whole number, 1 or more", cells);
 EndIf
 
 Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 1, 0}; Point(4) = {0, 1, 0};
@@ -14,7 +14,7 @@ Curve Loop(1) = {1, 2, 3, 4};
 Plane Surface(1) = {1};
 Transfinite Curve {1:4} = cells + 1;
 If (tets)
-  // Crossing diagonals: no direction is stiffer than its mirror image.
+  // Alternating diagonals make the mesh as stiff in a direction as in its mirror image.
   Transfinite Surface {1} Alternate;
   box[] = Extrude {0, 0, 1} { Surface{1}; Layers{cells}; };
 Else
@@ -32,7 +32,7 @@ Physical Surface("top") = {box[0]};
 Physical Surface("front") = {box[2]};
 Physical Surface("back") = {box[4]};
 Physical Point("corners") = {PointsOf{ Volume{box[1]}; }};
-// Each corner by its coordinates, too.
+// One physical point for each corner, named by its coordinates.
 For i In {0:1}
   For j In {0:1}
     For k In {0:1}

@@ -1,11 +1,11 @@
-// Cylinder about the x axis, 0 <= x <= length, with about `cells` cells along its diameter and
-// layers of the same size along its length; hexahedra (tets = 0) or tetrahedra (tets = 1).
+// Cylinder about the x axis, 0 <= x <= length, with about `cells` cells along its diameter and cells
+// of the same size along its length: hexahedra (tets = 0) or tetrahedra (tets = 1).
 //
-// Hexahedra: an O-grid of about 0.84 cells^2 in a section: a core of n x n cells with rounded
-// sides, n = 3/5 cells, and four blocks of n x (cells - n)/2 around it. Tetrahedra: six in the
-// place of each hexahedron. order = 2: cells with curved faces.
+// The hexahedra of a cross-section form an O-grid of about 0.84 cells^2: a core of n x n cells with
+// rounded sides, n = 3/5 cells, and four blocks of n x (cells - n)/2 around it. Six tetrahedra
+// replace each hexahedron. order = 2 gives cells with curved faces.
 //
-// About the paper's 306,000 hexahedra and 965,000 degrees of freedom (three a node):
+// Meshes like that of Smith et al. 2018, which has 306,000 hexahedra and 965,000 degrees of freedom:
 //   length = 2 radius   cells = 71   302,247 hexahedra   938,304 degrees of freedom
 //   length = 4 radius   cells = 56   297,024             922,419   (57: 315,210 and 978,420)
 //   length = 6 radius   cells = 50   315,000             978,933
@@ -19,14 +19,14 @@ DefineConstant[
   order = {1, Choices{1, 2}, Name "order"}
 ];
 If (!(cells >= 3) || cells != Floor(cells))
-  Error("cells = %g: must be a whole number, 3 or more", cells);
+  Error("cells = %g: expected a whole number, 3 or more", cells);
 EndIf
 If (!(radius > 0) || !(length > 0))
-  Error("radius = %g, length = %g: must be positive", radius, length);
+  Error("radius = %g, length = %g: expected positive numbers", radius, length);
 EndIf
 
 If (order != 1 && order != 2)
-  Error("order = %g: must be 1 or 2", order);
+  Error("order = %g: expected 1 or 2", order);
 EndIf
 
 layers = Floor(cells * length / (2 * radius) + 0.5);
@@ -36,8 +36,9 @@ ring = Floor(cells / 5 + 0.5);
 ring = ring < 1 ? 1 : ring;
 core = cells - 2 * ring;
 
-// Shape of the core, for the best angles (58 degrees at least) at even edge lengths: its corners are
-// at (k, k), the middles of its sides at distance m, on arcs whose centres are c behind the axis.
+// The core's shape maximises the smallest angle (at least 58 degrees) at even edge lengths. Its corners
+// are at (k, k), the midpoints of its sides at distance m, on arcs with centres at distance c beyond
+// the axis.
 share = core / cells;
 share = share < 0.5 ? 0.5 : share;
 k = 0.80 * share * radius;
@@ -71,7 +72,7 @@ Else
   Recombine Surface {1:5};
 EndIf
 
-// For each section: the opposite surface, the volume, and the sides in the order of its curves.
+// Extrude returns the opposite surface, the volume, and the side surfaces in the order of the curves.
 right[] = {}; body[] = {}; side[] = {};
 For i In {1:5}
   If (tets)

@@ -29,6 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("fem.taylor_hood", "fem.measures"),
     ("fem.problem",),
     ("fem.probes", "fem.initial_state"),
+    ("fem.eigenproblem",),
     ("fem.modes",),
     ("solver",),
     ("runs",),
@@ -57,7 +58,8 @@ ONLY = {
     "fem.assembled_matrix": {"errors", "_petsc", "fem.numbering", "fem.block_sparsity"},
     "fem.boundary_conditions": {"_dolfinx", "fem.mesh"},
     "fem.measures": {"_dolfinx", "fem.mesh", "fem.boundary_conditions"},
-    "fem.modes": {"errors", "_dolfinx", "fem.terms", "fem.problem"},
+    "fem.eigenproblem": {"errors", "fem.terms", "fem.problem"},
+    "fem.modes": {"errors", "fem.problem", "fem.eigenproblem"},
     "fem.probes": {"errors", "_dolfinx"},
     "fem.initial_state": {"_dolfinx", "fem.problem"},
     "scenes": {"errors", "choices", "references", "materials", "fem.elements", "fem.mesh"},
@@ -82,7 +84,7 @@ OUTSIDE = {
     "pyvista": {"render"},
     "matplotlib": {"plots", "render"},
     "pydantic": {"scenes"},
-    "slepc4py": {"fem.modes"},
+    "slepc4py": {"fem.eigenproblem", "fem.modes"},
 }
 #: And what some parts may not.
 FORBIDDEN = {

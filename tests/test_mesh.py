@@ -234,9 +234,9 @@ def test_groups_are_named_by_name_number_or_dimension(comm, folder):
         ("cube", "prism", {}, "cell = 'prism': .* hexahedron, tetrahedron"),
         ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels': .*'cells'"),
         ("cube", "hexahedron", {"tets": 1}, "unknown parameter 'tets'"),
-        ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: must be a whole number"),
-        ("cylinder", "hexahedron", {"cells": 2.5}, "cells = 2.5: must be a whole number, 3"),
-        ("cylinder", "tetrahedron", {"radius": -1}, "radius = -1.*must be positive"),
+        ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: expected a whole number"),
+        ("cylinder", "hexahedron", {"cells": 2.5}, "cells = 2.5: expected a whole number, 3"),
+        ("cylinder", "tetrahedron", {"radius": -1}, "radius = -1.*expected positive numbers"),
         ("cylinder", "tetrahedron", {"length": float("nan")}, "length = nan: .* finite"),
     ],
 )

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 import fem_snh
 from fem_snh import _dolfinx, scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem import modes
+from fem_snh.fem import eigenproblem, modes
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.mesh import generate
 from fem_snh.fem.problem import Problem
@@ -58,11 +58,11 @@ def test_against_a_dense_solver(comm, element, strained):
     expected = hertz(eigh((K + K.T) / 2, M, eigvals_only=True)[:8])
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
     assert max(found.residuals) <= 1e-9
-    pencil = modes._Pencil(p, 2.0, "")
+    pencil = eigenproblem.Eigenproblem(p, 2.0, "")
     ordered = eigh((K + K.T) / 2, M, eigvals_only=True)
     for k in (0, 3, len(ordered) - 1):
         bound = ordered[k] - 1e-3 * abs(ordered[k])
-        assert pencil._below(bound) == (ordered < bound).sum()
+        assert pencil._count_below(bound) == (ordered < bound).sum()
 
 
 @pytest.mark.parametrize("element", MINIMISING)
@@ -169,14 +169,14 @@ def gram_of(found, density):
 def test_a_copy_of_a_multiple_eigenvalue_that_is_missed_is_searched_for(comm, monkeypatch):
     p = problem(cube(comm, "hexahedron", 3), "Q1")
     expected = modes.lowest(p, 1.0, 9).frequencies
-    honest, calls = modes._Pencil._solve, []
+    honest, calls = eigenproblem.Eigenproblem._solve, []
 
     def forgetful(self, shift, count, known):
         pairs = honest(self, shift, count, known)
         calls.append(len(known))
         return pairs[1:] if not known else pairs  # one of the six zeros, or whichever came first
 
-    monkeypatch.setattr(modes._Pencil, "_solve", forgetful)
+    monkeypatch.setattr(eigenproblem.Eigenproblem, "_solve", forgetful)
     assert modes.lowest(p, 1.0, 9).frequencies == pytest.approx(expected, rel=1e-9, abs=1e-7)
     assert len(calls) > 1 and calls[0] == 0
 

@@ -1,31 +1,43 @@
-"""What "Q1", "P2P1", ... mean: the cell, the order of the displacement, the volume, the quadrature.
+"""Elements by name: cell, displacement degree, quadrature, treatment of the volume term.
 
-Three treatments of a material's volume term U(J):
+An element treats a material's volume term U(J) in one of three ways:
 
-pointwise   at every quadrature point, as it stands. Locks as nu -> 1/2 (least with order 2)
-mean        U of the cell's mean J: one volume condition a cell instead of one a point
-pressure    a continuous pressure is unknown, too (Taylor-Hood): nothing locks, nu = 1/2 included
+``pointwise``
+    U(J) at every quadrature point. Locks as Poisson's ratio approaches 1/2, least with degree 2.
+``mean``
+    U of the mean J of each cell: one volume constraint per cell instead of one per point.
+``pressure``
+    A continuous pressure is an unknown (Taylor-Hood). Does not lock, nu = 1/2 included.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from fem_snh.errors import choose
+from fem_snh.errors import bad_value, choose
+
+#: Highest quadrature degree: that of the last Xiao-Gimbutas rule on tetrahedra in basix.
+MAX_QUADRATURE_DEGREE = 30
 
 
 @dataclass(frozen=True)
 class Element:
-    """A displacement element and its volume treatment.
+    """A displacement element and its treatment of the volume term.
 
     Attributes
     ----------
-    name : as users write it.
-    cell : "hexahedron" or "tetrahedron".
-    degree : of the Lagrange displacement, 3 components a node.
-    quadrature : polynomial degree that the rule integrates exactly on the reference cell.
-    volume : "pointwise", "mean" or "pressure".
-    pressure_degree : of the Lagrange pressure, if that is unknown.
+    name : str
+        Name in scenes and on the command line.
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of cell.
+    degree : int
+        Degree of the Lagrange displacement, 3 components per node.
+    quadrature : int
+        Degree of polynomials that the quadrature rule integrates exactly on the reference cell.
+    volume : {"pointwise", "mean", "pressure"}
+        Treatment of the volume term.
+    pressure_degree : int
+        Degree of the Lagrange pressure; 0 if the pressure is not an unknown.
     """
 
     name: str
@@ -36,8 +48,8 @@ class Element:
     pressure_degree: int = 0
 
 
-#: What the degrees give and cost: docs/results/elements.md. Three on tetrahedra (6 points) is the
-#: least that integrates J, which an incompressible cell's volume is made of.
+#: The elements with their default quadrature; docs/results/elements.md measures other degrees. On
+#: tetrahedra degree 3 (6 points) is the lowest that integrates J, a cell's volume, exactly.
 ELEMENTS = {
     e.name: e
     for e in (
@@ -45,7 +57,7 @@ ELEMENTS = {
         Element("P2", "tetrahedron", 2, 2),  # 4 points, the fewest without spurious modes
         Element("P2P0", "tetrahedron", 2, 3, "mean"),
         Element("P2P1", "tetrahedron", 2, 3, "pressure", 1),
-        Element("Q1", "hexahedron", 1, 3),  # 2 x 2 x 2 points, the paper's
+        Element("Q1", "hexahedron", 1, 3),  # 2 x 2 x 2 points, as in Smith et al. 2018
         Element("Q1P0", "hexahedron", 1, 3, "mean"),
         Element("Q2", "hexahedron", 2, 5),  # 3 x 3 x 3 points
         Element("Q2Q1", "hexahedron", 2, 5, "pressure", 1),
@@ -54,9 +66,29 @@ ELEMENTS = {
 
 
 def element(name: str, quadrature: int | None = None) -> Element:
-    """The element called ``name``, perhaps with another quadrature degree.
+    """Return the element with this name, with another quadrature degree if one is given.
 
-    Raises BadInput for an unknown name.
+    Parameters
+    ----------
+    name : str
+        One of ELEMENTS.
+    quadrature : int, optional
+        Quadrature degree, 1 to MAX_QUADRATURE_DEGREE. Default: the element's own.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or a degree out of range.
     """
     found = ELEMENTS[choose("element", name, ELEMENTS)]
-    return found if quadrature is None else replace(found, quadrature=quadrature)
+    if quadrature is None:
+        return found
+    check_quadrature(quadrature)
+    return replace(found, quadrature=quadrature)
+
+
+def check_quadrature(degree: int) -> None:
+    """Raise BadInput for a quadrature degree out of range."""
+    if not 1 <= degree <= MAX_QUADRATURE_DEGREE:
+        accepted = f"a whole number from 1 to {MAX_QUADRATURE_DEGREE}"
+        raise bad_value("quadrature", degree, accepted)

@@ -1,7 +1,7 @@
-"""What rank 0 does with gmsh: meshes a source or reads a file, and takes cells and groups out.
+"""gmsh on rank 0: mesh a source or read a file, and extract cells and physical groups.
 
-Silent, always finalised, and Ctrl-C stays Python's. Only `mesh` uses this; it turns whatever is
-raised here into BadInput on every rank.
+gmsh runs without output, is always finalised, and Python keeps handling Ctrl-C. Only `mesh` uses
+this module; it turns the errors raised here into BadInput on every rank.
 """
 
 from __future__ import annotations
@@ -16,22 +16,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, choose, unknown_name
+from fem_snh.errors import BadInput, bad_value, choose, unknown_name
 
-# gmsh's number of a volume element: our cell, the degree of the geometry, its nodes.
+#: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
     4: ("tetrahedron", 1, 4),
     5: ("hexahedron", 1, 8),
     11: ("tetrahedron", 2, 10),
     12: ("hexahedron", 2, 27),
 }
-KINDS = sorted({kind for kind, *_ in _CELLS.values()})
+CELL_KINDS = sorted({cell for cell, *_ in _CELLS.values()})
+#: Parameter of every source in meshes/: 1 for tetrahedra, 0 for hexahedra.
+_TETRAHEDRA = "tets"
 
 
-class Physical(NamedTuple):
-    """What rank 0 tells every rank about a group.
+class PhysicalGroup(NamedTuple):
+    """A physical group, by the numbers of cells and nodes in `MeshData`.
 
-    `entities` holds input numbers: of cells (dimension 3), or (n, corners) of corner nodes.
+    Attributes
+    ----------
+    name, dim, tag : str, int, int
+        As in `fem_snh.fem.mesh.Group`.
+    entities : (n,) or (n, corners) int64
+        Cells, for dimension 3; otherwise the corner nodes of each element.
     """
 
     name: str
@@ -40,20 +47,35 @@ class Physical(NamedTuple):
     entities: np.ndarray
 
 
-class Input(NamedTuple):
-    """What rank 0 takes from gmsh. Input numbers are rows of `cells` and of `x`."""
+class MeshData(NamedTuple):
+    """A mesh as rank 0 gets it from gmsh.
 
-    cells: np.ndarray  # (cells, nodes per cell), nodes in dolfinx's order
-    x: np.ndarray  # (nodes, 3)
-    kind: str
+    Attributes
+    ----------
+    cells : (cells, nodes per cell) int64
+        Rows of ``x``, in dolfinx's order of nodes.
+    x : (nodes, 3)
+        Coordinates [m].
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of cell.
+    degree : int
+        Degree of the geometry, 1 or 2.
+    groups : list of PhysicalGroup
+        The physical groups.
+    """
+
+    cells: np.ndarray
+    x: np.ndarray
+    cell: str
     degree: int
-    groups: list[Physical]
+    groups: list[PhysicalGroup]
 
 
 @contextmanager
 def _session() -> Iterator[Any]:
-    """The gmsh module, initialised, silent, and finalised whatever happens."""
-    handler = signal.getsignal(signal.SIGINT)  # gmsh takes it: 4.8 on import, later on initialize
+    """Provide the gmsh module, initialised and without output; finalise it in any case."""
+    # gmsh installs a handler of its own: 4.8 on import, later versions on initialize.
+    handler = signal.getsignal(signal.SIGINT)
     try:
         import gmsh
     except (ImportError, OSError) as error:
@@ -62,7 +84,7 @@ def _session() -> Iterator[Any]:
     try:
         signal.signal(signal.SIGINT, handler)
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.onelab.clear()  # parameters outlive finalize
+        gmsh.onelab.clear()  # parameters survive finalize
         yield gmsh
     finally:
         gmsh.finalize()
@@ -70,24 +92,30 @@ def _session() -> Iterator[Any]:
 
 
 def source_path(source: str) -> Path:
-    """The file meshes/<source>.geo, in the package or beside it. Raises BadInput if unknown."""
+    """Return the file meshes/<source>.geo, in the package or beside it.
+
+    Raises
+    ------
+    BadInput
+        For an unknown source.
+    """
     here = Path(__file__).resolve().parents[1]
     folders = [here / "meshes", here.parent / "meshes"]
     known = {p.stem: p for folder in folders for p in sorted(folder.glob("*.geo"))}
     return known[choose("geometry", source, sorted(known))]
 
 
-def generate(path: Path, cell: str, parameters: dict[str, float]) -> Input:
-    """Mesh a gmsh source with these values of its parameters, in cells of this kind."""
+def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
+    """Mesh a gmsh source with these values of its parameters, with this kind of cell."""
     with _session() as gmsh:
-        gmsh.open(str(path))  # once for the names of the parameters, once with their values
-        known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != "tets"]
-        gmsh.onelab.setNumber("tets", [float(cell == "tetrahedron")])
+        gmsh.open(str(path))  # defines the parameters; opened again with their values below
+        known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != _TETRAHEDRA]
+        gmsh.onelab.setNumber(_TETRAHEDRA, [float(cell == "tetrahedron")])
         for name, value in parameters.items():
             if name not in known:
                 raise unknown_name("parameter", name, known)
             if not isfinite(value):
-                raise BadInput(f"{name} = {value}: must be a finite number")
+                raise bad_value(name, value, "a finite number")
             gmsh.onelab.setNumber(name, [float(value)])
         gmsh.clear()
         gmsh.open(str(path))
@@ -95,9 +123,9 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> Input:
         return _extract(gmsh)
 
 
-def read(path: str) -> Input:
+def read(path: str) -> MeshData:
     """Read a .msh file."""
-    # gmsh would take any other text for a script of its own and run it.
+    # gmsh executes any other text as a script.
     with open(path, "rb") as file:
         if not file.read(11).startswith((b"$MeshFormat", b"$Comments")):
             raise BadInput("this is not a gmsh .msh file")
@@ -106,8 +134,8 @@ def read(path: str) -> Input:
         return _extract(gmsh)
 
 
-def _extract(gmsh: Any) -> Input:
-    """The volume cells and the physical groups of gmsh's current model."""
+def _extract(gmsh: Any) -> MeshData:
+    """Return the volume cells and the physical groups of gmsh's current model."""
     mesh = gmsh.model.mesh
     types, cell_tags, cell_nodes = mesh.getElements(3)
     if not len(types):
@@ -116,7 +144,7 @@ def _extract(gmsh: Any) -> Input:
         names = " and ".join(mesh.getElementProperties(t)[0] for t in types)
         raise BadInput(f"it has cells {names}: all must be tetrahedra, or all hexahedra, order 1-2")
     kind, degree, size = _CELLS[types[0]]
-    # Only nodes of cells count (not centres of arcs), and gmsh's numbers may have gaps.
+    # Drop nodes without a cell (centres of arcs); gmsh's node numbers may have gaps.
     used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)
     cells = cells.reshape(-1, size)
     # Format 2.2 repeats a cell for each of its physical groups.
@@ -140,10 +168,10 @@ def _extract(gmsh: Any) -> Input:
                     parts.append(np.searchsorted(used, nodes))
         empty = np.empty(0 if dim == 3 else (0, corners), dtype=np.int64)
         name = gmsh.model.getPhysicalName(dim, tag) or str(tag)
-        groups.append(Physical(name, dim, tag, np.concatenate([empty, *parts])))
+        groups.append(PhysicalGroup(name, dim, tag, np.concatenate([empty, *parts])))
 
     tags, x, _ = mesh.getNodes()
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
     cells = cells[:, _dolfinx.gmsh_permutation(kind, size)]
-    return Input(cells, x, kind, degree, groups)
+    return MeshData(cells, x, kind, degree, groups)

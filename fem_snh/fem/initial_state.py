@@ -1,8 +1,9 @@
-"""The state in which a run begins, where that is not the body at rest."""
+"""The initial state of a run that does not start from the undeformed body."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Protocol
 
 from mpi4py import MPI
 
@@ -10,52 +11,75 @@ import numpy as np
 
 from fem_snh.fem.problem import Problem
 
-#: Nodes are told apart by coordinates rounded to this part of the body's size...
+#: Nodes are identified by their coordinates rounded to this fraction of the body's size.
 _GRID = 1e-7
-#: ... shifted by this part of the grid, so that no mesh has its nodes where rounding changes.
+#: Offset of the grid, in grid spacings: irrational, so that no node is where rounding is ambiguous.
 _SHIFT = np.sqrt(2) / 4
 
 
-def set_initial_state(problem: Problem, start: Any) -> None:
-    """Put a start into ``problem.x``: ``map``, ``through``, ``scatter``, ``noise``, ``seed``.
+class InitialState(Protocol):
+    """How the nodes are displaced initially: `fem_snh.scenes.Start` has the same attributes."""
 
-    They are those of `fem_snh.scenes.Start`. All nodes move, those in the middle of edges too;
-    what is prescribed at the present load stays. A pressure stays zero. The state is the same on
-    any number of ranks. Collective.
+    @property
+    def scatter(self) -> float | None:
+        """Volume of the box of random positions, relative to the body's bounding box."""
+
+    @property
+    def map(self) -> Sequence[Sequence[float]] | None:
+        """A (3, 3) matrix applied to the reference coordinates."""
+
+    @property
+    def through(self) -> Sequence[float] | None:
+        """The fixed point [m] of the map; None for the centre of the bounding box."""
+
+    @property
+    def noise(self) -> float:
+        """Amplitude [m] of a random displacement of each component."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random numbers."""
+
+
+def set_initial_state(problem: Problem, state: InitialState) -> None:
+    """Set ``problem.x`` to an initial state. Collective.
+
+    All nodes move, those in the middle of edges too. Constrained dofs have their values at the
+    present load, a pressure is zero. The state does not depend on the number of ranks.
     """
     X = problem.coordinates
-    low, high = _box(problem.comm, X)
-    centre, places = (low + high) / 2, (X - low) / (high - low).max()
+    low, high = _bounding_box(problem.comm, X)
+    centre, scaled = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()
-    if start.scatter is not None:
-        sides = (high - low) * start.scatter ** (1 / 3)
-        x = centre + sides * (_random(problem.comm, places, start.seed) - 0.5)
-    elif start.map is not None:
-        fixed = centre if start.through is None else np.array(start.through)
-        x = (X - fixed) @ np.array(start.map).T + fixed
-    if start.noise:
-        x += start.noise * (2 * _random(problem.comm, places, start.seed, stream=1) - 1)
+    if state.scatter is not None:
+        sides = (high - low) * state.scatter ** (1 / 3)
+        x = centre + sides * (_random(problem.comm, scaled, state.seed) - 0.5)
+    elif state.map is not None:
+        fixed = centre if state.through is None else np.array(state.through)
+        x = (X - fixed) @ np.array(state.map).T + fixed
+    if state.noise:
+        x += state.noise * (2 * _random(problem.comm, scaled, state.seed, stream=1) - 1)
     problem.x.array[: X.size] = (x - X).ravel()
     problem.prescribe(problem.x)
 
 
-def _box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the greatest coordinates on all ranks."""
+def _bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest and the largest coordinates on all ranks."""
     low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     return low, high
 
 
-def _random(comm: MPI.Comm, places: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
-    """(n, 3) numbers in [0, 1) for this rank's nodes, whoever has which of them.
+def _random(comm: MPI.Comm, scaled: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
+    """Return (n, 3) random numbers in [0, 1) that depend on a node's coordinates, not on its rank.
 
-    ``places`` (n, 3): where they are in the body, in its sizes. The numbers are drawn for the nodes
-    in the order of their places, which every rank finds by itself.
+    ``scaled`` (n, 3) are the coordinates of this rank's nodes relative to the body's size. Every
+    rank draws the numbers of all nodes, in the order of their coordinates.
     """
-    parts = comm.allgather(np.round(places / _GRID + _SHIFT))
+    parts = comm.allgather(np.round(scaled / _GRID + _SHIFT))
     first = sum(len(part) for part in parts[: comm.rank])
-    everyone = np.concatenate(parts)
-    drawn = np.empty_like(everyone)
-    drawn[np.lexsort(everyone.T)] = np.random.default_rng([seed, stream]).random(everyone.shape)
-    return drawn[first : first + len(places)]
+    all_nodes = np.concatenate(parts)
+    drawn = np.empty_like(all_nodes)
+    drawn[np.lexsort(all_nodes.T)] = np.random.default_rng([seed, stream]).random(all_nodes.shape)
+    return drawn[first : first + len(scaled)]

@@ -1,8 +1,7 @@
-"""Meshes: gmsh sources and .msh files, distributed over the ranks with their physical groups.
+"""Meshes from gmsh sources and .msh files, distributed over the ranks with their physical groups.
 
-gmsh runs on rank 0 only, silently; whatever goes wrong there becomes BadInput on every rank.
-Groups are found by the corner nodes of their elements, so they may have any dimension and may
-overlap, and each rank finds every entity it knows, ghosts included.
+gmsh runs on rank 0 only; its errors become BadInput on every rank. Groups are located by the corner
+nodes of their elements, so they may have any dimension and may overlap.
 """
 
 from __future__ import annotations
@@ -20,20 +19,35 @@ from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, choose, nearest, on_root
 from fem_snh.fem import gmsh_input
 
+#: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
+
+
+#: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
+_VOLUME_DEGREE = 5
+#: Scaled Jacobian below which a cell counts as degenerate: far above rounding, far below any cell
+#: that can be computed on.
+_MIN_SCALED_JACOBIAN = 1e-10
+#: Cells per batch when scaled Jacobians are computed, which bounds the memory.
+_BATCH = 10_000
 
 
 @dataclass(frozen=True)
 class Group:
-    """A gmsh physical group, as one rank sees it.
+    """A gmsh physical group on one rank.
 
-    Attributes:
-        name: gmsh's name, or the number if it has none.
-        dim: 0 point, 1 curve, 2 surface, 3 volume.
-        tag: gmsh's number, unique among the groups of this dimension.
-        entities: sorted local numbers (int32) of its mesh entities of this dimension that this
-            rank knows, ghosts included.
-        count: the number of its entities on all ranks, each counted once.
+    Attributes
+    ----------
+    name : str
+        gmsh's name, or the number if it has none.
+    dim : int
+        0 point, 1 curve, 2 surface, 3 volume.
+    tag : int
+        gmsh's number, unique among the groups of this dimension.
+    entities : (n,) int32
+        Sorted local numbers of the group's mesh entities on this rank, ghosts included.
+    count : int
+        Number of the group's entities on all ranks, each counted once.
     """
 
     name: str
@@ -44,13 +58,25 @@ class Group:
 
     @property
     def label(self) -> str:
-        """Unambiguous, as `Mesh.group` accepts it: ``surface:left``."""
+        """Dimension and name, e.g. ``surface:left``; `Mesh.group` accepts it."""
         return f"{DIMENSIONS[self.dim]}:{self.name}"
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A distributed mesh: its dolfinx mesh, the kind of its cells, its physical groups."""
+    """A distributed mesh with its physical groups.
+
+    Attributes
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of its cells.
+    groups : tuple of Group
+        Its physical groups.
+    num_cells : int
+        Number of cells on all ranks.
+    """
 
     domain: Any
     cell: str
@@ -58,18 +84,25 @@ class Mesh:
     num_cells: int
 
     def group(self, key: str | int) -> Group:
-        """The physical group of this name or number, e.g. "left", 3 or "surface:left".
+        """Return the physical group with this name, number or label.
 
-        Raises:
-            BadInput: no such group, more than one (then the dimension must be given), or a group
-                that has no part in the volume mesh; on every rank.
+        Parameters
+        ----------
+        key : str or int
+            For example "left", 3 or "surface:left". A name takes precedence over a number.
+
+        Raises
+        ------
+        BadInput
+            On every rank: no such group, several (the label then distinguishes them), or a group
+            without entities in the volume mesh.
         """
         found = [g for g in self.groups if str(key) in (g.name, str(g.tag), g.label)]
-        found = [g for g in found if str(key) == g.name] or found  # a name beats a number
+        found = [g for g in found if str(key) == g.name] or found
         if not found:
             known = ", ".join(g.label for g in self.groups) or "none"
-            near = nearest(str(key), [g.name for g in self.groups])
-            raise BadInput(f"no physical group '{key}' in the mesh{near}: it has {known}")
+            suggestion = nearest(str(key), [g.name for g in self.groups])
+            raise BadInput(f"no physical group '{key}' in the mesh{suggestion}: it has {known}")
         if len(found) > 1:
             options = " or ".join(f"'{g.label}'" for g in found)
             raise BadInput(f"physical group '{key}' is ambiguous: write {options}")
@@ -79,47 +112,57 @@ class Mesh:
 
 
 def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mesh:
-    """Mesh the geometry meshes/<source>.geo. Collective.
+    """Mesh a geometry of the meshes folder. Collective.
 
-    Args:
-        source: "cube", "cylinder", ...: the name of a file in meshes/.
-        cell: "hexahedron" or "tetrahedron".
-        parameters: values for the source's DefineConstant parameters, e.g. cells=15.
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator over which the mesh is distributed.
+    source : str
+        Name of a file meshes/<source>.geo, e.g. "cube".
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of cell.
+    **parameters : float
+        Values of the source's DefineConstant parameters, e.g. cells=15.
 
-    Raises:
-        BadInput: unknown source or parameter, or gmsh fails; on every rank.
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown source or parameter, or if gmsh fails.
     """
-    choose("cell", cell, gmsh_input.KINDS)
+    choose("cell", cell, gmsh_input.CELL_KINDS)
     path = on_root(comm, gmsh_input.source_path, source)
     return _distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
 
 
 def read(comm: MPI.Comm, path: str | Path) -> Mesh:
-    """Read a gmsh .msh file (format 2.2 or 4.1, ASCII or binary, of order 1 or 2). Collective.
+    """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
-    All its volume cells are taken, whether in a physical group or not.
+    All volume cells belong to the mesh, whether in a physical group or not.
 
-    Raises:
-        BadInput: missing or unreadable, no volume cells, cells of other or of mixed kinds,
-            inverted cells; on every rank.
+    Raises
+    ------
+    BadInput
+        On every rank, if the file cannot be read, or has no volume cells, cells of another kind or
+        of several kinds, or inverted cells.
     """
     return _distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
 
 
 def volume(domain: Any) -> float:
-    """The volume of a dolfinx mesh [m^3]. Collective."""
-    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), 5)
+    """Return the volume of a dolfinx mesh [m^3]. Collective."""
+    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), _VOLUME_DEGREE)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
     return float(domain.comm.allreduce((np.abs(np.linalg.det(T)) * weights).sum()))
 
 
 def scaled_jacobian(domain: Any) -> np.ndarray:
-    """(owned cells,) the worst over each cell's corners and middle; <= 0 where it is inverted.
+    """Return the scaled Jacobian of each cell, (owned cells,); <= 0 where a cell is inverted.
 
-    At a corner: the volume of the parallelepiped of its three edges over the product of their
-    lengths, 1 for a cube and 0.707 for a regular tetrahedron. Left-handed cells are sound, too,
-    as long as the sign is the same all over the cell.
+    It is the smallest value over a cell's corners and its midpoint. At a corner, it is the volume
+    of the parallelepiped of the three edges divided by the product of their lengths: 1 for a cube,
+    0.707 for a regular tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
     """
     corners = _dolfinx.reference_corners(_dolfinx.cell_name(domain))
     edges = corners - corners[:, None]  # from each corner to each
@@ -130,8 +173,8 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
     gradients = _dolfinx.tabulate_geometry(domain, points)
     x, cells = _dolfinx.geometry_x(domain), _dolfinx.geometry_dofs(domain)
     worst = np.empty(len(cells))
-    for start in range(0, len(cells), 10_000):  # in pieces, for the memory
-        chunk = slice(start, start + 10_000)
+    for start in range(0, len(cells), _BATCH):
+        chunk = slice(start, start + _BATCH)
         jacobian = np.einsum("cni,pnj->cpij", x[cells[chunk]], gradients)
         lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
         scaled = np.linalg.det(jacobian) / np.maximum(lengths, np.finfo(float).tiny)
@@ -143,36 +186,38 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
 
 
 def _distribute(
-    comm: MPI.Comm, what: str, make: Callable[..., gmsh_input.Input], *args: Any
+    comm: MPI.Comm, what: str, make: Callable[..., gmsh_input.MeshData], *args: Any
 ) -> Mesh:
-    """Call make(*args) on rank 0, distribute its cells, and find its groups on every rank."""
-    kept: list[gmsh_input.Input] = []
+    """Call make(*args) on rank 0, distribute its cells, and locate its groups on every rank."""
+    kept: list[gmsh_input.MeshData] = []
 
-    def on_rank_0() -> tuple[gmsh_input.Input, int]:
+    def make_on_root() -> tuple[gmsh_input.MeshData, int]:
         try:
-            made = make(*args)
+            data = make(*args)
         except OSError as error:
             raise BadInput(f"{what} cannot be read: {error.strerror or error}") from None
         except BadInput as error:
             raise BadInput(f"{what}: {error}") from None
-        except Exception as error:  # gmsh raises nothing more special, and no rank may wait
+        except Exception as error:  # gmsh raises bare Exception; the other ranks wait for a result
             who = "gmsh" if type(error) is Exception else type(error).__name__
             raise BadInput(f"{what}: {who}: {' '.join(str(error).split())}") from None
-        kept.append(made)
-        return made._replace(cells=made.cells[:0], x=made.x[:0]), len(made.cells)
+        kept.append(data)
+        return data._replace(cells=data.cells[:0], x=data.x[:0]), len(data.cells)
 
-    common, num_cells = on_root(comm, on_rank_0)  # all ranks get the groups, none the cells
-    mine = kept[0] if kept else common
-    domain = _dolfinx.create_mesh(comm, mine.cells, mine.x, common.kind, common.degree)
-    bad = comm.allreduce(int((scaled_jacobian(domain) < 1e-10).sum()))
+    common, num_cells = on_root(
+        comm, make_on_root
+    )  # all ranks get the groups, only rank 0 the cells
+    data = kept[0] if kept else common
+    domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
+    bad = comm.allreduce(int((scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN).sum()))
     if bad:
         raise BadInput(f"{what} has {bad} inverted or degenerate cells of {num_cells}")
     groups = tuple(_locate(domain, group) for group in common.groups)
-    return Mesh(domain, common.kind, groups, num_cells)
+    return Mesh(domain, common.cell, groups, num_cells)
 
 
-def _locate(domain: Any, group: gmsh_input.Physical) -> Group:
-    """Find the group's entities among those this rank knows. Collective."""
+def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
+    """Find the group's entities on this rank. Collective."""
     if group.dim == 3:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
     else:
@@ -184,8 +229,8 @@ def _locate(domain: Any, group: gmsh_input.Physical) -> Group:
 
 
 def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Which of the rows (n, k) hold the same numbers, in any order, as some row of wanted."""
-    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # few are left to compare as a whole
+    """Return which of the rows (n, k) hold the same numbers, in any order, as a row of wanted."""
+    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # leaves few to compare row by row
     both = np.sort(np.concatenate([wanted, rows[found]]), axis=1)
     label = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     found[found] = np.isin(label[len(wanted) :], label[: len(wanted)])

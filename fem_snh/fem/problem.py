@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.fem import mesh as meshes
 from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
 from fem_snh.fem.elements import Element
@@ -48,8 +48,7 @@ def _timed(method: Callable[..., T]) -> Callable[..., T]:
 class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
 
-    With a Taylor-Hood element it is a saddle-point problem: the energy is stationary, minimal in
-    the displacement and maximal in the pressure.
+    With a Taylor-Hood element: find displacement and pressure at a saddle point of the energy.
 
     Parameters
     ----------
@@ -91,15 +90,14 @@ class Problem:
     force_scale : float
         E V^(2/3) [N], which residual norms are compared with.
     nonfinite : int
-        How many energies evaluated so far were infinite or NaN.
+        Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
-        Time spent in compilation ("jit") and in evaluations ("assemble").
+        Time for compilation ("jit") and for evaluations ("assemble").
 
     Raises
     ------
     BadInput
-        On every rank, for an element that does not fit the mesh, an unknown physical group, or a
-        material the element does not support.
+        On every rank, if mesh, element, material and physical groups do not fit together.
     """
 
     def __init__(
@@ -115,10 +113,8 @@ class Problem:
         eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         if mesh.cell != element.cell:
-            raise BadInput(
-                f"element = '{element.name}': expected an element for {mesh.cell} cells, which the "
-                f"mesh has; this one needs {element.cell} cells"
-            )
+            accepted = f"an element with {mesh.cell} cells, like the mesh; it has {element.cell}s"
+            raise bad_value("element", element.name, accepted)
         self.mesh, self.element, self.material = mesh, element, material
         self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.comm = mesh.domain.comm
@@ -230,10 +226,9 @@ class Problem:
         return self.elastic.jacobian(*self._unknowns.split(x), filter, self.eigensolver)
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
-        """Return the reaction force [N] on each of the groups that were asked for. Collective.
+        """Return the reaction force [N] of each of the chosen groups. Collective.
 
-        It is the sum of dE/du over the group's nodes: the force that the constraint exerts on the
-        body. Without groups nothing is computed.
+        The sum of dE/du over the group's nodes: the force that the constraint exerts on the body.
         """
         if not self._reactions.groups:
             return {}

@@ -1,7 +1,7 @@
-"""UFL forms of a material: what a FEniCSx user writes, from the same expression as the kernels.
+"""UFL forms of a material, from the same expression as the compiled kernels.
 
-The solver uses the kernels, which are faster and never see NaN; these forms are their oracle, the
-way to use a material in a program of one's own, and the baseline of
+The solver uses the kernels, which are faster and never produce NaN. The forms serve programs that
+use a material with dolfinx's assemblers, as a reference in tests, and as the baseline of
 ``python -m benchmarks assembly``.
 """
 
@@ -23,19 +23,31 @@ _FUNCTIONS = {
 
 
 def deformation_gradient(u: Any) -> Any:
-    """F = I + grad u as a UFL variable, so that energies can be differentiated by it."""
+    """Return F = I + grad u as a UFL variable, with respect to which energies can be derived."""
     return ufl.variable(ufl.Identity(3) + ufl.grad(u))
 
 
-def energy_density(law: Energy, F: Any) -> Any:
-    """psi(F) [Pa] in UFL. NaN where the kernels give +inf.
+def energy_density(energy: Energy, F: Any) -> Any:
+    """Return the energy density psi(F) [Pa] as a UFL expression.
 
-    Raises BadInput for a material that needs the principal stretches: UFL cannot differentiate
-    them where two are equal, as at rest.
+    It is NaN where the kernels return +inf.
+
+    Parameters
+    ----------
+    energy : Energy
+        A material's energy: ``material(...).expression``.
+    F : UFL expression
+        The (3, 3) deformation gradient.
+
+    Raises
+    ------
+    BadInput
+        For an energy of the principal stretches. UFL cannot differentiate these where two are
+        equal, as in the undeformed state.
     """
-    if law.needs_stretches:
+    if energy.needs_stretches:
         raise BadInput(
-            f"material '{law.name}' needs the principal stretches, which UFL cannot "
+            f"material '{energy.name}' needs the principal stretches, which UFL cannot "
             "differentiate at rest: use the kernels (fem_snh.material)"
         )
     C = F.T * F
@@ -44,19 +56,19 @@ def energy_density(law: Energy, F: Any) -> Any:
         "II_C": (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2,
         "J": ufl.det(F),
     }
-    return law.evaluate(_FUNCTIONS, *(values[str(m)] for m in law.measures))
+    return energy.evaluate(_FUNCTIONS, *(values[str(m)] for m in energy.measures))
 
 
-def energy(law: Energy, u: Any, dx: Any = ufl.dx) -> Any:
-    """The elastic energy of the displacement u [J]."""
-    return energy_density(law, deformation_gradient(u)) * dx
+def elastic_energy(energy: Energy, u: Any, dx: Any = ufl.dx) -> Any:
+    """Return the form of the elastic energy [J] of the displacement u."""
+    return energy_density(energy, deformation_gradient(u)) * dx
 
 
-def residual(law: Energy, u: Any, v: Any, dx: Any = ufl.dx) -> Any:
-    """Its derivative in the direction of the test function v."""
-    return ufl.derivative(energy(law, u, dx), u, v)
+def residual(energy: Energy, u: Any, v: Any, dx: Any = ufl.dx) -> Any:
+    """Return the derivative of the elastic energy in the direction of the test function v."""
+    return ufl.derivative(elastic_energy(energy, u, dx), u, v)
 
 
-def jacobian(law: Energy, u: Any, v: Any, w: Any, dx: Any = ufl.dx) -> Any:
-    """Its second derivative in the directions of v and the trial function w."""
-    return ufl.derivative(residual(law, u, v, dx), u, w)
+def jacobian(energy: Energy, u: Any, v: Any, w: Any, dx: Any = ufl.dx) -> Any:
+    """Return the second derivative in the directions of v and of the trial function w."""
+    return ufl.derivative(residual(energy, u, v, dx), u, w)

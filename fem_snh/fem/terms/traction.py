@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput
+from fem_snh.errors import bad_value
 from fem_snh.fem.mesh import Mesh
 
 
@@ -61,9 +61,7 @@ class Traction:
         for load in loads:
             group = mesh.group(load.group)
             if group.dim != 2:
-                raise BadInput(
-                    f"traction.group = '{load.group}': expected a surface, not a {group.label}"
-                )
+                raise bad_value("traction.group", load.group, f"a surface, not a {group.label}")
             ds = _dolfinx.surface_measure(mesh.domain, group.entities)
             integral = ufl.inner(_dolfinx.constant(mesh.domain, load.vector), test) * ds
             # One form per load: UFL accepts one set of marked facets per form.

@@ -163,7 +163,7 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
 
     path = files[0] if files else str(own.mesh)
     try:
-        cell = gmsh_input.read(path).kind
+        cell = gmsh_input.read(path).cell
     except OSError as error:
         raise BadInput(f"mesh '{path}' cannot be read: {error.strerror or error}") from None
     return [name for name, element in ELEMENTS.items() if element.cell == cell]
