@@ -180,7 +180,7 @@ def test_line_search_is_on_the_residual_without_an_energy(hessian):
 @mpi
 @pytest.mark.parametrize("name", ["filtered_neo_hookean", "neo_hookean"])
 def test_a_filtered_stress_survives_inversion(name):
-    """One face moves through the other: the plain energy is infinite, the filtered stress finite."""
+    """One face moves through the other: the plain energy is infinite, the filtered stress not."""
     result = run(
         "pull", material=name, cells=3, steps=1, hessian="clamp", predictor="none", progress=False,
         petsc={"snes_max_it": 400}, **{"move.0.translate": [-1.1, 0.0, 0.0]},
