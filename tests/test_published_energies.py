@@ -318,7 +318,7 @@ def test_equation_52(name):
         ("gamma_model", {"volume": "I_C"}, "'I_C' is not known"),
         ("arap", {"volume": "K"}, "volume term"),
         ("ogden", {"exponents": (1.0, 2.0), "weights": (1.0,)}, "2 exponents and 1 weights"),
-        ("ogden", {"exponents": (0.0,), "weights": (1.0,)}, "no exponent may be 0"),
+        ("ogden", {"exponents": (0.0,), "weights": (1.0,)}, "expected exponents other than 0"),
     ],
 )
 def test_mistakes_are_one_line(name, shape, words):

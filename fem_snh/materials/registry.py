@@ -126,7 +126,7 @@ def describe(material: str | Function) -> str:
     """Return the docstring of a material's function; without one, its arguments."""
     found = function(material)
     if text := inspect.getdoc(found):
-        return text.replace("::\n", ":\n")
+        return text.replace("\n::\n\n", "\n")  # the mark-up of a literal block
     lines = [f"{label(material)}: a function without a docstring", ""]
     for what, given in (
         ("measures", measures_of(found)),

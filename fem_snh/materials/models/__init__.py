@@ -1,1 +1,1 @@
-"""The energies, one a file: a module with a function of the same name (see `fem_snh.materials`)."""
+"""The built-in energies: each module defines one function of its own name."""

@@ -1,4 +1,4 @@
-"""What the energies that are quadratic in a strain have in common."""
+"""Energies that are quadratic in a principal strain."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 
 def quadratic(strains: Sequence[Any], mu: Any, lam: Any) -> Any:
-    """mu sum e_i^2 + lam/2 (sum e_i)^2 of principal strains with e = 0, de/ds = 1 at rest.
+    """Return mu sum e_i^2 + lam/2 (sum e_i)^2 for principal strains with e(1) = 0 and e'(1) = 1.
 
-    The Seth-Hill and Hill families (Chen & Barbic, Table 1): mu = mu_lame, lam = lambda_lame.
+    The Seth-Hill and Hill families (Chen & Barbic, Table 1), with mu = mu_lame, lam = lambda_lame.
     """
     return mu * sum(e**2 for e in strains) + lam / 2 * sum(strains) ** 2

@@ -1,4 +1,4 @@
-"""Volume terms for families that have none: nu = 0 by nature (Chen & Barbic, section 6)."""
+"""Volume terms for the families whose energy has nu = 0 (Chen & Barbic, section 6)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TERMS = {
 
 
 def volume(J: Any, lam: Any, kind: str) -> Any:
-    """The lambda part called ``kind``: "J": lam/2 (J - 1)^2, "log": lam/2 (log J)^2.
+    """Return the volume term ``kind``: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
 
     Raises BadInput for another kind.
     """

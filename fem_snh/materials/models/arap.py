@@ -1,4 +1,4 @@
-"""As rigid as possible."""
+"""The material ``arap``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,28 @@ from fem_snh.materials.models._volume_term import volume as volume_term
 
 
 def arap(I1: Any, I_C: Any, J: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
-    """As rigid as possible (Sorkine & Alexa 2007; Chen & Barbic, Table 1), with a volume term.
+    """As rigid as possible (Chen & Barbic, Table 1), with a volume term.
 
-    psi = mu ||F - R||^2 + volume,  ||F - R||^2 = I_C - 2 I1 + 3
+    ::
 
-    mu = mu_lame. It has nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2, "log": lam/2 (log
-    J)^2) gives it another, and vanishes at nu = 0. With "J" it is `fixed_corotational`.
+        psi = mu ||F - R||^2 + volume,  ||F - R||^2 = I_C - 2 I1 + 3
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    volume : str
+        Volume term: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
+
+    Notes
+    -----
+    Without the volume term nu = 0; the volume term vanishes at nu = 0. With "J" it is
+    `fixed_corotational`. Finite for every F.
+
+    It has no Hessian where two signed stretches sum to zero.
+
+    References
+    ----------
+    Sorkine & Alexa 2007.
     """
     return mu * (I_C - 2 * I1 + 3) + volume_term(J, lam, volume)

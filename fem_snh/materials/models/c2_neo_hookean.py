@@ -1,4 +1,4 @@
-"""Neo-Hookean whose energy goes on beyond its singularity."""
+"""The material ``c2_neo_hookean``."""
 
 from __future__ import annotations
 
@@ -10,17 +10,35 @@ from fem_snh.materials.functions import where
 
 
 def c2_neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any, *, threshold: float = 0.4) -> Any:
-    """Neo-Hookean with an extrapolated energy, after Stomakhin et al. 2012: C2, finite for every F.
+    """Neo-Hookean energy, extrapolated below a threshold of J; finite for every F.
 
-    psi = mu/2 (I_C - 3) + V(J),  V = -mu log J + lam/2 (log J)^2   (eq. 5) for J >= threshold,
-    and its Taylor polynomial of second order at J = threshold below.
+    ::
 
-    After theirs: the convex threshold surface J = threshold, and that the energy is extrapolated,
-    not the stress. Unlike theirs: they extrapolate all of psi along the ray from the identity
-    (where it meets the surface is the root of a cubic), here it is V along J, which is all that is
-    singular in psi: one closed expression, and no SVD. Both are eq. 5 to second order at the
-    surface and differ by the third. threshold: the default of their code is 0.3.
-    mu = mu_lame, lam = lambda_lame.
+        psi = mu/2 (I_C - 3) + V(J)
+        V = -mu log J + lam/2 (log J)^2 for J >= threshold
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    threshold : float
+        Value of J below which V is its Taylor polynomial of second order at J = threshold.
+
+    Notes
+    -----
+    Twice continuously differentiable. From Stomakhin et al. it takes the convex threshold surface J
+    = threshold and the extrapolation of the energy instead of the stress.
+
+    Differences from Stomakhin et al.: they extrapolate all of psi along the ray from the identity,
+    which meets the surface at the root of a cubic. Here only V, the singular term, is extrapolated
+    along J: one closed expression without an SVD. Both agree with eq. 5 to second order at the
+    surface and differ in the third. The default threshold of their code is 0.3.
+
+    References
+    ----------
+    Stomakhin et al. 2012.
+
+    Smith et al. 2018, eq. 5.
     """
     a, L = threshold, log(threshold)
     slope, curve = (lam * L - mu) / a, (mu + lam - lam * L) / a**2

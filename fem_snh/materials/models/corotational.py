@@ -1,4 +1,4 @@
-"""Linear elasticity in the stretches."""
+"""The material ``corotational``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,27 @@ from typing import Any
 
 
 def corotational(I1: Any, I_C: Any, mu: Any, lam: Any) -> Any:
-    """Corotational linear elasticity (McAdams et al. 2011; Smith et al. 2018, eq. 3).
+    """Corotational linear elasticity (Smith et al. 2018, eq. 3).
 
-    psi = mu ||F - R||^2 + lam/2 tr(S - I)^2,  ||F - R||^2 = I_C - 2 I1 + 3,  tr(S - I) = I1 - 3
+    ::
 
-    The PK1-linearisation of every material (Chen & Barbic, theorem 3.1). Its volume is the sum of
-    the stretches, so a large stretch crushes it. mu = mu_lame, lam = lambda_lame. No Hessian where
-    two signed stretches sum to zero.
+        psi = mu ||F - R||^2 + lam/2 tr(S - I)^2
+        ||F - R||^2 = I_C - 2 I1 + 3,  tr(S - I) = I1 - 3
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    The PK1-linearisation of every material (Chen & Barbic, theorem 3.1). The volume is measured by
+    the sum of the stretches, so a large stretch collapses the volume.
+
+    Finite for every F. It has no Hessian where two signed stretches sum to zero.
+
+    References
+    ----------
+    McAdams et al. 2011.
     """
     return mu * (I_C - 2 * I1 + 3) + lam / 2 * (I1 - 3) ** 2

@@ -1,4 +1,4 @@
-"""Neo-Hookean with a filtered stress: no energy."""
+"""The material ``filtered_neo_hookean``."""
 
 from __future__ import annotations
 
@@ -14,20 +14,42 @@ from fem_snh.materials.functions import PrincipalStress, where
 def filtered_neo_hookean(
     s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, sigma_f: float = 0.25, bound: str = "stretch"
 ) -> Any:
-    """Neo-Hookean, its stress filtered (Irving et al. 2004, Teran et al. 2005): no energy.
+    """Neo-Hookean stress, filtered below a stretch; it is not the gradient of an energy.
 
-    psi = none;  P_i = mu s_i - p / s_i' [+ p e_i / s_i'^2 + lam / s_i' sum_j e_j / s_j'],
-    p = mu - lam log J',  J' = s0' s1' s2',  e_i = s_i - s_i',  s' = max(s, t)
+    ::
 
-    The stress of eq. 5, continued below the threshold sigma_f. bound: what is kept above it.
-    "stretch": every stretch, t = sigma_f; what is singular stays constant (without the [...]).
-    "J": the volume, t such that J' = max(J, sigma_f), and the continuation is linear (with the
-    [...]): what PhysBAM does by default, with 0.25, and so what Smith et al. compared with.
+        psi = none
+        P_i = mu s_i - p / s_i' [+ p e_i / s_i'^2 + lam / s_i' sum_j e_j / s_j']
+        p = mu - lam log J',  J' = s0' s1' s2',  e_i = s_i - s_i',  s' = max(s, t)
 
-    It is no gradient where one stretch is filtered and another is not, so the line search is on the
-    residual, and the tangent is the symmetric part of its exact derivative (PhysBAM's is that of
-    eq. 5 at s'). The papers' threshold for the Hessian's eigenvalues (-1e-4) is not needed: the
-    library's filters take its place. mu = mu_lame, lam = lambda_lame.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    sigma_f : float
+        Threshold of the filter.
+    bound : str
+        Quantity that the filter bounds. "stretch": every stretch, t = sigma_f, without the terms in
+        brackets (the singular part is constant below). "J": the volume, t such that J' = max(J,
+        sigma_f), with the terms in brackets (a linear continuation).
+
+    Notes
+    -----
+    bound = "J" with 0.25 is the default of PhysBAM, the code of the comparison in Smith et al.
+    2018.
+
+    The stress is no gradient where one stretch is filtered and another is not. The line search
+    therefore uses the residual, and the tangent is the symmetric part of the exact derivative
+    (PhysBAM's is that of eq. 5 at s'). The papers' threshold for the eigenvalues of the Hessian
+    (-1e-4) is replaced by the Hessian filters of this program.
+
+    References
+    ----------
+    Irving et al. 2004.
+
+    Teran et al. 2005.
+
+    Smith et al. 2018, eq. 5.
     """
     stress = _BOUNDS[choose("bound", bound, list(_BOUNDS))]
     return PrincipalStress(*stress((s0, s1, s2), mu, lam, Float(sigma_f)))

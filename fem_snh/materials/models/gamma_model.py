@@ -1,4 +1,4 @@
-"""The general model of I_C and J: one's own energy in two expressions."""
+"""The material ``gamma_model``."""
 
 from __future__ import annotations
 
@@ -16,16 +16,28 @@ def gamma_model(
     length: str = "(I_C - 3) / 2",
     volume: str = "(J - 1)**2 / 2",
 ) -> Any:
-    """Any energy of I_C and J (the general model of Smith et al. 2018, eq. 52), stable at rest.
+    """Any energy of I_C and J, made stable at rest (Smith et al. 2018, eq. 52).
 
-    psi = mu length(I_C) + lam volume(J) - p (J - 1),  p such that P(I) = 0 (section 3.2)
+    ::
 
-    The documented way to write one's own: in eq. 52, A = gamma_I I + gamma_F f f^T + gamma_G g g^T
-    + gamma_H H with gamma_I = 2 dpsi/dI_C, gamma_F = 4 d2psi/dI_C2, gamma_G = d2psi/dJ2,
-    gamma_H = dpsi/dJ; the eigenvalues are gamma_I +- gamma_H s_i and those of a 3x3 block.
+        psi = mu length(I_C) + lam volume(J) - p (J - 1),  p such that P(I) = 0
 
-    length, volume: expressions in I_C and in J, of numbers, + - * / ** ( ), log, exp, sqrt.
-    The defaults are eq. 13.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa].
+    length : str
+        Expression in I_C, of numbers, + - * / ** ( ), log, exp, sqrt.
+    volume : str
+        Expression in J, of the same.
+
+    Notes
+    -----
+    The defaults are the stable Neo-Hookean energy (eq. 13).
+
+    In eq. 52, A = gamma_I I + gamma_F f f^T + gamma_G g g^T + gamma_H H with gamma_I = 2 dpsi/dI_C,
+    gamma_F = 4 d2psi/dI_C2, gamma_G = d2psi/dJ2, gamma_H = dpsi/dJ. The eigenvalues are gamma_I +-
+    gamma_H s_i and those of a 3x3 block.
     """
     f = parse(length, {"I_C": I_C})
     g = parse(volume, {"J": J})

@@ -1,4 +1,4 @@
-"""Logarithmic strain."""
+"""The material ``hencky``."""
 
 from __future__ import annotations
 
@@ -10,13 +10,20 @@ from fem_snh.materials.models._quadratic_strain import quadratic
 
 
 def hencky(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
-    """Hencky's energy (Chen & Barbic, Table 1).
+    """Hencky energy: quadratic in the logarithmic strain (Chen & Barbic, Table 1).
 
-    Quadratic in the logarithmic strain, infinite for J <= 0.
+    ::
 
-    psi = mu sum (log s_i)^2 + lam/2 (log J)^2
+        psi = mu sum (log s_i)^2 + lam/2 (log J)^2
 
-    mu = mu_lame, lam = lambda_lame. The limit of `seth_hill` for n -> 0; the nonlinearity alpha
-    leaves it as it is. It softens beyond a stretch of e.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Infinite for J <= 0. The stress decreases beyond a stretch of e. It is the limit of `seth_hill`
+    for n -> 0; the nonlinearity alpha does not change it.
     """
     return quadratic([log(s) for s in (s0, s1, s2)], mu, lam)

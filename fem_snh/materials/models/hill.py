@@ -1,4 +1,4 @@
-"""Hill's family: any strain function."""
+"""The material ``hill``."""
 
 from __future__ import annotations
 
@@ -13,16 +13,31 @@ from fem_snh.materials.parsing import parse
 
 
 def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)") -> Any:
-    """Hill's family (Hill 1968; Chen & Barbic, Table 1): quadratic in a strain of one's own.
+    """Hill's family: quadratic in any strain function (Chen & Barbic, Table 1).
 
-    psi = mu sum f(s_i)^2 + lam/2 (sum f(s_i))^2
+    ::
 
-    strain: f as an expression in s with f(1) = 0 and f'(1) = 1, of numbers, + - * / ** ( ), log,
-    exp, sqrt; infinite for J <= 0. The default log(s) is `hencky`. mu = mu_lame, lam = lambda_lame.
+        psi = mu sum f(s_i)^2 + lam/2 (sum f(s_i))^2
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    strain : str
+        f as an expression in s with f(1) = 0 and f'(1) = 1, of numbers, + - * / ** ( ), log, exp,
+        sqrt.
+
+    Notes
+    -----
+    Infinite for J <= 0. The default, log(s), is `hencky`.
+
+    References
+    ----------
+    Hill 1968.
     """
     s = Symbol("s", real=True)
     f = parse(strain, {"s": s})
     if simplify(f.subs(s, 1)) != 0 or simplify(f.diff(s).subs(s, 1) - 1) != 0:
-        raise BadInput(f"strain = {strain!r}: a strain function has f(1) = 0 and f'(1) = 1")
+        raise BadInput(f"strain = {strain!r}: expected f(s) with f(1) = 0 and f'(1) = 1")
     strains = [f.subs(s, positive(x)) for x in (s0, s1, s2)]
     return quadratic(strains, mu, lam)

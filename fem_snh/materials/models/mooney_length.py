@@ -1,4 +1,4 @@
-"""Mooney's length term with a volume term, and no rest stability."""
+"""The material ``mooney_length``."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ from typing import Any
 
 
 def mooney_length(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Mooney's length term Psi_M with a volume term (Psi_D of Smith et al. 2018, eq. 8).
+    """Mooney's length term and a volume term, stressed at rest (Smith et al. 2018, eq. 8).
 
-    Stressed at rest.
+    ::
 
-    psi = mu/2 (I_C - 3) + lam/2 (J - 1)^2
+        psi = mu/2 (I_C - 3) + lam/2 (J - 1)^2
 
-    Finite for every F, but P(I) = mu I: a free body deflates (eq. 10). That is the paper's argument
-    for its rest stabilisation, and why this energy is here. By second derivatives mu_lame = mu/2,
-    lambda_lame = lam.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu_lame = mu/2, lambda_lame = lam, by second derivatives.
+
+    Notes
+    -----
+    Finite for every F. P(I) = mu I, so a free body shrinks (eq. 10). The paper motivates its rest
+    stabilisation with this energy; it is here for that comparison.
     """
     return mu / 2 * (I_C - 3) + lam / 2 * (J - 1) ** 2

@@ -1,4 +1,4 @@
-"""The Neo-Hookean energy of the textbooks."""
+"""The material ``neo_hookean``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,23 @@ from sympy import log
 
 
 def neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean of Bonet & Wood 2008 (Smith et al. 2018, eq. 5): infinite for J <= 0.
+    """Neo-Hookean energy of the textbooks (Smith et al. 2018, eq. 5).
 
-    psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2
+    ::
+
+        psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Infinite for J <= 0.
+
+    References
+    ----------
+    Bonet & Wood 2008.
     """
     return mu / 2 * (I_C - 3) - mu * log(J) + lam / 2 * log(J) ** 2

@@ -1,4 +1,4 @@
-"""The Neo-Hookean energy with an isochoric length term."""
+"""The material ``neo_hookean_bower``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,24 @@ from sympy import Rational
 
 
 def neo_hookean_bower(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean of Bower 2009 (Psi_B of Smith et al. 2018): infinite for J <= 0.
+    """Neo-Hookean energy with an isochoric length term (Psi_B of Smith et al. 2018).
 
-    psi = mu/2 (J^(-2/3) I_C - 3) + lam/2 (J - 1)^2
+    ::
 
-    mu = mu_lame; lam = lambda_lame + 2/3 mu is the bulk modulus. Crushed to a plane it is infinite,
-    but under uniform compression the length term stays zero, and J -> 0 costs lam/2 only.
+        psi = mu/2 (J^(-2/3) I_C - 3) + lam/2 (J - 1)^2
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame; lam = lambda_lame + 2/3 mu is the bulk modulus.
+
+    Notes
+    -----
+    Infinite for J <= 0. The energy is infinite for a body that is crushed to a plane, but under
+    uniform compression the length term is zero and the energy tends to lam/2 as J -> 0.
+
+    References
+    ----------
+    Bower 2009.
     """
     return mu / 2 * (J ** Rational(-2, 3) * I_C - 3) + lam / 2 * (J - 1) ** 2

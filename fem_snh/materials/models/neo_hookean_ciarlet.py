@@ -1,4 +1,4 @@
-"""The Neo-Hookean energy with Ciarlet's volume term."""
+"""The material ``neo_hookean_ciarlet``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ from sympy import log
 
 
 def neo_hookean_ciarlet(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean with Ciarlet's volume term (psi_1 of Schröder et al. 2021): infinite for J <= 0.
+    """Neo-Hookean energy with Ciarlet's volume term (psi_1 of Schröder et al. 2021).
 
-    psi = mu/2 (I_C - 3) - mu log J + lam/4 (J^2 - 1 - 2 log J)
+    ::
 
-    mu = mu_lame, lam = lambda_lame.
+        psi = mu/2 (I_C - 3) - mu log J + lam/4 (J^2 - 1 - 2 log J)
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Infinite for J <= 0.
     """
     return mu / 2 * (I_C - 3) - mu * log(J) + lam / 4 * (J**2 - 1 - 2 * log(J))

@@ -1,4 +1,4 @@
-"""The Neo-Hookean energy with a quadratic volume term."""
+"""The material ``neo_hookean_ogden``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,23 @@ from sympy import log
 
 
 def neo_hookean_ogden(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean of Ogden 1997 (Psi_A of Smith et al. 2018): infinite for J <= 0.
+    """Neo-Hookean energy with a quadratic volume term (Psi_A of Smith et al. 2018).
 
-    psi = mu/2 (I_C - 3) - mu log J + lam/2 (J - 1)^2
+    ::
 
-    mu = mu_lame, lam = lambda_lame.
+        psi = mu/2 (I_C - 3) - mu log J + lam/2 (J - 1)^2
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Infinite for J <= 0.
+
+    References
+    ----------
+    Ogden 1997.
     """
     return mu / 2 * (I_C - 3) - mu * log(J) + lam / 2 * (J - 1) ** 2

@@ -1,4 +1,4 @@
-"""The isochoric Neo-Hookean energy with Simo's volume term: the one of most benchmarks."""
+"""The material ``neo_hookean_simo``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,27 @@ from sympy import Rational, log
 
 
 def neo_hookean_simo(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean of Simo, Taylor & Pister 1985 and Simo & Armero 1992: infinite for J <= 0.
+    """Isochoric Neo-Hookean energy with the volume term of Simo, Taylor & Pister 1985.
 
-    psi = mu/2 (J^(-2/3) I_C - 3) + lam/4 (J^2 - 1 - 2 log J)
+    ::
 
-    mu = mu_lame; lam = lambda_lame + 2/3 mu is the bulk modulus. The energy of most published
-    numbers (`python -m benchmarks references`), Cook's membrane among them.
+        psi = mu/2 (J^(-2/3) I_C - 3) + lam/4 (J^2 - 1 - 2 log J)
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame; lam = lambda_lame + 2/3 mu is the bulk modulus.
+
+    Notes
+    -----
+    Infinite for J <= 0. Most published benchmarks use this energy, Cook's membrane among them
+    (``python -m benchmarks references``).
+
+    References
+    ----------
+    Simo, Taylor & Pister 1985.
+
+    Simo & Armero 1992.
     """
     isochoric = mu / 2 * (J ** Rational(-2, 3) * I_C - 3)
     return isochoric + lam / 4 * (J**2 - 1 - 2 * log(J))

@@ -1,4 +1,4 @@
-"""A Neo-Hookean energy as it was printed, with a volume term that is none."""
+"""The material ``neo_hookean_wang``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,26 @@ from sympy import Rational
 
 
 def neo_hookean_wang(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
-    """Neo-Hookean of Wang & Yang 2016 (Psi_C of Smith et al. 2018), as printed: +inf for J <= 0.
+    """Neo-Hookean energy with a linear volume term (Psi_C of Smith et al. 2018), as printed.
 
-    psi = mu/2 (J^(-2/3) I_C - 3) + lam/2 (J - 1)
+    ::
 
-    What its volume term does: it is linear in J, so it is a constant pressure lam/2, no resistance
-    to volume changes. It has no minimum: the rest state is stressed (P = lam/2 I), and the body
-    shrinks for lam > 0. Kept as printed, for comparison; `neo_hookean_bower` has the square. By
-    second derivatives (eq. 3, 4): mu_lame = mu - lam/4, lambda_lame = lam/2 - 2/3 mu.
+        psi = mu/2 (J^(-2/3) I_C - 3) + lam/2 (J - 1)
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu_lame = mu - lam/4, lambda_lame = lam/2 - 2/3 mu, by second derivatives.
+
+    Notes
+    -----
+    Infinite for J <= 0. The volume term is linear in J: a constant pressure lam/2 that does not
+    resist volume changes. The rest state is stressed (P = lam/2 I), the energy has no minimum, and
+    the body shrinks for lam > 0. It is here as printed, for comparison; `neo_hookean_bower` has the
+    square.
+
+    References
+    ----------
+    Wang & Yang 2016.
     """
     return mu / 2 * (J ** Rational(-2, 3) * I_C - 3) + lam / 2 * (J - 1)

@@ -1,4 +1,4 @@
-"""Ogden's sum of powers."""
+"""The material ``ogden``."""
 
 from __future__ import annotations
 
@@ -22,28 +22,44 @@ def ogden(
     weights: tuple[float, ...] = (6.3, 0.012, -0.1),
     volume: str = "J",
 ) -> Any:
-    """Ogden 1972 (Chen & Barbic, Table 1), completed so that it rests, with a volume term.
+    """Ogden energy (Chen & Barbic, Table 1), made free of stress at rest, with a volume term.
 
-    Infinite for J <= 0.
+    ::
 
-    psi = sum_p mu_p/a_p (s0^a_p + s1^a_p + s2^a_p - 3) - (sum_p mu_p) log J + volume
+        psi = sum_p mu_p/a_p (s0^a_p + s1^a_p + s2^a_p - 3) - (sum_p mu_p) log J + volume
 
-    exponents: the a_p; weights: the mu_p, up to a factor that is fitted: mu_p = mu w_p / (sum w_p
-    a_p / 2), so mu = mu_lame. As printed in the table, without the logarithm, the rest state is
-    stressed by sum mu_p, and mu_lame = sum mu_p (a_p - 1)/2. The defaults are Ogden's for Treloar's
-    rubber. It has nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2, "log": lam/2 (log J)^2)
-    gives it another, and vanishes at nu = 0.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    exponents : tuple of float
+        The exponents a_p. The default is Ogden's fit to Treloar's rubber.
+    weights : tuple of float
+        The mu_p up to a factor: mu_p = mu w_p / (sum w_p a_p / 2).
+    volume : str
+        Volume term: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
+
+    Notes
+    -----
+    Infinite for J <= 0. Without the volume term nu = 0; the volume term vanishes at nu = 0.
+
+    As printed in the table, without the logarithm, the rest state has the stress sum mu_p, and
+    mu_lame = sum mu_p (a_p - 1)/2.
+
+    References
+    ----------
+    Ogden 1972.
     """
     if len(exponents) != len(weights) or not exponents:
         raise BadInput(
-            f"ogden: {len(exponents)} exponents and {len(weights)} weights: they go in pairs"
+            f"exponents = {tuple(exponents)}: expected as many as weights, {len(weights)}"
         )
     powers, shares = ([exact(x) for x in xs] for xs in (exponents, weights))
     modulus = sum(w * a for w, a in zip(shares, powers, strict=True)) / 2
     if 0 in powers or modulus <= 0:
         raise BadInput(
-            f"exponents {tuple(exponents)}, weights {tuple(weights)}: no exponent may be 0, and "
-            "the sum of their products must be positive"
+            f"exponents = {tuple(exponents)}, weights = {tuple(weights)}: expected exponents other "
+            "than 0 and a positive sum of the products"
         )
     J = positive(s0 * s1 * s2)
     terms = [

@@ -1,4 +1,4 @@
-"""The Peng-Landel energy."""
+"""The material ``peng_landel``."""
 
 from __future__ import annotations
 
@@ -10,13 +10,28 @@ from fem_snh.materials.models._volume_term import volume as volume_term
 
 
 def peng_landel(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
-    """Peng & Landel 1972 (Chen & Barbic, Table 1), with a volume term: infinite for J <= 0.
+    """Peng-Landel energy (Chen & Barbic, Table 1), with a volume term.
 
-    psi = 3 mu sum (s_i - 1 - log s_i - (log s_i)^2/6 + (log s_i)^3/18 - (log s_i)^4/216) + volume
+    ::
 
-    Its -log^4 falls without bound as a stretch goes to 0. 3 mu is their E; mu = mu_lame. It has
-    nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2, "log": lam/2 (log J)^2) gives it
-    another, and vanishes at nu = 0.
+        psi = 3 mu sum (s_i - 1 - log s_i - (log s_i)^2/6 + (log s_i)^3/18 - (log s_i)^4/216)
+              + volume
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame; 3 mu is E in the table.
+    volume : str
+        Volume term: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
+
+    Notes
+    -----
+    Infinite for J <= 0. The term -log^4 decreases without bound as a stretch tends to 0. Without
+    the volume term nu = 0; the volume term vanishes at nu = 0.
+
+    References
+    ----------
+    Peng & Landel 1972.
     """
     length = sum(
         s - 1 - log(s) - log(s) ** 2 / 6 + log(s) ** 3 / 18 - log(s) ** 4 / 216

@@ -1,4 +1,4 @@
-"""The Seth-Hill family of strains."""
+"""The material ``seth_hill``."""
 
 from __future__ import annotations
 
@@ -10,15 +10,29 @@ from fem_snh.materials.models._quadratic_strain import quadratic
 
 
 def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -> Any:
-    """Seth-Hill strains (Seth 1964; Chen & Barbic, Table 1).
+    """Seth-Hill family: quadratic in a power strain (Chen & Barbic, Table 1).
 
-    psi = mu sum e_i^2 + lam/2 (sum e_i)^2,  e_i = (s_i^n - 1)/n
+    ::
 
-    n: 1 is `corotational`, 2 `stvk`, -> 0 `hencky`; not 0. Finite for every F if n is a positive
-    whole number, infinite for J <= 0 else. mu = mu_lame, lam = lambda_lame.
+        psi = mu sum e_i^2 + lam/2 (sum e_i)^2,  e_i = (s_i^n - 1)/n
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    n : float
+        Exponent, not 0: 1 is `corotational`, 2 is `stvk`, the limit n -> 0 is `hencky`.
+
+    Notes
+    -----
+    Finite for every F if n is a positive whole number, otherwise infinite for J <= 0.
+
+    References
+    ----------
+    Seth 1964.
     """
     if n == 0:
-        raise BadInput("n = 0: seth_hill divides by it; its limit is 'hencky'")
+        raise BadInput("n = 0: expected another number; the limit n -> 0 is 'hencky'")
     power = exact(n)
     bases = (s0, s1, s2) if n > 0 else map(positive, (s0, s1, s2))
     strains = [(s**power - 1) / power for s in bases]

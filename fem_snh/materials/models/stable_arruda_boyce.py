@@ -1,4 +1,4 @@
-"""Stable Neo-Hookean with polynomial hardening."""
+"""The material ``stable_arruda_boyce``."""
 
 from __future__ import annotations
 
@@ -10,16 +10,26 @@ from fem_snh.materials.functions import exact
 def stable_arruda_boyce(
     I_C: Any, J: Any, mu: Any, lam: Any, *, betas: tuple[float, ...] = (0.025, 11 / 11200)
 ) -> Any:
-    """Stable Arruda-Boyce (Smith et al. 2018, eq. 58; any number of terms, eq. 57).
+    """Stable Neo-Hookean energy with polynomial hardening (Smith et al. 2018, eq. 57, 58).
 
+    ::
+
+        psi = mu/2 (I_C - 3) + mu beta_1/4 (I_C^2 - 9) + mu beta_2/6 (I_C^3 - 27) + ...
+              + lam/2 (J - alpha)^2
+        alpha = 1 + mu/lam (1 + 3 beta_1 + 9 beta_2 + ...)
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa].
+    betas : tuple of float
+        (beta_1, beta_2, ...), of any length; term k is mu beta_k/(2 (k+1)) (I_C^(k+1) - 3^(k+1)).
+        The default is the expansion of Arruda & Boyce 1993, 1/(5 N) and 11/(175 N^2), for chains of
+        N = 8 links. () is eq. 13.
+
+    Notes
+    -----
     Finite for every F.
-
-    psi = mu/2 (I_C - 3) + mu beta_1/4 (I_C^2 - 9) + mu beta_2/6 (I_C^3 - 27) + ...
-          + lam/2 (J - alpha)^2,  alpha = 1 + mu/lam (1 + 3 beta_1 + 9 beta_2 + ...)
-
-    betas: (beta_1, beta_2, ...), as many as wanted; term k is mu beta_k/(2 (k+1)) (I_C^(k+1) -
-    3^(k+1)). The default is Arruda & Boyce 1993's expansion 1/(5 N), 11/(175 N^2) for chains of N =
-    8 links; () is eq. 13.
     """
     length, pressure = mu / 2 * (I_C - 3), mu
     for k, beta in enumerate(map(exact, betas), start=1):  # P(I) = 0 to the last digit

@@ -1,4 +1,4 @@
-"""The STS material for soft tissue."""
+"""The material ``sts``."""
 
 from __future__ import annotations
 
@@ -8,14 +8,27 @@ from fem_snh.materials.models.neo_hookean import neo_hookean
 
 
 def sts(I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, mu_4: float = 1.0) -> Any:
-    """STS material of Pai et al. 2018 (Chen & Barbic, Table 1).
+    """STS energy for soft tissue (Chen & Barbic, Table 1).
 
-    Neo-Hookean that stiffens, infinite for J <= 0.
+    ::
 
-    psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2 + mu_4 mu/8 sum (s_i^2 - 1)^4
+        psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2 + mu_4 mu/8 sum (s_i^2 - 1)^4
 
-    mu_4: in units of mu. The sum is a polynomial of the invariants (Newton's identities), so no
-    stretches are needed. mu = mu_lame, lam = lambda_lame.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    mu_4 : float
+        Size of the stiffening term, in units of mu.
+
+    Notes
+    -----
+    Infinite for J <= 0. The sum is a polynomial of the invariants (Newton's identities), so no
+    stretches are needed.
+
+    References
+    ----------
+    Pai et al. 2018.
     """
     p1, III = I_C, J**2
     p2 = I_C * p1 - 2 * II_C

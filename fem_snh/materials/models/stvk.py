@@ -1,4 +1,4 @@
-"""St. Venant-Kirchhoff."""
+"""The material ``stvk``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,22 @@ from typing import Any
 
 
 def stvk(I_C: Any, II_C: Any, mu: Any, lam: Any) -> Any:
-    """St. Venant-Kirchhoff (Smith et al. 2018, eq. 50).
+    """St. Venant-Kirchhoff energy (Smith et al. 2018, eq. 50).
 
-    psi = mu ||E||^2 + lam/2 tr(E)^2,  E = (C - I)/2,
-    ||E||^2 = (I_C^2 - 2 II_C - 2 I_C + 3)/4
+    ::
 
-    mu = mu_lame, lam = lambda_lame. It is blind to reflections: turned inside out it is at rest,
-    and it softens under compression (no tangent below a stretch of 0.577).
+        psi = mu ||E||^2 + lam/2 tr(E)^2,  E = (C - I)/2
+        ||E||^2 = (I_C^2 - 2 II_C - 2 I_C + 3)/4
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Finite for every F. It does not detect reflections: a body turned inside out is at rest. The
+    stress decreases under compression below a stretch of 0.577, where the tangent is not positive.
     """
     square = (I_C**2 - 2 * II_C - 2 * I_C + 3) / 4
     return mu * square + lam / 8 * (I_C - 3) ** 2

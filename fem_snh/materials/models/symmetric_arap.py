@@ -1,4 +1,4 @@
-"""As rigid as possible, in both directions."""
+"""The material ``symmetric_arap``."""
 
 from __future__ import annotations
 
@@ -9,15 +9,27 @@ from fem_snh.materials.models._volume_term import volume as volume_term
 
 
 def symmetric_arap(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
-    """Symmetric ARAP (Shtengel et al. 2017; Chen & Barbic, Table 1), with a volume term.
+    """Symmetric as-rigid-as-possible energy (Chen & Barbic, Table 1), with a volume term.
 
-    Infinite for J <= 0.
+    ::
 
-    psi = mu/2 (||F - R||^2 + ||F^-1 - R^-1||^2) + volume,
-          the bracket = sum ((s_i - 1)^2 + (1/s_i - 1)^2)
+        psi = mu/2 (||F - R||^2 + ||F^-1 - R^-1||^2) + volume
+        ||F - R||^2 + ||F^-1 - R^-1||^2 = sum ((s_i - 1)^2 + (1/s_i - 1)^2)
 
-    mu = mu_lame. It has nu = 0 by nature: the volume term ("J": lam/2 (J - 1)^2, "log": lam/2 (log
-    J)^2) gives it another, and vanishes at nu = 0.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame.
+    volume : str
+        Volume term: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
+
+    Notes
+    -----
+    Infinite for J <= 0. Without the volume term nu = 0; the volume term vanishes at nu = 0.
+
+    References
+    ----------
+    Shtengel et al. 2017.
     """
     # By the invariants sum 1/s_i = (I1^2 - I_C)/(2 J) has no digits where one stretch is large.
     length = sum((s - 1) ** 2 + (1 / positive(s) - 1) ** 2 for s in (s0, s1, s2))

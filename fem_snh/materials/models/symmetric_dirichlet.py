@@ -1,4 +1,4 @@
-"""The Dirichlet energy of a map and of its inverse."""
+"""The material ``symmetric_dirichlet``."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ from fem_snh.materials.models._volume_term import volume as volume_term
 def symmetric_dirichlet(
     I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, volume: str = "J"
 ) -> Any:
-    """Symmetric Dirichlet (Smith & Schaefer 2015; Chen & Barbic, Table 1), with a volume term.
+    """Symmetric Dirichlet energy (Chen & Barbic, Table 1), with a volume term.
 
-    Infinite for J <= 0.
+    ::
 
-    psi = mu/4 (||F||^2 + ||F^-1||^2 - 6) + volume = mu/4 (I_C + II_C/J^2 - 6) + volume
+        psi = mu/4 (||F||^2 + ||F^-1||^2 - 6) + volume = mu/4 (I_C + II_C/J^2 - 6) + volume
 
-    mu = mu_lame (the table's factor 1/2 gives mu_lame = 2). It has nu = 0 by nature: the volume
-    term ("J": lam/2 (J - 1)^2, "log": lam/2 (log J)^2) gives it another, and vanishes at nu = 0.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame (with the factor 1/2 of the table, mu_lame would be 2).
+    volume : str
+        Volume term: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
+
+    Notes
+    -----
+    Infinite for J <= 0. Without the volume term nu = 0; the volume term vanishes at nu = 0.
+
+    References
+    ----------
+    Smith & Schaefer 2015.
     """
     return mu / 4 * (I_C + II_C / positive(J) ** 2 - 6) + volume_term(J, lam, volume)

@@ -1,4 +1,4 @@
-"""The symmetric Seth-Hill family of strains."""
+"""The material ``symmetric_seth_hill``."""
 
 from __future__ import annotations
 
@@ -10,15 +10,29 @@ from fem_snh.materials.models._quadratic_strain import quadratic
 
 
 def symmetric_seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 1.0) -> Any:
-    """Symmetric Seth-Hill strains (Bazant 1998; Chen & Barbic, Table 1): infinite for J <= 0.
+    """Symmetric Seth-Hill family (Chen & Barbic, Table 1).
 
-    psi = mu sum e_i^2 + lam/2 (sum e_i)^2,  e_i = (s_i^n - s_i^-n)/(2 n)
+    ::
 
-    n: not 0 (the limit is `hencky`). A stretch and its inverse cost the same. mu = mu_lame,
-    lam = lambda_lame.
+        psi = mu sum e_i^2 + lam/2 (sum e_i)^2,  e_i = (s_i^n - s_i^-n)/(2 n)
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+    n : float
+        Exponent, not 0; the limit n -> 0 is `hencky`.
+
+    Notes
+    -----
+    Infinite for J <= 0. A stretch and its inverse have the same energy.
+
+    References
+    ----------
+    Bazant 1998.
     """
     if n == 0:
-        raise BadInput("n = 0: symmetric_seth_hill divides by it; its limit is 'hencky'")
+        raise BadInput("n = 0: expected another number; the limit n -> 0 is 'hencky'")
     power = exact(n)
     strains = [(positive(s) ** power - positive(s) ** -power) / (2 * power) for s in (s0, s1, s2)]
     return quadratic(strains, mu, lam)

@@ -1,4 +1,4 @@
-"""The original Valanis-Landel energy."""
+"""The material ``valanis_landel``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,24 @@ from sympy import log
 
 
 def valanis_landel(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
-    """Valanis & Landel 1967 (Chen & Barbic, Table 1): infinite for J <= 0.
+    """Valanis-Landel energy (Chen & Barbic, Table 1).
 
-    psi = 2 mu sum s_i (log s_i - 1) + lam/2 (log J)^2
+    ::
 
-    mu = mu_lame, lam = lambda_lame. Its stress grows as log s: soft in extension.
+        psi = 2 mu sum s_i (log s_i - 1) + lam/2 (log J)^2
+
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa]: mu = mu_lame, lam = lambda_lame.
+
+    Notes
+    -----
+    Infinite for J <= 0. The stress grows as log s, slowly in extension.
+
+    References
+    ----------
+    Valanis & Landel 1967.
     """
     logs = [log(s) for s in (s0, s1, s2)]
     length = sum(s * (x - 1) for s, x in zip((s0, s1, s2), logs, strict=True))

@@ -1,4 +1,4 @@
-"""The Valanis-Landel form of lengths, areas and volume."""
+"""The material ``valanis_landel_xu``."""
 
 from __future__ import annotations
 
@@ -21,15 +21,30 @@ def valanis_landel_xu(
     area: str = "a * (log(a) - 1) / 4",
     volume: str = "(J - 1)**2 / 2",
 ) -> Any:
-    """Valanis-Landel of lengths, areas and volume (Xu et al. 2015; Chen & Barbic, Table 1).
+    """Valanis-Landel energy of any functions of length, area and volume (Chen & Barbic, Table 1).
 
-    Infinite for J <= 0.
+    ::
 
-    psi = mu (sum f(s_i) + sum g(s_i s_j) - (f'(1) + 2 g'(1)) log J) + lam (h(J) - h'(1) log J)
+        psi = mu (sum f(s_i) + sum g(s_i s_j) - (f'(1) + 2 g'(1)) log J) + lam (h(J) - h'(1) log J)
 
-    length: f as an expression in s; area: g in a; volume: h in J; of numbers, + - * / ** ( ), log,
-    exp, sqrt. Each pair of stretches counts once. The logarithms complete functions whose slope at
-    rest is not zero, so that the rest state is free of stress.
+    Parameters
+    ----------
+    mu, lam : sympy.Symbol
+        Constants [Pa].
+    length : str
+        f as an expression in s, of numbers, + - * / ** ( ), log, exp, sqrt.
+    area : str
+        g as an expression in a, of the same; each pair of stretches counts once.
+    volume : str
+        h as an expression in J, of the same.
+
+    Notes
+    -----
+    Infinite for J <= 0. The logarithms make the rest state free of stress.
+
+    References
+    ----------
+    Xu et al. 2015.
     """
     s, a, x = symbols("s a J", real=True)
     f, g, h = parse(length, {"s": s}), parse(area, {"a": a}), parse(volume, {"J": x})
