@@ -25,13 +25,17 @@ DEFAULT_HESSIAN = "adaptive"
 DEFAULT_PREDICTOR = "extrapolate"
 DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
 
-#: The default globalization of each kind of problem. Without an energy to minimise there is nothing
-#: that a trust region could reduce.
+#: The default globalization of each kind of problem, if no Hessian is named either. Without an
+#: energy to minimise there is nothing that a trust region could reduce.
 DEFAULT_GLOBALIZATIONS = {
     "minimisation problem": "trust_region",
     "saddle-point problem": "linesearch",  # Taylor-Hood elements
     "stress without an energy": "linesearch",
 }
+
+#: The default globalization if a Hessian is named: the textbook's method with that Hessian, such as
+#: that of Smith et al. 2018 with ``clamp``.
+GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 
 #: L-BFGS iterations after a Newton step, at most: with a line search, and in a trust region, where
 #: 640 leave a half to a sixth of the Newton iterations that 40 do (measured:

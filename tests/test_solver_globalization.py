@@ -48,6 +48,15 @@ def test_default_globalization_depends_on_the_problem(comm, element, name, expec
     assert choices(solver.create(p)) == {"hessian": "adaptive", "globalization": expected}
 
 
+def test_a_named_hessian_is_used_with_a_line_search(comm):
+    p = twist(comm, cells=1)
+    for hessian in HESSIANS:
+        expected = {"hessian": hessian, "globalization": "linesearch"}
+        assert choices(solver.create(p, hessian)) == expected
+        with options(snes_hessian=hessian):
+            assert choices(solver.create(p)) == expected
+
+
 @mpi
 def test_alias_is_accepted_with_a_note(comm):
     p = twist(comm, cells=1)

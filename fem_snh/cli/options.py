@@ -28,8 +28,8 @@ SCENE_OPTIONS = (
     (
         "globalization",
         "G",
-        f"{' or '.join(GLOBALIZATIONS)}; default: trust_region, linesearch for Taylor-Hood "
-        "elements and for a stress without an energy",
+        f"{' or '.join(GLOBALIZATIONS)}; default: linesearch with --hessian, for Taylor-Hood "
+        "elements and for a stress without an energy; else trust_region",
     ),
     ("steps", "N", "load steps"),
     ("predictor", "P", f"start of a step: {', '.join(PREDICTORS)}; default: {DEFAULT_PREDICTOR}"),

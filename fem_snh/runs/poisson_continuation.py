@@ -22,8 +22,7 @@ class PoissonContinuation:
         Poisson's ratios, in the order in which they are solved.
     make_problem : callable
         Returns the problem with the Poisson's ratio that it is given. Collective.
-    hessian : str
-    globalization : str or None
+    hessian, globalization : str or None
         Those of their solvers: see `fem_snh.solver.create`.
 
     Attributes
@@ -36,7 +35,7 @@ class PoissonContinuation:
         self,
         nus: Sequence[float],
         make_problem: Callable[[float], Problem],
-        hessian: str,
+        hessian: str | None,
         globalization: str | None,
     ) -> None:
         self._stages = []

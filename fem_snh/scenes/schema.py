@@ -78,14 +78,16 @@ class Scene(Table):
         description="Polynomial degree that the quadrature rule integrates exactly; "
         "default: the element's.",
     )
-    hessian: str = Field(
-        default=DEFAULT_HESSIAN,
-        description=f"Hessian of Newton's method, one of {', '.join(HESSIANS)}.",
+    hessian: str | None = Field(
+        default=None,
+        description=f"Hessian of Newton's method, one of {', '.join(HESSIANS)}; "
+        f"default: {DEFAULT_HESSIAN}.",
     )
     globalization: str | None = Field(
         default=None,
         description=f"Globalisation of Newton's method, one of {', '.join(GLOBALIZATIONS)}; "
-        "default: trust_region for a minimisation problem, linesearch otherwise.",
+        "default: linesearch if a Hessian is named, and for any problem but a minimisation "
+        "problem; else trust_region.",
     )
     eigensolver: str = Field(
         default=DEFAULT_EIGENSOLVER,

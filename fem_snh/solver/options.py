@@ -14,6 +14,7 @@ from fem_snh.choices import (
     DEFAULT_HESSIAN,
     DEFAULT_LBFGS_MAX_IT,
     FILTERS,
+    GLOBALIZATION_OF_NAMED_HESSIAN,
     GLOBALIZATIONS,
     HESSIANS,
     replace_alias,
@@ -129,11 +130,12 @@ def defaults_for(globalization: str) -> Values:
 
 
 def read_choices(
-    prefix: str, hessian: str, globalization: str | None, warn: bool
+    prefix: str, hessian: str | None, globalization: str | None, warn: bool
 ) -> tuple[str, str | None]:
     """Return Hessian and globalization: PETSc's options, where given, before the arguments.
 
-    ``globalization`` is None where neither says one. ``warn``: of an alias, on one rank only.
+    The globalization is None where neither of the two choices is made. ``warn``: of an alias, on
+    one rank only.
 
     Raises
     ------
@@ -144,12 +146,12 @@ def read_choices(
     given = database.getString("snes_hessian", "") or None
     named = database.getString("snes_globalization", "") or None
     chosen, wanted = replace_alias(hessian, globalization, warn)
-    choose("hessian", str(chosen), HESSIANS)
+    choose("hessian", chosen or DEFAULT_HESSIAN, HESSIANS)
     if given:
         chosen, implied = replace_alias(given, named, warn)
         wanted = implied or globalization
-    chosen = choose("hessian", str(chosen), HESSIANS)
-    wanted = named or wanted
+    wanted = named or wanted or (GLOBALIZATION_OF_NAMED_HESSIAN if chosen else None)
+    chosen = choose("hessian", chosen or DEFAULT_HESSIAN, HESSIANS)
     return chosen, wanted and choose("globalization", wanted, GLOBALIZATIONS)
 
 

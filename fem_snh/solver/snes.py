@@ -5,7 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from fem_snh._petsc import default_options
-from fem_snh.choices import DEFAULT_GLOBALIZATIONS, DEFAULT_HESSIAN
+from fem_snh.choices import DEFAULT_GLOBALIZATIONS
 from fem_snh.errors import BadInput
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver import options, saddle_point, trust_region
@@ -26,7 +26,7 @@ _NO_LIMIT = 2**31 - 1
 
 def create(
     problem: NonlinearProblem,
-    hessian: str = DEFAULT_HESSIAN,
+    hessian: str | None = None,
     globalization: str | None = None,
     prefix: str = PREFIX,
 ) -> PETSc.SNES:
@@ -35,10 +35,11 @@ def create(
     Parameters
     ----------
     problem : NonlinearProblem
-    hessian : str
-        exact, clamp, abs or adaptive: see `SearchDirection`.
+    hessian : str, optional
+        exact, clamp, abs or adaptive: see `SearchDirection`; adaptive without.
     globalization : str, optional
-        linesearch or trust_region; `default_globalization` without.
+        linesearch or trust_region; without, `default_globalization`, or linesearch if ``hessian``
+        is given.
     prefix : str
         Of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
 

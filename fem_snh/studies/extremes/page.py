@@ -69,7 +69,7 @@ def _head(table: pd.DataFrame) -> str:
             *(
                 [
                     "",
-                    f"The runs are of `{other[0]}`; the theory below is that of Stable Neo-Hookean.",
+                    f"The runs use `{other[0]}`; the theory below is for Stable Neo-Hookean.",
                 ]
                 if len(other)
                 else []
