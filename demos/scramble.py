@@ -3,7 +3,7 @@
 #
 # Every vertex of a unit cube starts at a random position in a cube of twice its volume, four
 # corners are pinned, and the body is released: a quasi-static solve from a state in which many
-# elements are inverted. {cite}`Smith2018` show that the cube recovers its rest shape
+# elements are inverted. {cite:t}`Smith2018` show that the cube recovers its rest shape
 # at $\nu = 0.49$.
 #
 # | | Smith et al. | this program |

@@ -62,3 +62,4 @@ intersphinx_mapping = {
 html_theme = "furo"
 html_title = "fem_snh"
 html_static_path = ["_static"]
+html_css_files = ["site.css"]
