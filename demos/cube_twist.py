@@ -3,8 +3,8 @@
 #
 # The top face of a unit cube is turned twice by $\pi/2$, each turn in one load step, $\nu = 0.49$,
 # $15^3$ hexahedra. The face jumps, a layer of elements turns inside out, and Newton's method has
-# to find the way back. {cite:t}`Smith2018` report two materials that do and two that do not; so does
-# this demo.
+# to find the way back. {cite:t}`Smith2018` report two materials that do and two that do not; so
+# does this demo.
 #
 # | Newton, CG iterations of the two turns | Smith et al. | this program, `clamp` |
 # |---|---|---|
