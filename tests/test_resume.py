@@ -226,7 +226,7 @@ def test_without_a_checkpoint_it_says_what_to_do(comm, folder):
         solve("stretch", out=folder, resume=True)
     with pytest.raises(BadInput, match="without --overwrite"):
         solve("stretch", out=folder, resume=True, overwrite=True)
-    with pytest.raises(BadInput, match="goes with --out"):
+    with pytest.raises(BadInput, match="--resume: expected with --out"):
         solve("stretch", resume=True)
 
 

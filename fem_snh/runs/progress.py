@@ -1,4 +1,4 @@
-"""A line per step on the terminal, from rank 0."""
+"""Progress of a run on the terminal: a line for each step, from rank 0."""
 
 from __future__ import annotations
 
@@ -7,34 +7,57 @@ from typing import Any
 
 from rich.console import Console
 
+#: Frequencies in the last line; modes.csv has them all.
+_FREQUENCIES = 10
+
 
 class Progress:
-    """Says what is being solved, how each step went, and where the output is."""
+    """Prints what is solved, how each step ended, and where the output is.
 
-    def __init__(self, comm: Any, enabled: bool) -> None:
+    Parameters
+    ----------
+    comm : MPI.Comm
+        Only its rank 0 prints.
+    enabled : bool
+        Whether anything is printed.
+    expected : str, optional
+        Why the run is expected to fail. It is printed first, and its failure is then no error.
+    """
+
+    def __init__(self, comm: Any, enabled: bool, expected: str | None = None) -> None:
+        self._expected = expected
         self._console = Console(
             quiet=not enabled or comm.rank > 0,
             highlight=False,
             soft_wrap=True,
-            # mpirun's own terminal looks like one even when its output goes to a file.
+            # mpirun gives its processes a terminal even when its output goes to a file.
             color_system="auto" if comm.size == 1 else None,
         )
 
     def start(self, record: dict[str, Any]) -> None:
+        """Print the scene, the material, the discretisation and the solver."""
         m = record["material"]
+        method = f"{record['hessian']} Hessian"
+        if "globalization" in record:
+            method += f", {record['globalization']}"
         self._console.print(
             f"[bold]{record['scene']}[/]: {m['name']}, E = {m['E']:g}, nu = {m['nu']:g}; "
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
-            f"{record['hessian']} Hessian; {record['ranks']} rank(s)"
+            f"{method}; {record['ranks']} rank(s)"
         )
+        if self._expected:
+            self._console.print(f"  expected to fail: {self._expected}")
 
     def resumed(self, load: float, finished: bool) -> None:
+        """Print where a resumed run continues."""
         self._console.print(
             "  finished already: nothing to do" if finished else f"  resumed from load {load:.6g}"
         )
 
     def step(self, row: dict[str, Any]) -> None:
-        mark = "[green]ok[/]  " if row["converged"] else "[red]fail[/]"
+        """Print a load step."""
+        colour = "yellow" if self._expected else "red"
+        mark = "[green]ok[/]  " if row["converged"] else f"[{colour}]fail[/]"
         self._console.print(
             f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, "
@@ -44,14 +67,19 @@ class Progress:
         )
 
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
+        """Print the frequencies, the status, the files, and PETSc options that nothing used."""
         files = "run.json, steps.csv, fields.pvd"
         if modes := record.get("modes"):
-            listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:10])
-            listed += ", ..." if len(modes["frequencies"]) > 10 else ""
+            listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:_FREQUENCIES])
+            listed += ", ..." if len(modes["frequencies"]) > _FREQUENCIES else ""
             self._console.print(f"  frequencies [Hz]: {listed}")
             files += ", modes.csv, modes.pvd"
         where = f"; {out}/{files}" if out else ""
-        self._console.print(f"  {record['status']} in {record['seconds']['total']:.1f} s{where}")
+        status = record["status"]
+        if self._expected:
+            outcome = "converged, not as expected" if record["converged"] else "failed as expected"
+            status = f"{outcome}: {status}"
+        self._console.print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
         if unused:
             self._console.print(
                 f"  [yellow]note[/]: nothing used the PETSc option(s) {', '.join(unused)}"

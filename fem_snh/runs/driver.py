@@ -1,0 +1,168 @@
+"""Run a scene: set up, load steps, output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+from warnings import catch_warnings
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import scenes, solver
+from fem_snh.errors import BadInput, RenamedKey
+from fem_snh.fem import modes
+from fem_snh.linalg import multigrid
+from fem_snh.runs.checkpoint import Checkpoint, Writer
+from fem_snh.runs.folder import Folder, describe
+from fem_snh.runs.interrupts import Interrupts
+from fem_snh.runs.progress import Progress
+from fem_snh.runs.recorder import Recorder
+from fem_snh.runs.result import Result
+from fem_snh.runs.setup import Setup, petsc_options, set_up
+
+#: Seconds for which other ranks continue after an interruption, so that rank 0 can write run.json;
+#: mpirun kills all ranks one second after its own interruption.
+_PATIENCE = 5.0
+
+
+def run(
+    scene: str | Path | scenes.Scene,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    progress: bool = True,
+    expected: str | None = None,
+    note: Mapping[str, Any] | None = None,
+    **overrides: Any,
+) -> Result:
+    """Solve a scene by load steps. Collective.
+
+    A step that fails is rolled back and halved, down to 1/64 of the nominal step. If that fails
+    too, the run ends with ``converged`` False; the steps before it are kept.
+
+    Parameters
+    ----------
+    scene : str, Path, Scene or callable
+        A scene's name, a .toml file, ``FILE.py:NAME``, a function that returns a Scene, or a
+        `fem_snh.scenes.Scene`.
+    out : str or Path, optional
+        Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written after every step;
+        modes.csv and modes.pvd if the scene asks for modes. A folder that holds a run is refused,
+        unless ``overwrite`` or ``resume``.
+    overwrite : bool
+        Replace the run in ``out``.
+    resume : bool
+        Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
+        the same scene, except for the keys in `fem_snh.runs.checkpoint.HOW`.
+    comm : MPI.Comm
+        The communicator.
+    progress : bool
+        Print a line for each step on rank 0.
+    expected : str, optional
+        For a run that is meant to fail: the reason, e.g. "Smith et al. 2018 report that this
+        energy fails here". It is printed with the result.
+    note : mapping, optional
+        Further content of run.json.
+    **overrides
+        As for `fem_snh.scenes.load`: material, E, nu, cells, element, hessian, globalization,
+        steps, predictor, quadrature, eigensolver, petsc (a dict of PETSc options), and the
+        parameters of the scene's function.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    BadInput
+        On every rank, for bad input.
+    Failed
+        If memory is exhausted or PETSc reports an error.
+    """
+    began = perf_counter()
+    if resume and (out is None or overwrite):
+        raise BadInput("--resume: expected with --out DIR, and without --overwrite")
+    scene = _load(comm, scene, overrides)
+    folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
+    stored = Checkpoint.read(folder, scene) if resume and folder else None
+    show = Progress(comm, progress, expected)
+    defaults = multigrid.smoothers(scene.material.E)
+    with (
+        solver.petsc_failures(),
+        petsc_options(solver.PREFIX, scene.petsc, defaults) as unused,
+    ):
+        setup = set_up(comm, scene)
+        about = describe(scene, setup.problem, setup.snes) | dict(note or {})
+        show.start(about)
+        if stored and folder:
+            stored.restore(setup.stepper)
+            show.resumed(stored.load, stored.finished)
+            if stored.finished:
+                return Result(True, "converged", stored.record, setup.problem, folder.path)
+        recorder = _recorder(about, scene, setup, folder, stored, began)
+        _solve(comm, scene, setup, recorder, show)
+        status = "converged" if setup.stepper.done else setup.stepper.failure()
+        recorder.keep(status)
+        comm.barrier()  # the files are complete before any rank returns
+        path = folder.path if folder else None
+        show.end(recorder.record, path, unused())
+    return Result(setup.stepper.done, status, recorder.record, setup.problem, path)
+
+
+def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
+    """Load the scene on every rank; only rank 0 issues the note of a renamed key."""
+    silent = catch_warnings(action="ignore", category=RenamedKey)
+    with silent if comm.rank else nullcontext():
+        return scenes.load(scene, **overrides)
+
+
+def _recorder(
+    about: dict[str, Any],
+    scene: scenes.Scene,
+    setup: Setup,
+    folder: Folder | None,
+    stored: Checkpoint | None,
+    began: float,
+) -> Recorder:
+    """Return the recorder of a run, which continues the record of a resumed one. Collective."""
+    return Recorder(
+        about,
+        setup.stepper,
+        folder,
+        Writer(folder, scene, setup.stepper) if folder else None,
+        setup.seconds,
+        began,
+        setup.processor,
+        stored.record if stored else None,
+    )
+
+
+def _solve(
+    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, recorder: Recorder, show: Progress
+) -> None:
+    """Solve all load steps and then for the modes, recording each. Collective."""
+    with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
+        recorder.keep("running", state=True)
+        for step in setup.stepper:
+            show.step(step)
+            with interrupts.undivided():
+                recorder.step(step)
+        if scene.modes and setup.stepper.done:
+            prefix = f"{solver.PREFIX}modes_"
+            found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
+            with interrupts.undivided():
+                recorder.modes(found)
+
+
+def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
+    """Return the handling of signals, which leaves rank 0 the time to write run.json."""
+    # Python handles signals when PETSc calls it, so it needs a monitor. All ranks have one: with a
+    # monitor, a solver may compute a norm, which is collective.
+    snes.getKSP().setMonitor(lambda *_: None)
+    return Interrupts(_PATIENCE if comm.rank else 0.0)

@@ -1,0 +1,125 @@
+"""Set up a run: mesh, problem, solver and load stepping of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_snh import scenes, solver
+from fem_snh._petsc import default_options, option_used
+from fem_snh.fem import elements, modes
+from fem_snh.fem import mesh as meshes
+from fem_snh.fem.initial_state import set_initial_state
+from fem_snh.fem.probes import Probes
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import material
+from fem_snh.runs.poisson_continuation import PoissonContinuation
+from fem_snh.runs.stepping import Stepper
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A scene that is ready to be solved.
+
+    Attributes
+    ----------
+    problem : Problem
+        The discretised problem.
+    snes : PETSc.SNES
+        Its nonlinear solver.
+    stepper : Stepper
+        The load steps.
+    seconds : dict
+        Elapsed seconds: "jit" (compilation), "mesh", "setup".
+    processor : float
+        This rank's processor seconds, without compilation.
+    """
+
+    problem: Problem
+    snes: PETSc.SNES
+    stepper: Stepper
+    seconds: dict[str, float]
+    processor: float
+
+
+def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
+    """Return a scene's problem, solver and load stepping. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a scene that does not fit its mesh, its material or its element.
+    """
+    start, working = perf_counter(), process_time()
+    element = elements.element(scene.element, scene.quadrature)
+    mesh = make_mesh(comm, scene, element)
+    meshed = perf_counter()
+
+    def make(nu: float) -> Problem:
+        return make_problem(scene, mesh, element, nu)
+
+    problem = make(scene.material.nu)
+    if scene.start:
+        set_initial_state(problem, scene.start)
+    probes = Probes(problem.u, scene.probe) if scene.probe else None
+    if scene.modes:
+        modes.check(problem, scene.modes.count)
+    choices = scene.hessian, scene.globalization
+    snes = solver.create(problem, *choices)
+    ratios = scene.nu_continuation
+    continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
+    stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, continuation)
+    jit = problem.seconds["jit"] + (continuation.jit if continuation else 0.0)
+    seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
+    return Setup(problem, snes, stepper, seconds, max(0.0, process_time() - working - jit))
+
+
+def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:
+    """Return the scene's mesh, generated or read. Collective."""
+    if isinstance(scene.mesh, Path):
+        return meshes.read(comm, scene.mesh)
+    cells = {} if scene.cells is None else {"cells": scene.cells}
+    return meshes.generate(comm, scene.mesh.source, element.cell, **cells, **scene.mesh.parameters)
+
+
+def make_problem(
+    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float
+) -> Problem:
+    """Return the scene's problem with a Poisson's ratio. Collective."""
+    chosen = scene.material
+    return Problem(
+        mesh,
+        element,
+        material(chosen.name, chosen.E, nu, **chosen.parameters),
+        hold=scene.hold,
+        move=scene.move,
+        traction=scene.traction,
+        reactions=scene.reactions,
+        eigensolver=scene.eigensolver,
+    )
+
+
+@contextmanager
+def petsc_options(
+    prefix: str, options: dict[str, Any], defaults: dict[str, Any]
+) -> Iterator[Callable[[], list[str]]]:
+    """Put a scene's options into PETSc's database for the duration of a context.
+
+    An option that is in the database already, as from the command line of a program that passed it
+    to PETSc, has precedence over ``options``, and ``options`` over ``defaults``.
+
+    Yields
+    ------
+    callable
+        Returns the names of those options that nothing has used: PETSc does not report misspelt
+        ones.
+    """
+    with default_options(prefix, options) as added, default_options(prefix, defaults):
+        yield lambda: [key for key in added if not option_used(prefix + key)]
