@@ -1,11 +1,13 @@
-"""The directive ``{generated} NAME``: a part of a page that is made from the program itself.
+"""The directive ``{generated} NAME [ARGUMENT]``: a part of a page made from the program itself.
 
-NAME is ``commands`` (from the argparse parsers), ``scene`` (from the pydantic schema),
-``petsc-options`` (from the solver's table), ``scenes`` or ``materials`` (the built-in ones).
+NAME is ``modules`` (the API of a package, the argument), ``commands`` (from the argparse parsers),
+``scene`` (from the pydantic schema), ``petsc-options`` (from the solver's table), ``scenes`` or
+``materials`` (the built-in ones).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from docutils import nodes
@@ -13,11 +15,12 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from generated import builtin, commands, petsc, scene
+from generated import builtin, commands, modules, petsc, scene
 
-WRITERS = {
+WRITERS: dict[str, Callable[..., str]] = {
     "commands": commands.markdown,
     "materials": builtin.materials,
+    "modules": modules.markdown,
     "petsc-options": petsc.markdown,
     "scene": scene.markdown,
     "scenes": builtin.scenes,
@@ -28,10 +31,11 @@ class Generated(SphinxDirective):
     """Put the Markdown of one of `WRITERS` in this place of a page."""
 
     required_arguments = 1
+    optional_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        name = self.arguments[0]
-        text = StringList(WRITERS[name]().splitlines(), source=f"generated {name}")
+        name, *rest = self.arguments
+        text = StringList(WRITERS[name](*rest).splitlines(), source=f"generated {name}")
         parent = nodes.Element()
         self.state.nested_parse(text, self.content_offset, parent, match_titles=True)
         return parent.children
