@@ -12,6 +12,5 @@ def markdown() -> str:
     rows = [
         (f"`-{PREFIX}{name}`", f"`{option.default}`", option.meaning, option.origin)
         for name, option in OPTIONS.items()
-        if hasattr(option, "default")
     ]
     return table(("option", "default", "meaning", "name and default from"), rows)
