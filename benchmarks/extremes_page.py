@@ -1,4 +1,4 @@
-"""The results of `fem-snh extremes` in docs/results/extremes_tables.md, rewritten from its CSV file."""
+"""The results of `fem-snh extremes` in docs/results, rewritten from their CSV file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fem_snh.studies.extremes import page
 def rows(write: str = "docs/results/extremes_tables.md") -> Iterator[Row]:
     """Rewrite the part of a page between its markers.
 
-    The rows and pictures are those in the folder of the page's name. One row is yielded, with the
+    The rows and pictures are those in its data folder. One row is yielded, with the
     number of cases.
     """
     path = Path(write)
     parts = page_tables.split_page(path, "extremes_page")
-    folder = path.with_suffix("")
+    folder = page_tables.data_folder(path)
     table = pd.read_csv(folder / "extremes.csv")
     text = page.text(table, folder, f"{folder.name}/")
     page_tables.write_table(path, "extremes_page", parts, text.strip())

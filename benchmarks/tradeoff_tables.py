@@ -14,21 +14,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks import Row
+from benchmarks import Row, page_tables
 from fem_snh.atomic_files import put
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff import advice
-from fem_snh.studies.tradeoff.grid import differs
+from fem_snh.studies.tradeoff.grid import changed_knobs
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
 
 _TABLE = re.compile(r"(<!-- table: (\w+) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def fill(text: str, tables: Mapping[str, pd.DataFrame]) -> str:
-    """A page with its tables made anew. BadInput for an unknown scene or kind."""
+    """Return a page with new tables; BadInput for an unknown scene or kind."""
 
     def made(found: re.Match[str]) -> str:
         begin, scene, kind, end = found.groups()
@@ -39,8 +39,8 @@ def fill(text: str, tables: Mapping[str, pd.DataFrame]) -> str:
 
 
 def locking(table: pd.DataFrame) -> str:
-    """The error of each element for each nu, on meshes of about the same number of unknowns."""
-    rows = advice.usable(_default(table))
+    """Return the error of each element by nu, on meshes with similar numbers of unknowns."""
+    rows = advice.rows_with_error(_default(table))
     lines = []
     for element in _elements(table):
         cells = _alike(table, element)
@@ -52,8 +52,8 @@ def locking(table: pd.DataFrame) -> str:
 
 
 def price(table: pd.DataFrame) -> str:
-    """Processor seconds to 5 % and to 1 % of displacement, for each element and nu."""
-    rows = advice.usable(table)
+    """Return the processor seconds to errors of 5 % and 1 %, by element and nu."""
+    rows = advice.rows_with_error(table)
     lines = []
     for element in _elements(table):
         for accuracy in (0.05, 0.01):
@@ -75,7 +75,7 @@ def _seconds(rows: pd.DataFrame, accuracy: float) -> str:
 
 
 def iterations(table: pd.DataFrame) -> str:
-    """Newton iterations on the same meshes, for each nu."""
+    """Return the Newton iterations on the same meshes, by nu."""
     default = _default(table)
     lines = []
     for element in _elements(table):
@@ -88,7 +88,7 @@ def iterations(table: pd.DataFrame) -> str:
 
 
 def _alike(table: pd.DataFrame, element: str) -> float:
-    """The cells with which an element has as many unknowns as the median of all default rows."""
+    """Return the cells whose number of unknowns is nearest to the median of all default rows."""
     dofs = _default(table).dropna(subset=["dofs"])[["element", "cells", "dofs"]]
     off = np.abs(np.log(dofs["dofs"] / dofs["dofs"].median()))
     return float(dofs.loc[off[dofs["element"] == element].idxmin(), "cells"])
@@ -99,7 +99,7 @@ def _counted(row: Mapping[str, Any]) -> str:
 
 
 def knobs(table: pd.DataFrame) -> str:
-    """Each knob turned: Newton and linear iterations, time over the default's, and the shift."""
+    """Return the effect of each knob: iterations, time relative to the default, and the shift."""
     lines = []
     for nu in _nus(table):
         for element in _elements(table):
@@ -109,7 +109,7 @@ def knobs(table: pd.DataFrame) -> str:
 
 
 def _turned(rows: pd.DataFrame) -> Iterator[list[str]]:
-    """Lines of one element at one nu: the default of the mesh where knobs are turned, and they."""
+    """Yield the default row and the rows with one knob changed, of one element and nu."""
     turned = rows[rows["default"].astype(str) != "True"]
     if turned.empty:
         return
@@ -117,7 +117,7 @@ def _turned(rows: pd.DataFrame) -> Iterator[list[str]]:
     base = rows[(rows["default"].astype(str) == "True") & (rows["cells"] == cells)].iloc[0]
     yield [*_where(base), "default: " + _setting(base, KNOBS), *_cost(base, base)]
     for _, row in turned.iterrows():
-        other = [knob for knob in KNOBS if knob in differs(_choice(row), _choice(base))]
+        other = [knob for knob in KNOBS if knob in changed_knobs(_choice(row), _choice(base))]
         yield [*_where(row), _setting(row, other), *_cost(row, base)]
 
 
@@ -146,7 +146,7 @@ def _cost(row: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
 
 
 def filters(table: pd.DataFrame) -> str:
-    """Newton iterations by Hessian policy, and times over the default's: what `knobs` has of it."""
+    """Return Newton iterations by Hessian policy, and times relative to the default."""
     lines = []
     for key, rows in table.groupby(["nu", "element", "cells"]):
         base = _default(rows)
@@ -154,7 +154,8 @@ def filters(table: pd.DataFrame) -> str:
             continue
         default = base.iloc[0]
         only = [
-            differs(_choice(row), _choice(default)) <= {"hessian"} for _, row in rows.iterrows()
+            changed_knobs(_choice(row), _choice(default)) <= {"hessian"}
+            for _, row in rows.iterrows()
         ]
         mine = rows[only].set_index("hessian")
         if len(mine) > 1:
@@ -187,19 +188,19 @@ def _elements(table: pd.DataFrame) -> list[str]:
     return [element for element in ELEMENTS if element in set(table["element"])]
 
 
-#: What a page can ask for, by name.
+#: The tables by the kind that a page names.
 TABLES: dict[str, Callable[[pd.DataFrame], str]] = {
     "locking": locking,
     "price": price,
     "iterations": iterations,
     "knobs": knobs,
     "filters": filters,
-    "advice": lambda table: "\n".join(f"- {sentence}" for sentence in advice.words(table)),
+    "advice": lambda table: "\n".join(f"- {sentence}" for sentence in advice.sentences(table)),
 }
 
 
 def rows(write: str = "docs/results/tradeoff_tables.md") -> Iterator[Row]:
-    """Rewrite the tables of a page from the CSV files in the folder of the page's name.
+    """Rewrite the tables of a page from the CSV files in its data folder.
 
     Yields
     ------
@@ -216,7 +217,7 @@ def rows(write: str = "docs/results/tradeoff_tables.md") -> Iterator[Row]:
         text = page.read_text(encoding="utf-8")
     except OSError as error:
         raise BadInput(f"write = {page}: cannot be read: {error.strerror}") from None
-    folder = page.with_suffix("")
+    folder = page_tables.data_folder(page)
     tables = {csv.stem: pd.read_csv(csv) for csv in sorted(folder.glob("*.csv"))}
     put(page, fill(text, tables))
     for _, scene, kind, _ in _TABLE.findall(text):

@@ -23,16 +23,16 @@ from fem_snh.fem import gmsh_input
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.processes import environment
 from fem_snh.studies.tradeoff import accuracy, advice, errors
-from fem_snh.studies.tradeoff.grid import Plan, differs, middle, resolutions
-from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS, Choice, positions
+from fem_snh.studies.tradeoff.grid import Plan, changed_knobs, middle_resolution, resolutions
+from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS, Choice, knob_values
 from fem_snh.studies.tradeoff.reference import (
     Reference,
     establish,
     estimate,
     extrapolate,
+    mesh_sequence,
     observed_order,
-    say,
-    spread,
+    reference_message,
 )  # fmt: skip
 from fem_snh.studies.tradeoff.study import tradeoff
 
@@ -72,8 +72,8 @@ def test_no_order_no_extrapolation() -> None:
 
 def test_meshes_that_are_spread() -> None:
     """A mesh between two others is for advice, not for the order."""
-    assert spread([1 / n for n in (2, 4, 8, 16, 24, 32, 64)]) == [0, 1, 2, 3, 5, 6]
-    assert spread([1 / n for n in (2, 3, 4, 6)]) == [0, 1, 2, 3]
+    assert mesh_sequence([1 / n for n in (2, 4, 8, 16, 24, 32, 64)]) == [0, 1, 2, 3, 5, 6]
+    assert mesh_sequence([1 / n for n in (2, 3, 4, 6)]) == [0, 1, 2, 3]
 
 
 def test_an_order_that_is_chance_is_not_believed() -> None:
@@ -100,11 +100,11 @@ def test_a_second_element_may_raise_the_error() -> None:
     assert apart is not None and apart.error == pytest.approx(0.5 - 0.02)
 
 
-def test_what_a_reference_cannot_tell_is_refused() -> None:
+def test_what_a_reference_cannot_resolve_is_rejected() -> None:
     good = reference(1.0, 0.001)
-    assert say("energy", good, {"a": 0.02}).endswith("tells errors above 1 %")
-    assert "refused" in say("energy", good, {"a": 0.009})
-    assert "three meshes" in say("energy", None, {})
+    assert reference_message("energy", good, {"a": 0.02}).endswith("resolves errors above 1 %")
+    assert "rejected" in reference_message("energy", good, {"a": 0.009})
+    assert "three meshes" in reference_message("energy", None, {})
 
 
 # --- errors of a table ---------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def test_errors_are_of_what_converged_against_the_finest() -> None:
     assert table["shift"][0] == 0
     told = {line.partition(":")[0]: line for line in said}
     assert "order 3.00" in told["energy"] and "Q2Q1 up to 16 cells" in told["energy"]
-    assert "refused" in told["volume"] and table["error_volume"].isna().all()
+    assert "rejected" in told["volume"] and table["error_volume"].isna().all()
     assert "reaction" not in told
 
 
@@ -156,8 +156,8 @@ def test_without_three_meshes_there_is_no_error() -> None:
     table = by_hand().iloc[:5]
     found = errors.assess(table, OF, lambda line: None)
     assert found["error_displacement"].isna().all()
-    assert list(advice.words(found)) == [
-        "hand, nu = 0.3: no reference is good enough, so no advice"
+    assert list(advice.sentences(found)) == [
+        "hand, nu = 0.3: the reference is not accurate enough, no recommendation"
     ]
     assert advice.advice(found).empty
 
@@ -168,7 +168,7 @@ def test_without_three_meshes_there_is_no_error() -> None:
 @given(st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), min_size=1, max_size=20))
 def test_nothing_beats_the_front(pairs: list[tuple[int, int]]) -> None:
     rows = pd.DataFrame(pairs, columns=["cpu", "error"], dtype=float)
-    kept = advice.front(rows)
+    kept = advice.pareto_front(rows)
     assert kept["cpu"].is_monotonic_increasing and kept["error"].is_monotonic_decreasing
     for cpu, error in pairs:
         assert ((kept["cpu"] <= cpu) & (kept["error"] <= error)).any()
@@ -178,11 +178,11 @@ def test_nothing_beats_the_front(pairs: list[tuple[int, int]]) -> None:
 
 
 def test_advice_in_words() -> None:
-    five, one, tenth = advice.words(assessed(), (0.2, 0.01, 1e-9))
+    five, one, tenth = advice.sentences(assessed(), (0.2, 0.01, 1e-9))
     assert five.startswith("hand, nu = 0.3, 20 % of displacement: use Q2Q1, 2 cells, adaptive")
     assert "0.08 s, 1.2 times the cheapest; Q1 takes 51 times that" in five
-    assert "Q1 never does: 16 cells, 51 times that, 12 %" in one
-    assert "refused, the reference tells errors above" in tenth
+    assert "Q1 does not reach it: 16 cells, 51 times that, 12 %" in one
+    assert "unknown, the reference resolves errors above" in tenth
     lines = advice.by_element(assessed(), (0.2,))
     assert [line[:3] for line in lines] == [
         ["0.3", "Q1", "4.1 s (16 cells)"], ["0.3", "Q2Q1", "0.08 s (2 cells)"]
@@ -250,18 +250,18 @@ def test_one_knob_at_a_time_or_all_of_them() -> None:
     ]
     assert len(grid) == sum(len(cells) for cells in tried.resolutions.values())
     for element in ("Q1", "Q2Q1"):
-        cells = middle(tried.resolutions[element])
+        cells = middle_resolution(tried.resolutions[element])
         default = tried.default(element, cells)
         mine = [c for c in choices if c.element == element and c.cells == cells and c != default]
-        for knob, values in positions(element).items():
+        for knob, values in knob_values(element).items():
             assert {getattr(c, knob) for c in [*mine, default]} == set(values)
-        assert all(len(differs(choice, default)) == 1 for choice in mine)
+        assert all(len(changed_knobs(choice, default)) == 1 for choice in mine)
     full = plan(elements=["Q1"], nus=[0.3], vary=["hessian", "solver"], full=True).choices(0.3)
     assert len(full) == len(tried.resolutions["Q1"]) * 4 * len(SOLVERS[False])
 
 
 def test_forcing_is_turned_with_an_iterative_solver() -> None:
-    turned = [c for c in Choice("Q1", 4, solver="direct").turned() if c.forcing != 0.1]
+    turned = [c for c in Choice("Q1", 4, solver="direct").variations() if c.forcing != 0.1]
     assert {c.solver for c in turned} == {"cg+ssor"} and len(turned) == 3
 
 

@@ -100,11 +100,11 @@ def _by_accuracy(
     chosen = accuracy.choose(args.scene, own.material.nu, asked, args.accuracy_table)
     overrides = overrides | chosen.values(overrides)
     if not args.quiet:
-        print(chosen.words(), flush=True)
+        print(chosen.message(), flush=True)
         given = [key for key, v in overrides.items() if v is not None]
         if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
             print(f"accuracy: measured for the scene as it is, not with other {', '.join(other)}")
-    return overrides, chosen.note(asked)
+    return overrides, chosen.record(asked)
 
 
 def scene_list() -> str:

@@ -74,7 +74,7 @@ def tradeoff(argv: list[str]) -> int:
         petsc=petsc,
         **campaign.limits(args),
     )
-    for sentence in advice.words(table):
+    for sentence in advice.sentences(table):
         print(sentence)
     print(f"{args.out}: tradeoff.csv, tradeoff.png, advice.csv, advice.md")
     return 0 if len(advice.advice(table)) else 1

@@ -13,6 +13,7 @@ from fem_snh.atomic_files import put
 from fem_snh.studies.extremes import FAMILIES
 from fem_snh.studies.extremes.cases import MAY_FAIL, PASS
 
+_OTHER = "The runs use `{}`; the theory below is for Stable Neo-Hookean."
 #: Failed cases that are listed for each family; more are counted.
 _LISTED = 30
 
@@ -66,14 +67,7 @@ def _head(table: pd.DataFrame) -> str:
             f"{len(table) - len(required)} more may fail;",
             "they are run for comparison. Written by `fem-snh extremes`; extremes.csv has one row "
             "per case.",
-            *(
-                [
-                    "",
-                    f"The runs use `{other[0]}`; the theory below is for Stable Neo-Hookean.",
-                ]
-                if len(other)
-                else []
-            ),
+            *(["", *(_OTHER.format(name) for name in other)] if other else []),
             *(["", *lines] if lines else []),
         ]
     )

@@ -1,10 +1,12 @@
-"""How much accuracy each second buys on a scene: every knob measured against the others.
+"""Accuracy against cost on a scene: elements, meshes and solver settings measured together.
 
-knobs      what can be set, each value by name
-grid       which settings are tried
-reference  what the right answer is, and how well it is known
-errors     of every row, against it
-advice     what to use, in words and as a table
-accuracy   a run chosen from such a table: `fem-snh run SCENE --accuracy 1%`
-study      all of it
+Modules
+-------
+knobs : the settings that are varied ("knobs"), and their values.
+grid : the combinations that are run.
+reference : the reference solution, and how accurate it is.
+errors : the errors of all rows.
+advice : recommended settings, as sentences and as a table.
+accuracy : settings for a required accuracy: `fem-snh run SCENE --accuracy 1%`.
+study : the whole study.
 """

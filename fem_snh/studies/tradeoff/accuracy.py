@@ -1,6 +1,6 @@
-"""A run chosen by the accuracy that it is to have, from the table of a study: advice.csv.
+"""Choose the settings of a run for a required accuracy, from the table of a study: advice.csv.
 
-The tables of the built-in scenes that have one are in the folder ``tables``.
+The folder ``tables`` holds the tables of built-in scenes.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
-from fem_snh.studies.tradeoff.errors import told
+from fem_snh.studies.tradeoff.errors import error_bound
 from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A row of a table.
+    """The settings of one row of a table.
 
-    Attributes:
-        table: where it is from.
-        nu: at which it was measured.
-        choice: what it set.
-        error: of the displacement, relative: at most this.
-        cpu: processor seconds that it took.
+    Parameters
+    ----------
+    table : name of the table.
+    nu : Poisson's ratio of the measurement.
+    choice : its settings.
+    error : upper bound of the relative error of the displacement.
+    cpu : processor time [s].
     """
 
     table: str
@@ -37,27 +38,30 @@ class Chosen:
     cpu: float
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """What to load the scene with, besides what was given.
+        """Return the values for `fem_snh.scenes.load` besides those that are ``given``.
 
-        Raises BadInput for something given that the row has otherwise.
+        Raises
+        ------
+        BadInput
+            If a given value differs from that of the row.
         """
         mine = self.choice.values()
         for key, value in given.items():
             if key in mine and value is not None and value != mine[key]:
                 raise BadInput(
-                    f"{key} = {value} contradicts --accuracy, which takes {key} = {mine[key]} "
-                    f"({self.table}, nu = {self.nu:g}): give one or the other"
+                    f"{key} = {value} contradicts --accuracy, which sets {key} = {mine[key]} "
+                    f"({self.table}, nu = {self.nu:g}): expected one of the two"
                 )
         return mine
 
-    def note(self, asked: float) -> dict[str, Any]:
-        """As run.json keeps it."""
+    def record(self, asked: float) -> dict[str, Any]:
+        """Return the entry ``accuracy`` of run.json."""
         knobs = {key: getattr(self.choice, key) for key in ("element", "cells", *KNOBS)}
         found = {"asked": asked, "table": self.table, "nu": self.nu, "error": self.error}
         return {"accuracy": found | {"processor_seconds": self.cpu} | knobs}
 
-    def words(self) -> str:
-        """One line for the terminal."""
+    def message(self) -> str:
+        """Return a line for the terminal."""
         choice, where = self.choice, self.choice.mesh or f"{self.choice.cells} cells"
         return (
             f"accuracy: {choice.element}, {where}, {choice.hessian}, {choice.solver}: measured "
@@ -67,7 +71,7 @@ class Chosen:
 
 
 def fraction(text: Any) -> float:
-    """An accuracy as a fraction, from 0.01, "1%" or "1 %". BadInput for any other."""
+    """Return an accuracy as a fraction, from 0.01, "1%" or "1 %"; BadInput for another text."""
     word = str(text).strip()
     try:
         number = float(word.removesuffix("%")) / (100 if word.endswith("%") else 1)
@@ -79,10 +83,17 @@ def fraction(text: Any) -> float:
 
 
 def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) -> Chosen:
-    """The cheapest row within ``accuracy``, measured at the nearest nu at or above this one.
+    """Return the cheapest settings within ``accuracy``, measured at the next nu at or above ``nu``.
 
-    ``table``: an advice.csv or tradeoff.csv; None: the one that comes with the scene. Raises
-    BadInput where there is no table, no such nu, or nothing so accurate.
+    Parameters
+    ----------
+    accuracy : relative error of the displacement.
+    table : an advice.csv or tradeoff.csv; None: that of the built-in scene.
+
+    Raises
+    ------
+    BadInput
+        If there is no table, no such nu, or no row so accurate.
     """
     name, rows = _rows(scene, table)
     nus = sorted({row["nu"] for row in rows})
@@ -106,7 +117,7 @@ def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) ->
 
 
 def _rows(scene: str, table: Path | None) -> tuple[str, list[dict[str, Any]]]:
-    """The rows with an error, and what to call the table."""
+    """Return the name of the table and its rows that have an error."""
     if table is not None:
         try:
             return str(table), _parse(table.read_text(encoding="utf-8"), str(table))
@@ -127,7 +138,7 @@ def _rows(scene: str, table: Path | None) -> tuple[str, list[dict[str, Any]]]:
 
 
 def _parse(text: str, name: str) -> list[dict[str, Any]]:
-    """The rows of an advice.csv, or those of a tradeoff.csv that have an error, as numbers."""
+    """Return the rows of an advice.csv or tradeoff.csv that have an error, as numbers."""
     reader = csv.DictReader(io.StringIO(text))
     columns = reader.fieldnames or ()
     error = "error" if "error" in columns else "error_displacement"
@@ -141,7 +152,7 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
             continue
         try:
             known = {key: float(line[key]) for key in ("nu", "cpu", error, *more)}
-            known["error"] = told(known) if more else known["error"]
+            known["error"] = error_bound(known) if more else known["error"]
             rows.append({**known, "choice": _choice(line)})
         except (TypeError, ValueError) as wrong:
             raise BadInput(f"accuracy-table {name}, line {reader.line_num}: {wrong}") from None

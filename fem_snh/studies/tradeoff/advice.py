@@ -1,4 +1,4 @@
-"""From rows with errors to advice: the Pareto front, and what to use for which accuracy."""
+"""Recommend settings: the Pareto front of cost and error, and the cheapest row for an accuracy."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pandas as pd
 
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
-from fem_snh.studies.tradeoff.errors import told
+from fem_snh.studies.tradeoff.errors import error_bound
 
-#: Of the displacement, relative: what advice is given for.
+#: Relative errors of the displacement for which settings are recommended.
 ACCURACIES = (0.05, 0.01, 0.001)
-#: The columns of advice: what a choice is, what it gives, what it takes.
+#: Columns of advice.csv: the settings, and their cost.
 CHOICE = (
     "element",
     "cells",
@@ -29,19 +29,19 @@ COST = ("cpu", "seconds", "dofs", "newton", "linear", "peak_memory_mb")
 COLUMNS = ("scene", "nu", *CHOICE, "error", "floor", *COST)
 
 
-def usable(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows that converged and whose error is told, with it in ``error``: at most this."""
+def rows_with_error(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the converged rows whose error is known, with its upper bound in ``error``."""
     if "error_displacement" not in table:
         return table.iloc[:0].assign(error=[], floor=[])
     good = table["converged"].astype(str).eq("True") & table["error_displacement"].notna()
     rows = table[good].copy()
-    rows["error"] = [told(row) for row in rows.to_dict("records")]
+    rows["error"] = [error_bound(row) for row in rows.to_dict("records")]
     rows["floor"] = rows["floor_displacement"]
     return rows
 
 
-def front(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows that nothing cheaper is as accurate as, from the cheapest on."""
+def pareto_front(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the Pareto front: no cheaper row is as accurate; the cheapest row is first."""
     best = float("inf")
     kept = []
     for at, row in rows.sort_values(["cpu", "error"]).iterrows():
@@ -52,28 +52,28 @@ def front(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def cheapest(rows: pd.DataFrame, accuracy: float) -> Mapping[str, Any] | None:
-    """The row that costs the least of those within ``accuracy``; None without any."""
+    """Return the cheapest row within ``accuracy``, or None."""
     within = rows[rows["error"] <= accuracy]
     return None if within.empty else within.loc[within["cpu"].idxmin()].to_dict()
 
 
 def advice(table: pd.DataFrame) -> pd.DataFrame:
-    """The fronts of every nu, as the table from which a run can be chosen: COLUMNS."""
-    rows = usable(table)
-    fronts = [front(mine) for _, mine in rows.groupby("nu")]
+    """Return advice.csv: the Pareto fronts of every nu, with the columns COLUMNS."""
+    rows = rows_with_error(table)
+    fronts = [pareto_front(mine) for _, mine in rows.groupby("nu")]
     if not fronts:
         return pd.DataFrame(columns=list(COLUMNS))
     return pd.concat(fronts)[list(COLUMNS)]
 
 
-def words(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> Iterator[str]:
-    """A sentence for each nu and accuracy, and what became of the elements that lock."""
-    rows = usable(table)
+def sentences(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> Iterator[str]:
+    """Yield a sentence for each nu and accuracy, with a comparison to elements that lock."""
+    rows = rows_with_error(table)
     for nu in sorted(table["nu"].unique()):
         mine = rows[rows["nu"] == nu]
         head = f"{table['scene'].iloc[0]}, nu = {nu:g}"
         if mine.empty:
-            yield f"{head}: no reference is good enough, so no advice"
+            yield f"{head}: the reference is not accurate enough, no recommendation"
             continue
         least = mine.loc[mine["cpu"].idxmin()].to_dict()
         for accuracy in accuracies:
@@ -86,8 +86,8 @@ def _answer(rows: pd.DataFrame, least: Mapping[str, Any], accuracy: float) -> st
         floor = rows["floor"].min()
         best = rows.loc[rows["error"].idxmin()].to_dict()
         if floor > accuracy:
-            return f"refused, the reference tells errors above {percent(floor)} only"
-        return f"nothing that was tried; best: {describe(best)}, {error(best)}"
+            return f"unknown, the reference resolves errors above {percent(floor)} only"
+        return f"no setting that was run; best: {describe(best)}, {error(best)}"
     times = found["cpu"] / least["cpu"]
     answer = f"use {describe(found)}: {error(found)}, {found['cpu']:.2g} s"
     answer += f", {_round(times)} times the cheapest" if times > 1.05 else ", the cheapest"
@@ -100,7 +100,7 @@ def _locks(element: str) -> bool:
 
 
 def _against(rows: pd.DataFrame, element: str, found: Mapping[str, Any], accuracy: float) -> str:
-    """How an element that locks compares with what was found."""
+    """Return a comparison of an element that locks with the recommended row."""
     if element == found["element"]:
         return f"{element} does not lock here"
     mine = rows[rows["element"] == element]
@@ -109,12 +109,12 @@ def _against(rows: pd.DataFrame, element: str, found: Mapping[str, Any], accurac
         return f"{element} takes {_round(other['cpu'] / found['cpu'])} times that"
     finest = mine.loc[mine["dofs"].idxmax()].to_dict()
     dearer = _round(finest["cpu"] / found["cpu"])
-    return f"{element} never does: {_where(finest)}, {dearer} times that, {error(finest)}"
+    return f"{element} does not reach it: {_where(finest)}, {dearer} times that, {error(finest)}"
 
 
 def by_element(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> list[list[str]]:
-    """Processor seconds of each element's cheapest row within each accuracy: nu, element, ..."""
-    rows = usable(table)
+    """Return rows (nu, element, processor seconds to each accuracy, smallest error)."""
+    rows = rows_with_error(table)
     lines = []
     for (nu, element), mine in rows.groupby(["nu", "element"], sort=True):
         found = [cheapest(mine, accuracy) for accuracy in accuracies]
@@ -125,21 +125,21 @@ def by_element(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) ->
 
 
 def page(table: pd.DataFrame) -> str:
-    """advice.md: the sentences, and the table by element."""
+    """Return advice.md: the sentences and the table by element."""
     asked = [percent(a) for a in ACCURACIES]
     head = ["nu", "element", *asked, "best"]
-    sentences = "\n".join(f"- {sentence}" for sentence in words(table))
-    return f"{sentences}\n\n{markdown_table(head, by_element(table))}\n"
+    listed = "\n".join(f"- {sentence}" for sentence in sentences(table))
+    return f"{listed}\n\n{markdown_table(head, by_element(table))}\n"
 
 
 def describe(row: Mapping[str, Any]) -> str:
-    """A choice in words."""
+    """Return the settings of a row as text."""
     return (
         f"{row['element']}, {_where(row)}, {row['hessian']}, {row['solver']}"
         + "".join(
             f", {knob} {row[knob]:g}"
-            for knob, usual in (("forcing", 0.1), ("tolerance", 1e-7))
-            if row[knob] != usual and not (knob == "forcing" and row["solver"] == "direct")
+            for knob, default in (("forcing", 0.1), ("tolerance", 1e-7))
+            if row[knob] != default and not (knob == "forcing" and row["solver"] == "direct")
         )
         + (f", {row['eigensolver']}" if row["eigensolver"] != "cubic" else "")
     )
@@ -151,15 +151,15 @@ def _where(row: Mapping[str, Any]) -> str:
 
 
 def error(row: Mapping[str, Any]) -> str:
-    """An error in words; "<=" where the reference cannot tell it."""
+    """Return an error as text, with "<=" if it is below the accuracy of the reference."""
     return ("<= " if row["error"] <= row["floor"] else "") + percent(row["error"])
 
 
 def _round(times: float) -> str:
-    """To two digits, without an exponent."""
+    """Return a factor with two digits, without an exponent."""
     return f"{float(f'{times:.2g}'):g}"
 
 
 def percent(part: float) -> str:
-    """0.012 as "1.2 %"."""
+    """Return a fraction in per cent: 0.012 as "1.2 %"."""
     return f"{100 * part:.2g} %"

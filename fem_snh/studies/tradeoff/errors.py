@@ -1,4 +1,4 @@
-"""Errors of a study's rows, against the references that the same rows establish."""
+"""Errors of the rows of a study, relative to reference solutions made from the same rows."""
 
 from __future__ import annotations
 
@@ -10,22 +10,20 @@ import pandas as pd
 
 from fem_snh.studies.tradeoff.knobs import KNOBS
 from fem_snh.studies.tradeoff.reference import (
-    FREE,
+    LOCKING_FREE,
     Reference,
     Vector,
     establish,
     estimate,
     norm,
-    say,
+    reference_message,
 )
 
 _AXES = "xyz"
-#: Below this part of the largest, a probe's displacement is none to be relative to.
-_STILL = 1e-3
 
 
 def quantities(groups: Sequence[str], probes: Sequence[str]) -> dict[str, list[str]]:
-    """What errors are of: a name, and the columns of its components."""
+    """Return the quantities that have errors: {name: columns of its components}."""
     vectors = {"reaction": [f"reaction_{g}_{a}" for g in groups for a in _AXES]}
     vectors |= {f"displacement_{p}": [f"probe_{p}_{a}" for a in _AXES] for p in probes}
     return {"energy": ["energy"], "volume": ["volume_ratio"]} | {
@@ -34,7 +32,7 @@ def quantities(groups: Sequence[str], probes: Sequence[str]) -> dict[str, list[s
 
 
 def columns(of: Mapping[str, Sequence[str]]) -> list[str]:
-    """The columns of errors: of each quantity, of the displacement, and their floors."""
+    """Return the columns of errors: of each quantity and the displacement, with floors."""
     names = [*of, *(["displacement"] if _probes(of) else [])]
     return [f"{kind}_{name}" for name in names for kind in ("error", "floor")] + ["shift"]
 
@@ -44,15 +42,15 @@ def _probes(of: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def assess(
-    table: pd.DataFrame, of: Mapping[str, Sequence[str]], say_so: Callable[[str], None]
+    table: pd.DataFrame, of: Mapping[str, Sequence[str]], report: Callable[[str], None]
 ) -> pd.DataFrame:
-    """The table of one nu with its errors, relative to references made out of its default rows.
+    """Return the table of one nu with its errors, relative to references from its default rows.
 
-    ``error_Q`` is what was measured, ``floor_Q`` the smallest that the reference can tell: below
-    it, all that is known is "at most the floor". A quantity whose reference is refused has neither.
-    ``error_displacement`` and its floor are the largest of the probes', refused ones included;
-    ``shift`` is how far the displacement is from that of the same element and mesh with default
-    knobs.
+    ``error_Q`` is the measured error and ``floor_Q`` the smallest error that the reference can
+    resolve: an error below it is known to be at most the floor. A quantity whose reference is
+    rejected has neither. ``error_displacement`` and its floor are the largest of all probes,
+    rejected ones included. ``shift`` is the relative difference of the displacement to that of the
+    same element and mesh with default settings.
     """
     table = table.copy()
     probes = _probes(of)
@@ -66,33 +64,33 @@ def assess(
             errors = np.array([found.error_of(value) for value in values])
             errors[~good.to_numpy()] = np.nan
         measured = {point: e for point, e in zip(table["point"], errors, strict=True) if e == e}
-        told = say(name, found, measured)
-        say_so(told)
-        refused = told.endswith("no errors")
-        table[f"error_{name}"] = np.nan if refused else errors
-        table[f"floor_{name}"] = np.nan if refused or found is None else found.floor
+        message = reference_message(name, found, measured)
+        report(message)
+        rejected = message.endswith("no errors")
+        table[f"error_{name}"] = np.nan if rejected else errors
+        table[f"floor_{name}"] = np.nan if rejected or found is None else found.floor
         if name in probes:
             floor = np.nan if found is None else found.floor
             largest["error"] = np.maximum(largest["error"], errors)
             largest["floor"] = np.maximum(largest["floor"], floor)
     if probes:
-        told_any = np.nanmax(largest["error"], initial=0.0) > np.nanmax(
+        resolved = np.nanmax(largest["error"], initial=0.0) > np.nanmax(
             largest["floor"], initial=0.0
         )
         for kind, values in largest.items():
-            table[f"{kind}_displacement"] = values if told_any else np.nan
+            table[f"{kind}_displacement"] = values if resolved else np.nan
         table["shift"] = shifts(table[good], [c for name in probes for c in of[name]])
     return table
 
 
 def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
-    """The reference of a quantity: (rows, n) values of a table of rows that converged.
+    """Return the reference of a quantity from its values (rows, n) in converged rows.
 
-    Candidates are the elements of FREE, each with its default knobs.
+    Candidates are the elements of LOCKING_FREE, each with its default settings.
     """
     found = []
     for element in table["element"].unique():
-        if element not in FREE:
+        if element not in LOCKING_FREE:
             continue
         mine = ((table["element"] == element) & (table["default"].astype(str) == "True")).to_numpy()
         rows = table[mine].assign(at=np.flatnonzero(mine)).sort_values("h", ascending=False)
@@ -109,7 +107,7 @@ def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
 
 
 def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
-    """How far each row's displacements are from its default's, relative to the default's."""
+    """Return the difference of each row's displacements to its default row, relative to that."""
     moved = pd.Series(np.nan, index=table.index)
     resolution = table["cells"].astype(str) + table["mesh"].astype(str)
     for _, rows in table.groupby([table["element"], resolution]):
@@ -121,10 +119,10 @@ def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
     return moved
 
 
-def told(row: Mapping[str, Any], name: str = "displacement") -> float:
-    """What may be said of a row's error: at most this. NaN if nothing.
+def error_bound(row: Mapping[str, Any], name: str = "displacement") -> float:
+    """Return an upper bound of a row's error; NaN if it is unknown.
 
-    What a turned knob changes of the answer is added: it may cancel a mesh's error, by chance.
+    The shift by a changed setting is added, as it could cancel the error of the mesh by chance.
     """
     error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
     shift = float(row["shift"])
@@ -132,5 +130,5 @@ def told(row: Mapping[str, Any], name: str = "displacement") -> float:
 
 
 def is_default(choice: Mapping[str, Any], default: Mapping[str, Any]) -> bool:
-    """Whether every knob is where the default has it."""
+    """Return whether every setting is that of the default."""
     return all(choice[knob] == default[knob] for knob in KNOBS)

@@ -1,4 +1,4 @@
-"""Which choices are tried: element by mesh, then one knob at a time, or all of them by all."""
+"""The settings that are run: element by mesh, then one knob at a time or all combinations."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.sweep import folder_name
-from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, positions
+from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, knob_values
 
-#: Cells of the built-in scenes, from coarse to fine: to where about a minute's work goes.
+#: Cells of the built-in scenes, from coarse to fine, up to runs of about a minute.
 _PANEL = {
     **dict.fromkeys(("Q1", "Q1P0"), (4, 8, 16, 32, 64, 128)),
     "P1": (4, 8, 16, 32, 64),
     **dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (2, 4, 8, 16, 32)),
     "Q2Q1": (2, 4, 8, 16, 24, 32, 64),
 }
-# Even numbers: a node or none in the middle makes two sequences, not one.
+# Even numbers only: with odd ones the mesh has no node in the middle, which is another sequence.
 _CUBE = {
     **dict.fromkeys(("Q1", "Q1P0", "P1"), (4, 6, 8, 12, 16)),
     **dict.fromkeys(("Q2", "Q2Q1"), (2, 4, 6, 8)),
@@ -31,30 +31,31 @@ _CUBE = {
 _CYLINDER = _CUBE | dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (3, 4, 6, 8))
 _CYLINDER["Q2Q1"] = (3, 4, 6, 8, 10, 12)
 CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
-#: What a default solves with, by whether a pressure is unknown; else, what the solver has. Sparse
-#: factors of one layer of cells are cheap, and nu -> 1/2 costs them nothing.
+#: Default linear solver for displacement (False) and Taylor-Hood elements (True); otherwise the
+#: first of `SOLVERS`. Factors of one layer of cells are cheap, also for nu -> 1/2.
 SOLVER = {
     "cook": {False: "direct", True: "direct"},
     "twist": {True: "direct"},
     "stretch": {True: "direct"},
 }
-#: A mesh of half the width costs at least this much more.
+#: Lower bound of the cost ratio when the mesh size is halved (2 in each of two directions).
 _GROWTH = 4.0
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study is asked to try.
+    """The settings that a study runs.
 
-    Attributes:
-        nus: Poisson's ratios.
-        elements: names; at nu = 1/2 only those with a pressure are taken.
-        resolutions: for each element, cells or mesh files, from coarse to fine.
-        base: settings of every element's default: hessian, solver, forcing, ...
-        solver: of the default, by whether a pressure is unknown, where base has none.
-        vary: knobs that are turned around it.
-        vary_at: Poisson's ratios at which they are; None: all.
-        full: every combination of those knobs on every mesh, not one at a time on a middle one.
+    Parameters
+    ----------
+    nus : Poisson's ratios.
+    elements : names; at nu = 1/2 only Taylor-Hood elements are run.
+    resolutions : cells or mesh files of each element, from coarse to fine.
+    base : default settings of every element: hessian, solver, forcing, ...
+    solver : default solver of displacement and Taylor-Hood elements, if ``base`` has none.
+    vary : knobs that are varied.
+    vary_at : Poisson's ratios at which they are varied; None: all.
+    full : run every combination of those knobs on every mesh, instead of one at a time on one mesh.
     """
 
     nus: Sequence[float]
@@ -67,7 +68,7 @@ class Plan:
     full: bool = False
 
     def choices(self, nu: float) -> list[Choice]:
-        """In the order in which they are run: the grid first, pressures before the rest."""
+        """Return the settings in the order of their runs: the grid first, and in it Taylor-Hood."""
         elements = [e for e in self.elements if nu < 0.5 or ELEMENTS[e].volume == "pressure"]
         elements.sort(key=lambda e: ELEMENTS[e].volume != "pressure")
         grid = [self.default(e, r) for e in elements for r in self.resolutions[e]]
@@ -76,28 +77,28 @@ class Plan:
         if self.full:
             more = [turned for choice in grid for turned in self._product(choice)]
         else:
-            middles = [self.default(e, middle(self.resolutions[e])) for e in elements]
+            middles = [self.default(e, middle_resolution(self.resolutions[e])) for e in elements]
             more = [
                 turned
                 for choice in middles
-                for turned in choice.turned()
-                if differs(turned, choice) & set(self.vary)
+                for turned in choice.variations()
+                if changed_knobs(turned, choice) & set(self.vary)
             ]
         return list(dict.fromkeys([*grid, *more]))
 
     def default(self, element: str, resolution: int | str) -> Choice:
-        """An element's default on a mesh."""
+        """Return the default settings of an element on a mesh."""
         where: dict[str, Any] = {"cells": resolution}
         if isinstance(resolution, str):
             where = {"cells": None, "mesh": resolution}
         saddle = ELEMENTS[element].volume == "pressure"
         base = {"solver": self.solver.get(saddle, "")} | dict(self.base)
-        if base["solver"] not in positions(element)["solver"]:
-            base["solver"] = ""  # one of the other kind of element
+        if base["solver"] not in knob_values(element)["solver"]:
+            base["solver"] = ""  # a solver of the other kind of element
         return Choice(element, **where, **base)
 
     def _product(self, choice: Choice) -> list[Choice]:
-        lists = {knob: positions(choice.element)[knob] for knob in self.vary}
+        lists = {knob: knob_values(choice.element)[knob] for knob in self.vary}
         chosen = itertools.product(*lists.values())
         return [replace(choice, **dict(zip(lists, values, strict=True))) for values in chosen]
 
@@ -108,9 +109,9 @@ class Plan:
         overrides: Mapping[str, Any],
         petsc: Mapping[str, Any] | None = None,
     ) -> dict[str, ScenePoint]:
-        """The points at one nu, by name.
+        """Return the points at one nu by name.
 
-        A finer mesh waits for the coarser one, and so does a turned knob for the default.
+        A finer mesh is run after the coarser one, and a changed knob after the default.
         """
         points = {}
         for choice in self.choices(nu):
@@ -124,7 +125,8 @@ class Plan:
                 petsc or {},
                 after=None if after is None else point_name(nu, after),
                 growth=growth,
-                columns=choice.row() | {"default": not differs(choice, self._default_of(choice))},
+                columns=choice.row()
+                | {"default": not changed_knobs(choice, self._default_of(choice))},
             )
         return points
 
@@ -148,26 +150,29 @@ class Plan:
 
 
 def point_name(nu: float, choice: Choice) -> str:
-    """The folder of a point."""
+    """Return the name of the folder of a point."""
     return folder_name([f"nu={nu:g}", choice.name()])
 
 
-def middle(resolutions: Sequence[int | str]) -> int | str:
-    """The mesh on which knobs are turned: the middle one, the coarser of two."""
+def middle_resolution(resolutions: Sequence[int | str]) -> int | str:
+    """Return the mesh on which knobs are varied: the middle one, the coarser of two."""
     return resolutions[(len(resolutions) - 1) // 2]
 
 
-def differs(choice: Choice, default: Choice) -> set[str]:
-    """The knobs in which a choice is not the default."""
+def changed_knobs(choice: Choice, default: Choice) -> set[str]:
+    """Return the knobs in which a choice differs from the default."""
     return {knob for knob in KNOBS if getattr(choice, knob) != getattr(default, knob)}
 
 
 def resolutions(
     scene: scenes.Scene, elements: Sequence[str], given: Sequence[int | str] | None
 ) -> dict[str, list[int | str]]:
-    """For each element its meshes: those given, or those that suit the scene.
+    """Return the meshes of each element: those given, or the default ones of the scene.
 
-    Raises BadInput for a mesh file where more than one is needed.
+    Raises
+    ------
+    BadInput
+        If the scene has a mesh file and no meshes are given.
     """
     if given:
         return {e: list(given) for e in elements}
@@ -177,6 +182,6 @@ def resolutions(
             "from coarse to fine: --meshes coarse.msh,middle.msh,fine.msh"
         )
     coarsest = max(1, (scene.cells or 1) // 4)
-    usual = {1: [coarsest * 2**k for k in range(5)], 2: [coarsest * 2**k for k in range(4)]}
-    suited = CELLS.get(scene.name, {})
-    return {e: list(suited.get(e, usual[ELEMENTS[e].degree])) for e in elements}
+    default = {1: [coarsest * 2**k for k in range(5)], 2: [coarsest * 2**k for k in range(4)]}
+    built_in = CELLS.get(scene.name, {})
+    return {e: list(built_in.get(e, default[ELEMENTS[e].degree])) for e in elements}

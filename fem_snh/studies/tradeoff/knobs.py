@@ -1,7 +1,7 @@
-"""The knobs of a run that cost something or change its answer, each value by name.
+"""The settings of a run that change its cost or its result ("knobs"), and their values.
 
-A `Choice` is one setting of all of them: the columns of the study's table, and what
-`fem_snh.scenes.load` takes.
+A `Choice` sets all of them: it gives the columns of the table and the keyword arguments of
+`fem_snh.scenes.load`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
-#: Incomplete factors, blocks of each rank.
+#: Incomplete Cholesky factors of the diagonal block of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
 
-#: Linear solvers with their preconditioners: of the displacement alone, and of a saddle (there,
-#: what it says is the preconditioner of the displacement's block).
+#: Linear solvers with their preconditioners, for displacement elements (False) and for saddle-point
+#: problems (True), where the name is that of the preconditioner of the displacement block.
 SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
     False: {
         "cg+ssor": {},  # in single precision, fem_snh.solver.EisenstatCG
@@ -37,9 +37,9 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "direct": DIRECT_SOLVER,
     },
 }
-#: Of every run: all elements have it.
+#: The globalization of every run, as all elements have it.
 GLOBALIZATION = "linesearch"
-#: Where a knob is turned to, one at a time.
+#: Values of forcing and tolerance.
 FORCINGS = (0.5, 0.1, 5e-3, 1e-8)
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
 KNOBS = ("hessian", "solver", "forcing", "tolerance", "eigensolver")
@@ -47,18 +47,24 @@ KNOBS = ("hessian", "solver", "forcing", "tolerance", "eigensolver")
 
 @dataclass(frozen=True)
 class Choice:
-    """One way to solve a scene. Raises BadInput for what there is not.
+    """The settings of one run.
 
-    Attributes:
-        element: see `fem_snh.fem.elements`.
-        cells: of a built-in geometry; None: of a mesh file.
-        mesh: the file; empty for a built-in geometry.
-        hessian: exact, clamp, abs or adaptive.
-        solver: a name in SOLVERS.
-        forcing: largest relative tolerance of a linear solve, snes_forcing_max.
-        tolerance: of the residual, snes_scaled_tol.
-        eigensolver: of the Hessian's scaling block.
-        steps: load steps; None: the scene's.
+    Parameters
+    ----------
+    element : a name of `fem_snh.fem.elements`.
+    cells : of a built-in geometry; None for a mesh file.
+    mesh : the mesh file; empty for a built-in geometry.
+    hessian : exact, clamp, abs or adaptive.
+    solver : a name of `SOLVERS`; default: the first one of the element.
+    forcing : largest relative tolerance of a linear solve, -snes_forcing_max.
+    tolerance : of the residual, -snes_scaled_tol.
+    eigensolver : for the scaling block of the Hessian.
+    steps : load steps; None: those of the scene.
+
+    Raises
+    ------
+    BadInput
+        For an unknown value.
     """
 
     element: str
@@ -86,11 +92,11 @@ class Choice:
 
     @property
     def saddle(self) -> bool:
-        """Whether a pressure is unknown, too."""
+        """Whether the element has an unknown pressure."""
         return ELEMENTS[self.element].volume == "pressure"
 
     def values(self) -> dict[str, Any]:
-        """As `fem_snh.scenes.load` takes it."""
+        """Return the keyword arguments of `fem_snh.scenes.load`."""
         where = {"mesh": self.mesh} if self.mesh else {"cells": self.cells}
         petsc = SOLVERS[self.saddle][self.solver] | {
             "snes_forcing_max": self.forcing, "snes_scaled_tol": self.tolerance
@@ -101,38 +107,37 @@ class Choice:
         return plain | where | {f"petsc.{key}": value for key, value in petsc.items()}
 
     def row(self) -> dict[str, Any]:
-        """As columns of the table; what is None is the scene's."""
+        """Return the columns of the table; None (a value of the scene) is left out."""
         row = {field.name: getattr(self, field.name) for field in fields(self)}
         return {key: value for key, value in row.items() if value is not None}
 
     def name(self) -> str:
-        """One word for a folder: the same choice, the same word."""
+        """Return the name of the folder, which is unique for these settings."""
         told: dict[str, Any] = {key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")}
         told |= {"mesh": Path(self.mesh).stem, "steps": self.steps and f"steps={self.steps}"}
         return "__".join(str(v) for v in (self.row() | told).values() if v not in ("", None))
 
-    def turned(self) -> Iterator[Choice]:
-        """The same with one knob elsewhere.
+    def variations(self) -> Iterator[Choice]:
+        """Yield these settings with one knob changed.
 
-        How exactly linear systems are solved is nothing to a direct solver: that knob is turned
-        with an iterative one.
+        The forcing term has no effect on a direct solver: it is varied with an iterative one.
         """
         for knob in KNOBS:
             base = self
             if knob == "forcing" and self.solver == "direct":
                 base = replace(self, solver=iterative(self.element))
-            for value in positions(self.element)[knob]:
+            for value in knob_values(self.element)[knob]:
                 if getattr(base, knob) != value or base != self:
                     yield replace(base, **{knob: value})
 
 
 def iterative(element: str) -> str:
-    """The name of the solver that an element has by default."""
+    """Return the default iterative solver of an element."""
     return next(iter(SOLVERS[ELEMENTS[element].volume == "pressure"]))
 
 
-def positions(element: str) -> Mapping[str, tuple[Any, ...]]:
-    """For each knob the values that it takes with this element."""
+def knob_values(element: str) -> Mapping[str, tuple[Any, ...]]:
+    """Return the values of each knob for an element."""
     return {
         "hessian": HESSIANS,
         "solver": tuple(SOLVERS[ELEMENTS[element].volume == "pressure"]),

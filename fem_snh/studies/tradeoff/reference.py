@@ -1,8 +1,8 @@
-"""The reference of a study, out of its own rows: refined meshes, extrapolated, cross-checked.
+"""Reference solutions of a study: Richardson extrapolation, checked by a second element.
 
-A quantity of an element on meshes of width h is q + C h^p + ..., so three meshes tell q, C and p
-(Richardson). What comes out is trusted only as far as it agrees with what one mesh less says, and
-with what another element says.
+A quantity on meshes of size h is q + C h^p + ..., so three meshes determine q, C and p. The error
+of the extrapolated value is estimated from its change with one mesh less, and from the difference
+to the value of another element.
 """
 
 from __future__ import annotations
@@ -17,29 +17,30 @@ from fem_snh.fem.elements import ELEMENTS
 
 Vector = npt.NDArray[np.float64]
 
-#: Orders that are believed: a corner's singularity, about 1, up to what a quadratic element can do.
+#: Accepted orders: from about 1 (a singular corner) to 4 (the energy of a quadratic element).
 _ORDERS = (0.8, 4.0)
-#: An extrapolation is not believed to be better than this part of its step.
+#: Lower bound of the error of an extrapolated value, as a fraction of its step.
 _GAIN = 0.1
-#: An error must be this many times the reference's own, to be told.
+#: Ratio of an error to that of the reference from which it is reported.
 MARGIN = 10.0
 
-#: What does not lock, and is of an order worth extrapolating.
-FREE = tuple(e.name for e in ELEMENTS.values() if e.degree > 1 and e.volume != "pointwise")
-CANDIDATES = " or ".join((", ".join(FREE[:-1]), FREE[-1]))
+#: Elements that do not lock and converge fast enough to be extrapolated.
+LOCKING_FREE = tuple(e.name for e in ELEMENTS.values() if e.degree > 1 and e.volume != "pointwise")
+CANDIDATES = " or ".join((", ".join(LOCKING_FREE[:-1]), LOCKING_FREE[-1]))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a quantity is, as far as the study knows.
+    """The reference value of a quantity.
 
-    Attributes:
-        value: (n,) its components.
-        error: of the value, relative to its norm: estimated, not bounded.
-        step: from the finest mesh to the value, relative.
-        element, finest: whose rows it comes from, and the finest of its meshes.
-        order: that was observed; NaN if the differences do not fall.
-        checked: the other element that it was compared with; "" if there is none.
+    Parameters
+    ----------
+    value : (n,) components.
+    error : estimated error, relative to the norm of the value.
+    step : difference of the value to that of the finest mesh, relative.
+    element, finest : the element and its finest mesh.
+    order : observed order of convergence; NaN if the differences do not decrease.
+    checked : the other element that it was compared with; "" without one.
     """
 
     value: Vector
@@ -52,21 +53,21 @@ class Reference:
 
     @property
     def floor(self) -> float:
-        """The smallest error, relative, that this reference can tell."""
+        """The smallest relative error that this reference can resolve."""
         return MARGIN * self.error
 
     def error_of(self, value: Vector) -> float:
-        """The error of another value, relative to the norm of this one."""
+        """Return the error of another value, relative to the norm of this one."""
         return norm(value - self.value) / norm(self.value)
 
 
 def norm(value: Vector) -> float:
-    """Its Euclidean norm."""
+    """Return the Euclidean norm."""
     return float(np.linalg.norm(value))
 
 
 def observed_order(h: Sequence[float], values: Sequence[Vector]) -> float:
-    """The p > 0 of q + C h^p through three meshes, h falling; NaN where there is none."""
+    """Return the p > 0 of q + C h^p through three meshes, h decreasing; NaN without one."""
     before, after = norm(values[0] - values[1]), norm(values[1] - values[2])
     if not (before > 0 and after > 0):
         return float("nan")
@@ -82,10 +83,10 @@ def observed_order(h: Sequence[float], values: Sequence[Vector]) -> float:
 
 
 def extrapolate(h: Sequence[float], values: Sequence[Vector]) -> tuple[Vector, float]:
-    """The limit h -> 0 by the last three of the meshes, and the order; no order, the last value.
+    """Return the limit h -> 0 from the last three meshes, and the order.
 
-    An order above what the element can do is chance: it is taken for the highest believed. One
-    below what any corner makes is no convergence yet: the finest value is not improved.
+    An order above the accepted ones is coincidence and is replaced by the highest accepted one.
+    Below the accepted orders the values do not converge yet: the finest value and NaN are returned.
     """
     p = observed_order(h[-3:], values[-3:])
     if not p >= _ORDERS[0]:
@@ -97,16 +98,15 @@ def extrapolate(h: Sequence[float], values: Sequence[Vector]) -> tuple[Vector, f
 def estimate(
     element: str, finest: str, h: Sequence[float], values: Sequence[Vector]
 ) -> Reference | None:
-    """The limit of one element's meshes, h falling; None for fewer than three.
+    """Return the reference from the meshes of one element, h decreasing; None for fewer than three.
 
-    With four meshes its error is the difference to the limit from all but the finest, which may
-    itself be far off: at most that to the mesh before the last two, at least a tenth of the step
-    from the finest. With three meshes, all of that step; where no order is seen, the larger of the
-    last two differences.
+    With four meshes the error is the difference to the limit without the finest mesh, at most the
+    difference to the last mesh but two and at least a tenth of the step from the finest mesh. With
+    three meshes it is that step; without an observed order, the larger of the last two differences.
     """
     if len(values) < 3:
         return None
-    kept = spread(h)
+    kept = mesh_sequence(h)
     h, values = [h[i] for i in kept], [values[i] for i in kept]
     value, order = extrapolate(h, values)
     step = norm(value - values[-1])
@@ -123,8 +123,8 @@ def estimate(
     return Reference(value, error / size, step / size, element, finest, order)
 
 
-def spread(h: Sequence[float]) -> list[int]:
-    """Which of the meshes to extrapolate from: if four are left, each twice as fine as the last."""
+def mesh_sequence(h: Sequence[float]) -> list[int]:
+    """Return the meshes to extrapolate from: at least four, each twice as fine, or else all."""
     kept = [len(h) - 1]
     for i in reversed(range(len(h) - 1)):
         if h[i] >= 1.9 * h[kept[0]]:
@@ -133,10 +133,10 @@ def spread(h: Sequence[float]) -> list[int]:
 
 
 def establish(candidates: Sequence[Reference]) -> Reference | None:
-    """The one whose finest mesh is nearest to its limit; None without any.
+    """Return the candidate whose finest mesh is nearest to its limit; None without candidates.
 
-    The next one may raise its error: where they differ by more than the second admits, the rest is
-    the first one's. One that does not know itself to a tenth has checked nothing.
+    The second candidate can increase its error: the part of their difference that exceeds the error
+    of the second is assigned to the first. It counts as a check if its own error is below 0.1.
     """
     if not candidates:
         return None
@@ -148,15 +148,15 @@ def establish(candidates: Sequence[Reference]) -> Reference | None:
     return replace(best, error=error, checked=other.element if other.error <= 0.1 else "")
 
 
-def say(name: str, found: Reference | None, measured: Mapping[str, float]) -> str:
-    """One line about a quantity's reference, with the errors that were measured by it."""
+def reference_message(name: str, found: Reference | None, measured: Mapping[str, float]) -> str:
+    """Return a line about the reference of a quantity and the errors measured with it."""
     if found is None:
-        return f"{name}: no reference: {CANDIDATES} on three meshes would make one; no errors"
+        return f"{name}: no reference: needs {CANDIDATES} on three meshes; no errors"
     order = "no order" if np.isnan(found.order) else f"order {found.order:.2f}"
     check = f", checked by {found.checked}" if found.checked else ", not checked by another element"
     words = f"{name}: {found.element} up to {found.finest} ({order}{check}), own error "
     words += f"{100 * found.error:.2g} %"
     largest = max(measured.values(), default=0.0)
     if not found.floor < largest:
-        return f"{words}: refused, no error measured is ten times that; no errors"
-    return f"{words}: tells errors above {100 * found.floor:.2g} %"
+        return f"{words}: rejected, no measured error is ten times larger; no errors"
+    return f"{words}: resolves errors above {100 * found.floor:.2g} %"

@@ -1,10 +1,11 @@
-"""The study: a grid of runs per Poisson's ratio, one tidy table, a picture, advice.
+"""Run a study of accuracy against cost: a grid of runs per Poisson's ratio, a table, advice.
 
     >>> table = tradeoff("cook", "out/cook", nus=[0.3, 0.4999], timeout=60)
 
-The folder holds tradeoff.json (what rows share), tradeoff.csv (a row the moment a point ends; its
-errors when all points of its nu have ended), tradeoff.png, advice.csv, advice.md, and a run folder
-for each point with its log. Call it again, with more of anything, and it goes on.
+The folder holds tradeoff.json (the definition), tradeoff.csv (a row is appended when a point ends;
+its errors are added when all points of its nu have ended), tradeoff.png, advice.csv, advice.md, and
+one folder per point with its run and its log. A study continues when it is called again, also with
+more values.
 """
 
 from __future__ import annotations
@@ -50,35 +51,41 @@ def tradeoff(
     report: Callable[[str], None] = print,
     **limits: Any,
 ) -> pd.DataFrame:
-    """Run what is not there yet of a study, and return its table: tradeoff.csv.
+    """Run the points of a study that have no row yet and return its table, tradeoff.csv.
 
-    Args:
-        scene: a name or a .toml file.
-        out: the folder; a study that was begun there goes on.
-        nus: Poisson's ratios; none: the scene's.
-        elements: names; none: all that the meshes can have.
-        meshes: cells or mesh files, coarse to fine, for every element; none: what suits the scene.
-        base: other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver), and
-            the load steps.
-        vary: the knobs that are turned.
-        vary_at: only at these nus; None: at all.
-        full: every combination of the knobs on every mesh, instead of one at a time on one.
-        overrides: other values of the scene, as `fem_snh.scenes.load` takes them.
-        petsc: PETSc options for every point; they win over the knobs.
-        report: gets a line per point, and what the references are.
-        limits: jobs, ranks, timeout, memory, retry, overwrite, as of `fem_snh.studies.sweep`.
+    Parameters
+    ----------
+    scene : a name or a .toml file.
+    out : the folder; a study that it holds is continued.
+    nus : Poisson's ratios; default: that of the scene.
+    elements : names; default: all that the meshes allow.
+    meshes : cells or mesh files for every element, coarse to fine; default: those of the scene.
+    base : other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver) and of
+        the number of load steps.
+    vary : the knobs that are varied.
+    vary_at : Poisson's ratios at which they are varied; None: all.
+    full : run every combination of the knobs on every mesh, instead of one at a time on one mesh.
+    overrides : other values of the scene, as for `fem_snh.scenes.load`.
+    petsc : PETSc options of every point; they take precedence over the knobs.
+    report : called with one line per point and per reference.
+    limits : jobs, ranks, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
-    Raises:
-        BadInput: before anything runs: a bad value, or another study in ``out``.
+    Returns
+    -------
+    pandas.DataFrame
+        One row per point, with its errors.
+
+    Raises
+    ------
+    BadInput
+        Before anything runs: for a bad value, or if ``out`` holds another study.
     """
     overrides, flags = dict(overrides or {}), {k: limits.pop(k, False) for k in _FLAGS}
     own = scenes.load(scene, **overrides)
     plan = _plan(own, nus, elements, meshes, dict(base or {}), vary, vary_at, full)
     of = errors.quantities([str(g) for g in own.reactions], [p.name for p in own.probe])
     if not own.probe:
-        raise BadInput(
-            f"{scene}: has no probe; a trade needs a displacement: [[probe]] name, point"
-        )
+        raise BadInput(f"{scene}: has no probe: expected a table [[probe]] with name and point")
     parts = [column for components in of.values() for column in components]
     values = [column for column in parts if column not in MEASURED]
     columns = [
@@ -114,7 +121,7 @@ _FLAGS = ("retry", "overwrite")
 
 
 def write_advice(table: pd.DataFrame, out: Path) -> None:
-    """advice.csv and advice.md into a folder."""
+    """Write advice.csv and advice.md into a folder."""
     put(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
     put(out / "advice.md", advice.page(table))
 
@@ -138,13 +145,13 @@ def _plan(
         choose("knob", knob, KNOBS)
     for knob in base:
         choose("default", knob, (*KNOBS, "steps"))
-    if "solver" in base:  # an element that does not have it keeps its own
+    if "solver" in base:  # an element without this solver keeps its default
         choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
     nus = list(dict.fromkeys(nus)) or [own.material.nu]
     names = list(elements) or fitting(own, meshes)
-    usual = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}
-    usual["tolerance"] = own.petsc.get("snes_scaled_tol")
-    base = {key: value for key, value in usual.items() if value is not None} | base
+    scene_values = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}
+    scene_values["tolerance"] = own.petsc.get("snes_scaled_tol")
+    base = {key: value for key, value in scene_values.items() if value is not None} | base
     lists = resolutions(own, names, meshes)
     solver = SOLVER.get(own.name, {})
     plan = Plan(nus, names, lists, base, solver, vary, vary_at, full)
@@ -155,7 +162,7 @@ def _plan(
 
 
 def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
-    """The elements that the meshes can have: all of a built-in geometry, one kind of a file."""
+    """Return the elements that the meshes allow: of a mesh file only those of its cell type."""
     files = [mesh for mesh in meshes if isinstance(mesh, str)]
     if not files and not isinstance(own.mesh, Path):
         return list(ELEMENTS)
@@ -170,7 +177,7 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
 
 
 def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch: Batch) -> None:
-    """Compile each element's kernels: what is in the table must not hold the compiler's work."""
+    """Compile the kernels of each element, so that no row contains the time of the compiler."""
     done = {row["element"] for row in batch.table.rows()}
     for element in plan.elements:
         nus = [nu for nu in plan.nus if nu < 0.5 or ELEMENTS[element].volume == "pressure"]
@@ -186,7 +193,7 @@ def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch:
 
 
 def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
-    """What a point's run.json holds besides: its cost, its reactions and probes."""
+    """Return the columns of the cost, the reactions and the probes of a point."""
     cells, count = row.get("cells"), row.get("num_cells")
     found: dict[str, Any] = {
         "cpu": record.get("processor_seconds"),
@@ -201,7 +208,7 @@ def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, An
 
 
 def _assess(batch: Batch, of: Mapping[str, list[str]], nu: float) -> None:
-    """Put the errors of one nu's rows into the table."""
+    """Write the errors of the rows of one nu into the table."""
     rows = batch.table.rows()
     numbers = pd.read_csv(batch.table.path)
     mine = numbers[numbers["nu"] == nu]
