@@ -1,4 +1,4 @@
-"""Sweeps: points, rows that survive anything, and processes that end when they should."""
+"""Sweeps: points, rows that survive an interrupt, and processes that end with it."""
 
 from __future__ import annotations
 
@@ -6,29 +6,21 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
-from fem_snh import scenes
 from fem_snh.cli.campaign import axis
 from fem_snh.errors import BadInput
-from fem_snh.studies.batch import Batch
-from fem_snh.studies.point import Limits, Point
-from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.scene_points import ScenePoint, run_arguments
+from fem_snh.studies.processes import environment, program
+from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.sweep import combinations, sweep
 from fem_snh.studies.table import MEASURED, REQUESTED, Table
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
-
-
-# --- points --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -57,9 +49,6 @@ def test_a_point_is_a_command_line() -> None:
     assert words[words.index("--") :] == ["--", "-ksp_rtol", "1", "-v"]
 
 
-# --- the table -----------------------------------------------------------------------------------
-
-
 def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
     table = Table(tmp_path / "t.csv", ["point", "status"])
     table.append({"point": "a", "status": 'with, "comma"', "other": 1})
@@ -71,9 +60,6 @@ def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
     assert table.rows()[0]["status"] == 'with, "comma"'
     table.drop(["a"])
     assert [row["point"] for row in table.rows()] == ["b"]
-
-
-# --- whole sweeps --------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -149,103 +135,6 @@ def test_interrupt_leaves_a_readable_table_and_no_process(tmp_path: Path) -> Non
     assert parent.returncode == 130 and said.count("\n") == 1 and "interrupted" in said
     assert list(pd.read_csv(tmp_path / "sweep.csv")["point"]) == ["cells=2__steps=1"]
     assert not _mentioning(str(tmp_path))
-
-
-# --- processes -----------------------------------------------------------------------------------
-
-
-def test_a_child_ends_with_all_its_ranks(tmp_path: Path) -> None:
-    stubborn = "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(300)"
-    mpirun = program(2)[:3]
-    child = Child([*mpirun, sys.executable, "-c", stubborn], tmp_path / "log.txt", timeout=1)
-    while child.poll() is None:
-        time.sleep(0.1)
-    assert child.limit_reached == "given up after 1 s" and not child.processes()
-
-
-def test_children_have_a_folder_for_files_each(tmp_path: Path) -> None:
-    """Two of Open MPI's jobs in one: that which ends removes what that which begins is to use."""
-    tell = "import tempfile; print(tempfile.gettempdir())"
-    logs = [tmp_path / "one.txt", tmp_path / "two.txt"]
-    for child in [Child([sys.executable, "-c", tell], log) for log in logs]:
-        while (code := child.poll()) is None:
-            time.sleep(0.01)
-        assert code == 0
-    folders = {log.read_text().strip() for log in logs}
-    assert len(folders) == 2 and not any(Path(folder).exists() for folder in folders)
-
-
-def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
-    """Neither rank alone is above the limit."""
-    hungry = "import time; kept = b'x' * (300 << 20); time.sleep(300)"
-    words = [*program(2)[:3], sys.executable, "-c", hungry]
-    child = Child(words, tmp_path / "log.txt", timeout=30, memory=0.5)
-    while child.poll() is None:
-        time.sleep(0.05)
-    assert child.limit_reached == "given up above 0.5 GiB" and not child.processes()
-    alone = Child([sys.executable, "-c", hungry], tmp_path / "log.txt", timeout=1.5, memory=0.5)
-    while alone.poll() is None:
-        time.sleep(0.05)
-    assert alone.limit_reached == "given up after 1.5 s"
-
-
-def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
-    """A finer mesh than one that was given up, or than one that took too long by itself."""
-    scene = scenes.load("twist", **TINY)
-    said: list[str] = []
-    batch = Batch(
-        tmp_path, "study", {}, ["point", *REQUESTED, *MEASURED], Limits(2, timeout=0.05),
-        report=said.append,
-    )  # fmt: skip
-    points = {
-        "a": ScenePoint("twist", TINY, scene),
-        "b": ScenePoint("twist", TINY, scene, after="a"),
-        "c": ScenePoint("twist", TINY, scene, after="b"),
-        "d": ScenePoint("twist", TINY, scene, timeout=60.0),
-        "e": ScenePoint("twist", TINY, scene, timeout=60.0, after="d", growth=1e6),
-    }
-    batch.run(points)
-    status = {row["point"]: row["status"] for row in batch.table.rows()}
-    assert status.pop("a") == "given up after 0.05 s"
-    assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
-    assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
-    assert len(said) == 5 and not (tmp_path / "b").exists()
-
-
-class Echo(Point):
-    """A point that is no run of a scene: a module of Python's own, and what it says."""
-
-    module = "calendar"
-    parallel = False
-
-    def arguments(self, folder: Path) -> list[str]:
-        return ["2018"]
-
-    def requested(self) -> Mapping[str, Any]:
-        return {"scene": "none"}
-
-    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        said = log.read_text().split()
-        return {"converged": code == 0 and not record, "status": said[0], "seconds": None}
-
-
-def test_a_point_may_be_any_command(tmp_path: Path) -> None:
-    columns = ["point", "ranks", "scene", "converged", "status", "seconds", "extra"]
-    batch = Batch(tmp_path, "study", {}, columns, Limits(ranks=2), report=lambda line: None)
-    batch.run({"a": Echo()}, lambda record, row: {"extra": row["status"] + "!"})
-    (row,) = batch.table.rows()
-    assert float(row.pop("seconds")) > 0
-    assert list(row.values()) == ["a", "1", "none", "True", "2018", "2018!"]
-
-
-def test_a_rank_may_start_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    monkeypatch.setenv("PMIX_RANK", "1")
-    monkeypatch.setenv("OMPI_MCA_rmaps_base_oversubscribe", "1")
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    env = environment()
-    assert "PMIX_RANK" not in env and "OMPI_COMM_WORLD_SIZE" not in env
-    assert env["OMPI_MCA_rmaps_base_oversubscribe"] == "1" and env["OMP_NUM_THREADS"] == "3"
 
 
 def _mentioning(text: str) -> list[int]:

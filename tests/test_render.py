@@ -1,13 +1,9 @@
-"""Pictures: what dolfinx writes is read back whole, drawn, and every mistake is one line."""
+"""Pictures of bodies and modes: dolfinx's fields are read and drawn; mistakes are one line."""
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -15,76 +11,16 @@ import dolfinx
 import matplotlib.image
 import numpy as np
 import pytest
-import ufl
+from picture_runs import CELLS, bad, record, write_record, write_run
 
 from fem_snh import _dolfinx, plots, render
 from fem_snh.errors import BadInput, on_root
-from fem_snh.plots.runs import run_figure
-from fem_snh.plots.sweeps import read_sweep, sweep_figure
 from fem_snh.render import drawing, modes, surfaces
-
-CELLS = 3  # along an edge of the cube
-
-
-def record(loads: tuple[float, ...] = (0.5, 1.0), **changes: Any) -> dict[str, Any]:
-    """A run.json as a run leaves it."""
-    steps = [
-        {"load": t, "converged": True, "newton": 10 + i, "linear": 100 * (i + 1),
-         "volume_ratio": 1 + 0.04 * t, "min_J": 0.9, "seconds": 1.0}
-        for i, t in enumerate(loads)
-    ]  # fmt: skip
-    return {
-        "scene": "twist",
-        "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.49},
-        "element": "Q1", "hessian": "adaptive", "cells": 27, "steps": steps,
-        "load_name": "angle", "load_range": [0.0, math.pi],
-    } | changes  # fmt: skip
-
-
-def write_record(folder: Path, content: dict[str, Any]) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "run.json").write_text(json.dumps(content))
-    return folder
-
-
-def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
-    """A run folder with the fields of a twisted unit cube, by dolfinx. Collective."""
-    cell = {"Q": dolfinx.mesh.CellType.hexahedron, "P": dolfinx.mesh.CellType.tetrahedron}
-    domain = dolfinx.mesh.create_unit_cube(comm, CELLS, CELLS, CELLS, cell[element[0]])
-    u = dolfinx.fem.Function(_dolfinx.function_space(domain, int(element[1]), (3,)))
-    u.name = "displacement"
-    per_cell = _dolfinx.function_space(domain, 0, (), "DG")
-    fields = {name: dolfinx.fem.Function(per_cell, name=name) for name in render.FIELDS[:1]}
-    fields |= {name: dolfinx.fem.Function(per_cell, name=name) for name in render.FIELDS[2:]}
-    J = ufl.det(ufl.Identity(3) + ufl.grad(u))
-
-    file = _dolfinx.Series(comm, folder / "fields.pvd")
-    for t in (0.0, 0.5, 1.0):
-
-        def twist(x: np.ndarray, t: float = t) -> np.ndarray:
-            angle, a, b = math.pi * t * x[2], x[0] - 0.5, x[1] - 0.5
-            c, s = np.cos(angle), np.sin(angle)
-            return np.array([c * a - s * b - a, s * a + c * b - b, 0 * a])
-
-        u.interpolate(twist)
-        for field in fields.values():
-            _dolfinx.interpolate(field, J)
-        file.write([u, *fields.values()], t)
-    on_root(comm, write_record, folder, record(element=element))
-    comm.barrier()  # all ranks' pieces are there
-    return folder
 
 
 @pytest.fixture
 def twisted(comm: MPI.Intracomm, folder: Path) -> Path:
     return write_run(comm, folder, "Q1")
-
-
-def lines(figure: Any, panel: int) -> dict[str, Any]:
-    return {line.get_label(): line for line in figure.axes[panel].lines}
-
-
-# --- what dolfinx wrote -----------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -239,91 +175,6 @@ def test_default_loads():
         render.choose_loads([0.0, 0.5], [0.7])
 
 
-# --- graphs -----------------------------------------------------------------------------------
-
-
-def test_run_figure_shows_steps_failures_and_the_paper():
-    one = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
-    two = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
-    two["material"] = {"name": "fixed_corotational", "nu": 0.49}
-    two["steps"][1] |= {"converged": False, "volume_ratio": None}
-    figure = run_figure([one, two], newton=True)
-    assert [ax.get_ylabel().split()[0] for ax in figure.axes] == ["volume", "linear", "Newton"]
-    assert figure.axes[0].get_xlabel() == "stretch"
-    volume = lines(figure, 0)
-    assert np.allclose(volume["stable Neo-Hookean"].get_data(), [[1, 2.2, 3.4], [0, 2, 4]])
-    assert np.allclose(volume["fixed corotational"].get_data(), [[1, 2.2], [0, 2]])
-    assert np.allclose(lines(figure, 1)["stable Neo-Hookean"].get_data(), [[2.2, 3.4], [100, 200]])
-    assert {"Smith et al. 2018", "not converged"} <= volume.keys()
-    marks = [float(line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "D"
-             and len(line.get_ydata()) == 1]  # fmt: skip
-    assert marks == [4.3, 4.5]
-
-
-@pytest.mark.parametrize("change", [{"scene": "own"}, {"load_range": [1.0, 2.0]}])
-def test_the_paper_is_shown_beside_its_own_experiment_only(change):
-    run = record(scene="stretch", load_name="stretch", load_range=[1.0, 3.4]) | change
-    assert "Smith et al. 2018" not in lines(run_figure([run]), 0)
-
-
-def test_legend_tells_runs_apart():
-    runs = [record(hessian="clamp"), record(hessian="adaptive")]
-    names = [name for name in lines(run_figure(runs), 0) if not name.startswith("_")]
-    assert names == ["stable Neo-Hookean, clamp Hessian", "stable Neo-Hookean, adaptive Hessian"]
-
-
-def test_plot_runs(tmp_path):
-    a, b = (write_record(tmp_path / name, record()) for name in "ab")
-    assert plots.main([a]) == a / "history.png"
-    assert plots.main([a, b]) == tmp_path / "comparison.png"
-    out = plots.main([a], tmp_path / "new" / "x.pdf")
-    assert out.read_bytes().startswith(b"%PDF")
-
-
-HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
-ROWS = """\
-a,twist,stable_neo_hookean,0.3,clamp,5,True,10,100,1.02,1
-b,twist,stable_neo_hookean,0.49,clamp,5,True,20,900,1.01,2
-c,twist,neo_hookean,0.3,clamp,5,True,12,120,1.03,1
-d,twist,neo_hookean,0.49,clamp,5,False,0,0,,2
-e,twist,neo_hookean,0.5,clamp,5,False,0,0,,2
-"""
-
-
-def test_plot_sweep(tmp_path):
-    table = tmp_path / "sweep.csv"
-    table.write_text(HEAD + ROWS)
-    assert plots.main([table]) == plots.main([tmp_path]) == tmp_path / "sweep.png"
-    figure = sweep_figure(read_sweep(table))
-    assert len(figure.axes) == 4
-    shown = lines(figure, 0)
-    assert np.allclose(shown["stable Neo-Hookean"].get_data(), [[0.2, 0.01], [10, 20]])
-    assert "not converged (above: no result)" in shown
-    left, right = figure.axes[0].get_xlim()
-    assert left > right and [t.get_text() for t in figure.axes[0].get_xticklabels()] == [
-        "0.3",
-        "0.49",
-    ]
-
-
-def test_sweep_of_something_else_than_nu(tmp_path):
-    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
-    (tmp_path / "sweep.csv").write_text(HEAD + rows)
-    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
-    assert figure.axes[0].get_xlabel() == "cells"
-
-
-# --- mistakes ---------------------------------------------------------------------------------
-
-
-def bad(function: Any, *args: Any) -> str:
-    with pytest.raises(BadInput) as caught:
-        function(*args)
-    message = str(caught.value)
-    assert message and "\n" not in message
-    return message
-
-
 @pytest.mark.parametrize("content", [None, "", "{", "[]", '{"scene": 1}', '{"steps": 3}'])
 def test_bad_run_json(tmp_path, content):
     if content is not None:
@@ -351,32 +202,3 @@ def test_render_bad_files(twisted):
 def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
     monkeypatch.setattr(render, "_ways_to_draw", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
     assert "libegl1" in bad(render.main, twisted)
-
-
-@pytest.mark.parametrize(
-    "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
-)
-def test_bad_sweep(tmp_path, content):
-    table = tmp_path / "sweep.csv"
-    table.write_text(content)
-    assert str(table) in bad(plots.main, [table])
-
-
-def test_plot_bad_arguments(tmp_path):
-    run = write_record(tmp_path / "a", record())
-    assert "nothing to plot" in bad(plots.main, [])
-    assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
-    assert "one table" in bad(plots.main, [run, tmp_path / "x.csv"])
-    assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
-    assert "cannot be written" in bad(plots.main, [run], run / "run.json" / "a.png")
-    assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])
-    broken = record()
-    del broken["steps"][0]["linear"]
-    del broken["steps"][1]["linear"]
-    assert "linear" in bad(plots.main, [write_record(tmp_path / "c", broken)])
-
-
-def test_pictures_do_not_need_the_solver():
-    code = "import fem_snh.plots, fem_snh.render, sys; print(*sys.modules)"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(said.stdout.split())

@@ -1,0 +1,118 @@
+"""Graphs of runs and studies, and one-line messages for wrong input."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from picture_runs import bad, record, write_record
+
+from fem_snh import plots
+from fem_snh.plots.runs import run_figure
+from fem_snh.plots.sweeps import read_sweep, sweep_figure
+
+HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
+ROWS = """\
+a,twist,stable_neo_hookean,0.3,clamp,5,True,10,100,1.02,1
+b,twist,stable_neo_hookean,0.49,clamp,5,True,20,900,1.01,2
+c,twist,neo_hookean,0.3,clamp,5,True,12,120,1.03,1
+d,twist,neo_hookean,0.49,clamp,5,False,0,0,,2
+e,twist,neo_hookean,0.5,clamp,5,False,0,0,,2
+"""
+
+
+def lines(figure: Any, panel: int) -> dict[str, Any]:
+    return {line.get_label(): line for line in figure.axes[panel].lines}
+
+
+def test_run_figure_shows_steps_failures_and_the_paper():
+    one = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two = record((0.5, 1.0), scene="stretch", load_name="stretch", load_range=[1.0, 3.4])
+    two["material"] = {"name": "fixed_corotational", "nu": 0.49}
+    two["steps"][1] |= {"converged": False, "volume_ratio": None}
+    figure = run_figure([one, two], newton=True)
+    assert [ax.get_ylabel().split()[0] for ax in figure.axes] == ["volume", "linear", "Newton"]
+    assert figure.axes[0].get_xlabel() == "stretch"
+    volume = lines(figure, 0)
+    assert np.allclose(volume["stable Neo-Hookean"].get_data(), [[1, 2.2, 3.4], [0, 2, 4]])
+    assert np.allclose(volume["fixed corotational"].get_data(), [[1, 2.2], [0, 2]])
+    assert np.allclose(lines(figure, 1)["stable Neo-Hookean"].get_data(), [[2.2, 3.4], [100, 200]])
+    assert {"Smith et al. 2018", "not converged"} <= volume.keys()
+    marks = [float(line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "D"
+             and len(line.get_ydata()) == 1]  # fmt: skip
+    assert marks == [4.3, 4.5]
+
+
+@pytest.mark.parametrize("change", [{"scene": "own"}, {"load_range": [1.0, 2.0]}])
+def test_the_paper_is_shown_beside_its_own_experiment_only(change):
+    run = record(scene="stretch", load_name="stretch", load_range=[1.0, 3.4]) | change
+    assert "Smith et al. 2018" not in lines(run_figure([run]), 0)
+
+
+def test_legend_tells_runs_apart():
+    runs = [record(hessian="clamp"), record(hessian="adaptive")]
+    names = [name for name in lines(run_figure(runs), 0) if not name.startswith("_")]
+    assert names == ["stable Neo-Hookean, clamp Hessian", "stable Neo-Hookean, adaptive Hessian"]
+
+
+def test_plot_runs(tmp_path):
+    a, b = (write_record(tmp_path / name, record()) for name in "ab")
+    assert plots.main([a]) == a / "history.png"
+    assert plots.main([a, b]) == tmp_path / "comparison.png"
+    out = plots.main([a], tmp_path / "new" / "x.pdf")
+    assert out.read_bytes().startswith(b"%PDF")
+
+
+def test_plot_sweep(tmp_path):
+    table = tmp_path / "sweep.csv"
+    table.write_text(HEAD + ROWS)
+    assert plots.main([table]) == plots.main([tmp_path]) == tmp_path / "sweep.png"
+    figure = sweep_figure(read_sweep(table))
+    assert len(figure.axes) == 4
+    shown = lines(figure, 0)
+    assert np.allclose(shown["stable Neo-Hookean"].get_data(), [[0.2, 0.01], [10, 20]])
+    assert "not converged (above: no result)" in shown
+    left, right = figure.axes[0].get_xlim()
+    assert left > right and [t.get_text() for t in figure.axes[0].get_xticklabels()] == [
+        "0.3",
+        "0.49",
+    ]
+
+
+def test_sweep_of_something_else_than_nu(tmp_path):
+    rows = ROWS.replace("0.3,clamp,5", "0.49,clamp,10").replace("neo_hookean,0.5,", "x,0.49,")
+    (tmp_path / "sweep.csv").write_text(HEAD + rows)
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == "cells"
+
+
+@pytest.mark.parametrize(
+    "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
+)
+def test_bad_sweep(tmp_path, content):
+    table = tmp_path / "sweep.csv"
+    table.write_text(content)
+    assert str(table) in bad(plots.main, [table])
+
+
+def test_plot_bad_arguments(tmp_path):
+    run = write_record(tmp_path / "a", record())
+    assert "nothing to plot" in bad(plots.main, [])
+    assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
+    assert "one table" in bad(plots.main, [run, tmp_path / "x.csv"])
+    assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
+    assert "cannot be written" in bad(plots.main, [run], run / "run.json" / "a.png")
+    assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])
+    broken = record()
+    del broken["steps"][0]["linear"]
+    del broken["steps"][1]["linear"]
+    assert "linear" in bad(plots.main, [write_record(tmp_path / "c", broken)])
+
+
+def test_pictures_do_not_need_the_solver():
+    code = "import fem_snh.plots, fem_snh.render, sys; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(said.stdout.split())
