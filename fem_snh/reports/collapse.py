@@ -1,4 +1,4 @@
-"""What happens as an element is crushed, and beyond: psi as J -> 0 and under inversion."""
+"""Energy and stress as an element collapses (J -> 0) and inverts."""
 
 from __future__ import annotations
 
@@ -9,19 +9,24 @@ import numpy as np
 from fem_snh.kernels.pointwise import Material
 from fem_snh.reports.evaluate import Array, diagonal, stress
 
-#: How an element is crushed: to a plane, to a point.
+#: Collapse to a plane and to a point: which stretches tend to 0.
 PATHS = {"flattened (1, 1, s)": (0.0, 0.0, 1.0), "shrunk (s, s, s)": (1.0, 1.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Collapse:
-    """An element crushed along one of `PATHS`, through 0 and inverted.
+    """Energy and stress along one of `PATHS`, through J = 0 to inverted states.
 
-    s : from -1.5 to 2.
-    energy : psi [Pa], NaN where it is infinite (everywhere, for a material that has none).
-    stress : dpsi/ds2 [Pa] likewise.
-    at_zero : psi as s -> 0 from above [Pa], +-inf where it has no bound; NaN without energy.
-    stress_at_zero : dpsi/ds2 there [Pa].
+    Attributes
+    ----------
+    path : str
+        Key of `PATHS`.
+    s : numpy.ndarray
+        The stretch, from -1.5 to 2.
+    energy, stress : numpy.ndarray
+        psi and dpsi/ds2 [Pa]; NaN where they are infinite or there is no energy.
+    at_zero, stress_at_zero : float
+        Limits of psi and dpsi/ds2 as s -> 0 from above [Pa]; infinite if unbounded.
     """
 
     path: str
@@ -33,12 +38,12 @@ class Collapse:
 
 
 def collapses(m: Material) -> tuple[Collapse, ...]:
-    """Both paths."""
+    """Return the collapse along both paths."""
     return tuple(collapse(m, path) for path in PATHS)
 
 
 def collapse(m: Material, path: str) -> Collapse:
-    """Energy and stress along one of `PATHS`."""
+    """Return energy and stress along one of `PATHS`."""
     moves = np.array(PATHS[path])
 
     def along(s: Array) -> tuple[Array, Array]:
@@ -53,9 +58,9 @@ def collapse(m: Material, path: str) -> Collapse:
 
 
 def _limit(values: Array) -> float:
-    """The limit of a sequence at 1e-2, 1e-5, 1e-8: infinite if its last change is not small.
+    """Return the limit of values at s = 1e-2, 1e-5, 1e-8; infinite if the last change is large.
 
-    A logarithm changes as much each time; what has a limit, a thousand times less or so.
+    A logarithm changes equally in both intervals, a convergent sequence about 1000 times less.
     """
     first, last = values[1] - values[0], values[2] - values[1]
     if abs(last) > 0.3 * abs(first) and abs(last) > 1e-6 * abs(values[2]):

@@ -1,8 +1,8 @@
-"""Stress against stretch in the four tests of a textbook, beside linear elasticity.
+"""Stress against stretch in four standard tests, beside linear elasticity.
 
-Linear elasticity is here what every material is to first order in the stretches: PK1-linear, that
-is corotational (Chen & Barbic, theorem 3.1). It knows rotations, so it is a line in all tests but
-the shear.
+Linear elasticity is the PK1-linearisation of every material, the corotational energy (Chen &
+Barbic, theorem 3.1). It is invariant under rotations, so its curve is a straight line in all tests
+but the shear.
 """
 
 from __future__ import annotations
@@ -17,24 +17,34 @@ from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.svd_eigen import svd
 from fem_snh.reports.evaluate import Array, stress
 
-#: From (prescribed stretch, free stretch) to the three stretches, and which of them is free.
+#: A function of (prescribed, free stretch) that returns three stretches; index of the free one.
 Test = tuple[Callable[[Array, Array], Array], int]
 
 UNIAXIAL: Test = (lambda s, t: np.stack([s, t, t], axis=-1), 2)
 EQUIBIAXIAL: Test = (lambda s, t: np.stack([s, s, t], axis=-1), 2)
 
-_FREE = np.geomspace(0.02, 50, 241)  # where free stretches are looked for
-_JUMP = 1.6  # from one stretch to the next, a free stretch changes by less on one branch
+#: Grid on which free stretches are searched.
+_FREE = np.geomspace(0.02, 50, 241)
+#: Largest ratio of consecutive free stretches on one branch of solutions.
+_JUMP = 1.6
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One test of a material; arrays of the same length.
+    """One test of a material.
 
-    x : stretch, or amount of shear.
-    stress : PK1 [Pa] in the direction of the test; NaN where there is no solution.
-    linear : the same of linear elasticity.
-    stretches : the principal stretches (n, 3), or None for the shear.
+    Attributes
+    ----------
+    name : str
+        The test.
+    x : numpy.ndarray
+        Stretch, or amount of shear (n,).
+    stress : numpy.ndarray
+        PK1 [Pa] in the direction of the test (n,); NaN where there is no solution.
+    linear : numpy.ndarray
+        PK1 [Pa] of linear elasticity (n,).
+    stretches : numpy.ndarray or None
+        Principal stretches (n, 3); None for the shear.
     """
 
     name: str
@@ -45,24 +55,24 @@ class Curve:
 
 
 def around_rest(low: float, high: float) -> Array:
-    """121 stretches from ``low`` to ``high``, the 61st of them exactly 1."""
+    """Return 121 stretches from ``low`` to ``high``; the 61st is exactly 1."""
     return np.concatenate([np.geomspace(low, 1, 61)[:-1], np.geomspace(1, high, 61)])
 
 
 def curves(m: Material) -> tuple[Curve, Curve, Curve, Curve]:
-    """The four tests over their default ranges."""
+    """Return the four tests over their default ranges."""
     return uniaxial(m), equibiaxial(m), shear(m), volumetric(m)
 
 
 def uniaxial(m: Material, x: Array | None = None) -> Curve:
-    """Pulled along one axis, free of stress across: P_00 against s_0."""
+    """Return P_00 against s_0 for uniaxial stress."""
     x = around_rest(0.25, 4) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, UNIAXIAL, x)
     return Curve("uniaxial", x, stress(m, s)[:, 0], _young(m)[0] * (x - 1), s)
 
 
 def equibiaxial(m: Material, x: Array | None = None) -> Curve:
-    """Pulled equally along two axes, free of stress along the third: P_00 against s_0 = s_1."""
+    """Return P_00 against s_0 = s_1 for equibiaxial stress."""
     x = around_rest(0.4, 3) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, EQUIBIAXIAL, x)
     E, nu = _young(m)
@@ -70,7 +80,7 @@ def equibiaxial(m: Material, x: Array | None = None) -> Curve:
 
 
 def volumetric(m: Material, x: Array | None = None) -> Curve:
-    """The same stretch in all directions: P_00 against it."""
+    """Return P_00 against the stretch, equal in all directions."""
     x = around_rest(0.3, 2) if x is None else np.asarray(x, dtype=float)
     s = np.repeat(x[:, None], 3, axis=1)
     mu, lam = m.lame
@@ -78,7 +88,7 @@ def volumetric(m: Material, x: Array | None = None) -> Curve:
 
 
 def shear(m: Material, x: Array | None = None) -> Curve:
-    """Simple shear F = I + x e_0 e_1^T: P_01 against x."""
+    """Return P_01 against x for simple shear F = I + x e_0 e_1^T."""
     x = np.linspace(0, 3, 121) if x is None else np.asarray(x, dtype=float)
     F = np.tile(np.eye(3), (len(x), 1, 1))
     F[:, 0, 1] = x
@@ -91,7 +101,7 @@ def shear(m: Material, x: Array | None = None) -> Curve:
 
 
 def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
-    """The stretch near ``guess`` that leaves the free direction without stress; or NaN."""
+    """Return the stretch near ``guess`` for which the free direction has no stress, or NaN."""
     for factor in (1.02, 1.1, 1.4):
         low, high = guess / factor, guess * factor
         if _across(low, m, test, s) < 0 < _across(high, m, test, s):
@@ -100,14 +110,14 @@ def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
 
 
 def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
-    """Stretches (n, 3) along the branch of solutions that leaves from rest; NaN where it ends.
+    """Return stretches (n, 3) along the branch of solutions from the rest state; NaN at its end.
 
-    All sign changes of the stress across are found on a grid; from rest outwards the one that
-    continues the branch is followed, and refined. Only a stress that grows with its stretch counts:
-    the other solutions are unstable.
+    All sign changes of the lateral stress are found on a grid. From the rest state outwards, the
+    one that continues the branch is refined. Solutions whose lateral stress decreases with the
+    lateral stretch are unstable and left out.
     """
-    place, free = test
-    across = stress(m, place(*np.meshgrid(x, _FREE, indexing="ij")))[..., free]
+    stretches, free = test
+    across = stress(m, stretches(*np.meshgrid(x, _FREE, indexing="ij")))[..., free]
     with np.errstate(invalid="ignore"):
         rising = (across[:, :-1] <= 0) & (across[:, 1:] > 0)
     t = np.full(len(x), np.nan)
@@ -122,21 +132,21 @@ def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
                 break
             k = found[int(near.argmin())]
             t[n] = previous = _root(m, test, x[n], _FREE[k], _FREE[k + 1])
-    return place(x, t)
+    return stretches(x, t)
 
 
 def _across(t: float, m: Material, test: Test, s: float) -> float:
-    """The stress [Pa] in the free direction, which has stretch ``t``."""
-    place, free = test
-    return float(stress(m, place(np.array(s), np.array(t)))[free])
+    """Return the stress [Pa] in the free direction at its stretch ``t``."""
+    stretches, free = test
+    return float(stress(m, stretches(np.array(s), np.array(t)))[free])
 
 
 def _root(m: Material, test: Test, s: float, low: float, high: float) -> float:
-    """The free stretch between ``low`` and ``high`` that has no stress."""
+    """Return the free stretch between ``low`` and ``high`` that has no stress."""
     return float(brentq(_across, low, high, args=(m, test, s), xtol=1e-15, rtol=1e-14))
 
 
 def _young(m: Material) -> tuple[float, float]:
-    """(E [Pa], nu) of the material's own Lame constants (Chen & Barbic, eq. 14)."""
+    """Return (E [Pa], nu) of the material's small-strain constants (Chen & Barbic, eq. 14)."""
     mu, lam = m.lame
     return mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))

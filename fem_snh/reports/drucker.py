@@ -1,9 +1,10 @@
-"""Where the exact tangent is positive: the region of stretches, and intervals along loading paths.
+"""Drucker stability: the region of stretches in which the exact tangent is positive.
 
-The tangent is the 9x9 Hessian d2psi/dF2. Positive semidefinite, it is what the paper (section 3.3)
-relates to Drucker's stability. Under compression it is not, whatever the material: a compressed
-element may turn (the twist eigenvalues (p_j + p_k)/(s_j + s_k)), as a strut buckles. Therefore what
-holds of the three scaling eigenvalues alone, turning excluded, is told beside it.
+The tangent is the 9x9 Hessian d2psi/dF2. Smith et al. 2018 (section 3.3) relate its positive
+semidefiniteness to Drucker's stability. Under compression the tangent of every material is
+indefinite: the twist eigenvalues (p_j + p_k)/(s_j + s_k) are negative, because a compressed element
+may rotate as a strut buckles. The region of the three scaling eigenvalues alone, which excludes
+rotations, is therefore reported as well.
 """
 
 from __future__ import annotations
@@ -18,20 +19,27 @@ from fem_snh.kernels.pointwise import Material
 from fem_snh.reports.curves import EQUIBIAXIAL, UNIAXIAL, Curve, Test, free_stretch
 from fem_snh.reports.evaluate import Array, eigenvalues
 
-#: Planes of stretches: what the third one is, given two.
+#: Planes of stretches: the third stretch as a function of the two others.
 PLANES: dict[str, Callable[[Array, Array], Array]] = {
     "s2 = 1": lambda a, b: np.ones_like(a),
     "s2 = s1": lambda a, b: b,
 }
-TOLERANCE = 1e-8  # of E: at rest three eigenvalues are 0, and rounding is not instability
+#: Eigenvalues above -TOLERANCE [E] count as non-negative: three are 0 at rest, but for rounding.
+TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
 class Region:
     """Smallest eigenvalues [Pa] over a plane of stretches; NaN where psi is infinite.
 
-    s0, s1 : the axes (n,).
-    tangent, scaling : (n, n), rows for s1: of all nine eigenvalues, of the three scaling ones.
+    Attributes
+    ----------
+    plane : str
+        Key of `PLANES`.
+    s0, s1 : numpy.ndarray
+        The axes (n,).
+    tangent, scaling : numpy.ndarray
+        Smallest of all eigenvalues and of the three scaling eigenvalues (n, n), rows for s1.
     """
 
     plane: str
@@ -45,8 +53,15 @@ class Region:
 class Interval:
     """The stretches around rest for which the tangent stays positive along a path.
 
-    tangent, scaling : (from, to), or None if it is not even so at rest.
-    searched : the path's own range; an end equal to it is no end.
+    Attributes
+    ----------
+    path : str
+        Name of the curve.
+    searched : tuple of float
+        Range of the path; an interval that ends there may extend further.
+    tangent, scaling : tuple of float or None
+        (from, to) for all eigenvalues and for the scaling eigenvalues; None if the tangent is not
+        positive at rest.
     """
 
     path: str
@@ -56,13 +71,13 @@ class Interval:
 
 
 def smallest(m: Material, s: Array) -> tuple[Array, Array]:
-    """The smallest of all nine and of the three scaling eigenvalues [Pa], stretches (..., 3)."""
+    """Return the smallest of all and of the scaling eigenvalues [Pa] at stretches (..., 3)."""
     values = eigenvalues(m, s)
     return values.min(axis=-1), values[..., :3].min(axis=-1)
 
 
 def region(m: Material, plane: str, axis: Array | None = None) -> Region:
-    """The map over a plane of `PLANES`; ``axis`` (n,) are the stretches of both axes."""
+    """Return the smallest eigenvalues over a plane; ``axis`` (n,) are the stretches of both axes."""
     axis = np.linspace(0.01, 3, 300) if axis is None else np.asarray(axis, dtype=float)
     s0, s1 = np.meshgrid(axis, axis)
     s = np.stack([s0, s1, PLANES[plane](s0, s1)], axis=-1)
@@ -70,17 +85,17 @@ def region(m: Material, plane: str, axis: Array | None = None) -> Region:
 
 
 def regions(m: Material) -> tuple[Region, ...]:
-    """The maps over all planes."""
+    """Return the regions of all planes."""
     return tuple(region(m, plane) for plane in PLANES)
 
 
 def intervals(m: Material, curves: tuple[Curve, ...]) -> tuple[Interval, ...]:
-    """For each of the curves that has stretches, i.e. all but the shear."""
+    """Return the intervals of all curves that have stretches (all but the shear)."""
     return tuple(interval(m, curve) for curve in curves if curve.stretches is not None)
 
 
 def interval(m: Material, curve: Curve) -> Interval:
-    """The part of a path, around rest, where the smallest eigenvalue is not negative."""
+    """Return the interval around rest in which the smallest eigenvalue is not negative."""
     assert curve.stretches is not None
     known = np.isfinite(curve.stretches).all(axis=-1)
     x, s = curve.x[known], curve.stretches[known]
@@ -107,7 +122,7 @@ def _around_rest(
 
 
 def _edge(m: Material, path: str, x: Array, s: Array, a: int, b: int, which: int) -> float:
-    """Between sample ``a``, where the tangent is positive, and ``b``, where not: by bisection."""
+    """Return the end of the interval between a positive sample ``a`` and a negative ``b``."""
     good, bad = float(x[a]), float(x[b])
     for _ in range(26):
         middle = (good + bad) / 2

@@ -1,4 +1,4 @@
-"""All the shapes an element may come to rest in: descent from many deformation gradients."""
+"""Search for all equilibrium shapes of an element: descent from many deformation gradients."""
 
 from __future__ import annotations
 
@@ -12,21 +12,33 @@ from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.normalise import lame
 from fem_snh.reports.evaluate import Array, inside
 
-STEPS = 150  # of the descent, at most
-_FLAT = 1e-6  # of E: eigenvalues of that size are none
-_FAR = 1e3  # a stretch larger than this has no end
-_SAME = 1e-3  # stretches that differ by less are one minimum
+#: Largest number of descent steps.
+STEPS = 150
+#: Eigenvalues below this [E] count as zero.
+_FLAT = 1e-6
+#: A stretch above this counts as unbounded.
+_FAR = 1e3
+#: Minima whose stretches differ by less are the same.
+_SAME = 1e-3
 
 
 @dataclass(frozen=True)
 class Minima:
     """Local minima of psi over all F.
 
-    stretches : their signed principal stretches (n, 3); rest, if it is one, first.
-    hits : how many starts ended in each.
-    starts : how many there were.
-    collapsed, lost : how many fell below the energy of rest, towards a stretch of zero or without
-        end; and how many had not arrived anywhere when the descent stopped.
+    Attributes
+    ----------
+    stretches : numpy.ndarray
+        Signed principal stretches (n, 3); the rest state, if it is a minimum, is first.
+    hits : tuple of int
+        Number of starts that ended in each minimum.
+    starts : int
+        Number of starts.
+    collapsed : int
+        Starts that fell below the energy of the rest state while a stretch tended to zero or
+        infinity.
+    lost : int
+        Starts that had not converged when the descent stopped.
     """
 
     stretches: Array
@@ -37,12 +49,12 @@ class Minima:
 
     @property
     def rest(self) -> bool:
-        """Whether rest is one of them."""
+        """True if the rest state is a minimum."""
         return bool(len(self.stretches)) and bool(np.allclose(self.stretches[0], 1, atol=_SAME))
 
     @property
     def spurious(self) -> Array:
-        """Those that are not rest."""
+        """The stretches of the minima other than the rest state."""
         return self.stretches[1:] if self.rest else self.stretches
 
     def __str__(self) -> str:
@@ -58,16 +70,25 @@ class Minima:
             found += f" and {more} more" if more else ""
         if self.collapsed:
             found += f"; {self.collapsed} of {self.starts} starts collapsed"
-        if self.lost > self.starts // 50:  # one may have met the end of the descent on its way
+        if self.lost > self.starts // 50:  # a few may need more steps
             found += f"; {self.lost} of {self.starts} starts lost"
         return found
 
 
 def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
-    """Descend from ``starts`` random F of every size and orientation, inverted ones too.
+    """Return the minima that are reached from random F of all sizes and orientations.
 
-    Only minima in all nine directions count: there the Hessian has no negative eigenvalue, and all
-    of stretching is positive. A flat spot, such as F = 0 can be, is left again by a kick.
+    At a minimum the Hessian has no negative eigenvalue and its scaling eigenvalues are positive. A
+    start on a flat spot, such as F = 0, is displaced at random.
+
+    Parameters
+    ----------
+    m : Material
+        The material.
+    starts : int
+        Number of starts; some are inverted.
+    seed : int
+        Seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
     F = _starts(m, starts, rng)
@@ -90,7 +111,7 @@ def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
 
 
 def _starts(m: Material, n: int, rng: np.random.Generator) -> Array:
-    """Random F in the domain: half of them near 1 in size, the others down to 1/1000, one to 0."""
+    """Return random F in the domain: half of size 1, the others down to 1/1000, one near 0."""
     F = rng.normal(size=(6 * n, 3, 3))
     F *= np.where(rng.random(6 * n) < 0.5, 1.0, 10 ** rng.uniform(-3, 0.3, 6 * n))[:, None, None]
     F = F[inside(m, F)][:n]
@@ -100,23 +121,24 @@ def _starts(m: Material, n: int, rng: np.random.Generator) -> Array:
 
 
 def _stable(values: Array, E: float) -> npt.NDArray[np.bool_]:
-    """Whether eigenvalues (n, 9), in the paper's order, are those of a minimum.
+    """Return where eigenvalues (n, 9), in the order of the paper, are those of a minimum.
 
-    Where there is no stress, turning costs nothing: twist and flip are 0.
+    Without stress a rotation needs no energy, so twist and flip eigenvalues may be 0.
     """
     return (values.min(axis=-1) > -_FLAT * E) & (values[:, :3].min(axis=-1) > _FLAT * E)
 
 
 def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """One step of Newton's method on |Hessian|, with backtracking.
+    """Take one step of Newton's method with the absolute Hessian and backtracking.
 
-    Returns the next F, who has arrived (at a minimum, or too far away), and who is on flat ground.
+    Returns the next F and, for each, whether it has arrived (at a minimum, or beyond `_FAR`) and
+    whether it is on a flat spot.
     """
     E, (mu, lam) = m.expression.E, lame(m.expression.E, m.expression.nu)
     g = np.swapaxes(m.pk1(F), -1, -2).reshape(-1, 9)
     values, vectors = m.eigensystem(F)
     along = np.einsum("nij,ni->nj", vectors, g)
-    # A saddle has no slope to leave by: a little push along its negative directions.
+    # The gradient vanishes at a saddle point: perturb along the negative directions.
     along = np.where((values < -_FLAT * E) & (np.abs(along) < 1e-9 * E), 1e-7 * E, along)
     step = -np.einsum("nij,nj->ni", vectors, along / np.maximum(np.abs(values), _FLAT * E))
     length = np.linalg.norm(step, axis=-1, keepdims=True)
@@ -125,7 +147,7 @@ def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDAr
     step = np.swapaxes(step.reshape(-1, 3, 3), -1, -2)
     force = np.abs(g).max(axis=-1)
     calm = (force < 1e-8 * (E + mu + abs(lam))) & (values.min(axis=-1) > -_FLAT * E)
-    # Near a minimum that is almost flat the force is small long before it is reached.
+    # Close to an almost flat minimum the force is small long before the minimum is reached.
     stable = _stable(values, E)
     near = stable & (length[:, 0] < 1e-5)
     arrived = (calm & near) | (np.abs(F).max(axis=(-1, -2)) > 10 * _FAR)
@@ -138,13 +160,13 @@ def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDAr
             break
         t[worse] /= 3
     t[worse | arrived] = 0
-    # Nowhere lower, to rounding: it is at rest.
+    # No decrease is possible to rounding: the descent has converged.
     arrived |= worse & near & (force < 1e-5 * E)
     return F + t * step, arrived, calm & ~stable
 
 
 def _distinct(s: Array) -> tuple[Array, tuple[int, ...]]:
-    """Stretches without repetitions, rest first, then by how often they were found."""
+    """Return distinct stretches, the rest state first, then by the number of hits."""
     found: list[Array] = []
     hits: list[int] = []
     for x in s:

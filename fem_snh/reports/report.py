@@ -1,4 +1,4 @@
-"""All that is found out about one material, and how it reads."""
+"""The report of one material, and its printed form."""
 
 from __future__ import annotations
 
@@ -18,19 +18,36 @@ from fem_snh.reports.stability import Stability
 
 @dataclass(frozen=True)
 class Report:
-    """What an energy is like, measured on the assembly's kernels. Print it, or ``plot`` it.
+    """Stability, admissible region and stress curves of a material; printable.
 
-    E, nu, shape : what was asked for.
-    constants : the material's own, solved for [Pa].
-    mu_lame, lambda_lame : recovered from the energy [Pa] (Chen & Barbic, table 1).
-    rest_stress : principal PK1 stress at rest [Pa].
-    domain : expressions that must be positive, or the energy is +inf.
-    needs_stretches : whether energy and stress need the singular values of F.
-    inversion, reflection, rest, degeneracy : the four stabilities.
-    lone : whether rest is the only minimum; minima : all that were found.
-    curves : uniaxial, equibiaxial, simple shear, volumetric.
-    drucker, regions : where the exact tangent is positive.
-    collapse : psi and stress as J -> 0 and under inversion.
+    Attributes
+    ----------
+    name : str
+        The material.
+    E, nu, shape : float, float, dict
+        The given Young's modulus [Pa], Poisson's ratio and shape parameters.
+    constants : dict
+        The material's own constants [Pa], fitted to E and nu.
+    mu_lame, lambda_lame : float
+        Small-strain constants [Pa], by differentiation of the energy at rest.
+    rest_stress : float
+        Principal PK1 stress at F = I [Pa].
+    has_energy : bool
+        True if the stress is the gradient of an energy.
+    domain : tuple of str
+        Expressions that must be positive; the energy is +inf elsewhere.
+    needs_stretches : bool
+        True if energy and stress need the singular values of F.
+    inversion, reflection, rest, degeneracy : Stability
+        The four stability properties of Smith et al. 2018.
+    lone, minima : Stability, Minima
+        Whether the rest state is the only minimum, and all minima that were found.
+    curves : tuple of Curve
+        Uniaxial, equibiaxial, simple shear and volumetric stress curves.
+    drucker, regions : tuple of Interval, tuple of Region
+        Where the exact tangent is positive semidefinite.
+    collapse : tuple of Collapse
+        Energy and stress as J -> 0 and under inversion.
     """
 
     name: str
@@ -57,11 +74,11 @@ class Report:
 
     @property
     def stabilities(self) -> tuple[Stability, Stability, Stability, Stability]:
-        """In the paper's order."""
+        """The four stability properties, in the order of the paper."""
         return self.inversion, self.reflection, self.rest, self.degeneracy
 
     def plot(self, path: str | Path) -> Path:
-        """Draw it all into one picture. Raises BadInput if ``path`` cannot be written."""
+        """Draw the report into the picture ``path``. Raises BadInput if it cannot be written."""
         from fem_snh.plots.materials import main
 
         return main(self, Path(path))
@@ -71,7 +88,7 @@ class Report:
 
 
 def report(m: Material) -> Report:
-    """Measure everything about ``m``: half a second, once its kernel is compiled."""
+    """Return the report of a material; it takes half a second once the kernel is compiled."""
     found = minima.minima(m)
     tests = curves.curves(m)
     return Report(
@@ -109,23 +126,26 @@ def _lines(r: Report) -> list[str]:
         f"{r.name}: E = {r.E:g} Pa, nu = {r.nu:g}" + (f", {own}" if own else ""),
         "",
         f"constants        {constants} [Pa]",
-        f"Lame constants   mu = {r.mu_lame:.6g}, lambda = {r.lambda_lame:.6g} [Pa], recovered",
+        f"Lame constants   mu = {r.mu_lame:.6g}, lambda = {r.lambda_lame:.6g} [Pa], derived",
         f"stress at rest   {r.rest_stress:.6g} Pa",
         f"energy           {'finite for ' + where if r.has_energy else 'none, only a stress'}",
         "computed from    "
         + ("the stretches (an SVD for energy and stress)" if r.needs_stretches else "I_C, II_C, J"),
         "",
-        "Stabilities, measured (numbers in units of E):",
+        "Stability (numbers in units of E):",
     ]
     for s in (*r.stabilities, r.lone):
         lines.append(f"  {s.name:<13}  {s}")
         numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
         lines += [f"  {'':<13}  {numbers}"] if numbers else []
-    lines += ["", "Tangent positive (stretches around rest)     all nine         stretching alone"]
+    lines += [
+        "",
+        "Tangent positive (stretches around rest)     all eigenvalues  scaling eigenvalues",
+    ]
     for i in r.drucker:
         both = (_span(x, i.searched) for x in (i.tangent, i.scaling))
         lines.append(f"  {i.path:<38}" + "".join(f"   {text:<16}" for text in both).rstrip())
-    lines += ["", "Crushed: energy, and stress along the last stretch, as it goes to 0 [E]"]
+    lines += ["", "Collapse: energy and stress along the last stretch as it tends to 0 [E]"]
     for c in r.collapse:
         psi = _short(c.at_zero / r.E) if r.has_energy else "none"
         lines.append(f"  {c.path:<22} energy {psi:<10} stress {_short(c.stress_at_zero / r.E)}")
@@ -133,7 +153,7 @@ def _lines(r: Report) -> list[str]:
 
 
 def domain(positive: tuple[str, ...]) -> str:
-    """In words, what must be positive for a finite energy."""
+    """Return the condition for a finite energy as text."""
     left = set(positive)
     products = {d for d in left if re.fullmatch(r"[s\d*/()]+", d)}  # and powers, of the stretches
     if {"s0", "s1", "s2"} <= left:
@@ -153,7 +173,7 @@ def _short(x: float) -> str:
 
 
 def _span(found: tuple[float, float] | None, searched: tuple[float, float]) -> str:
-    """An interval; an end that is only the end of the search is not closed."""
+    """Return an interval as text; '<' or '>' marks an end of the searched range."""
     if found is None:
         return "nowhere"
     low = f"< {searched[0]:.3g}" if found[0] == searched[0] else f"{found[0]:.4g}"

@@ -1,4 +1,4 @@
-"""An energy of signed stretches as they are given: no SVD decides which one carries the sign."""
+"""Evaluate an energy at stretches of any signs, without the sign convention of an SVD."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))  # that twist and flip couple
 
 
 class Signed:
-    """Energy, principal stresses and the nine eigenvalues, of stretches (..., 3) of any signs.
+    """Energy, principal stresses and eigenvalues at stretches (..., 3) of any signs.
 
-    NaN outside the domain. From the material's expression, not from the kernels: these have an SVD
-    of their own, and so one convention.
+    They are NaN outside the domain. They come from the symbolic expression, because the kernels
+    compute an SVD with one convention for the sign.
     """
 
-    def __init__(self, law: Energy) -> None:
-        self._values = law.values
-        psi = law.psi_sigma
-        slopes = law.slopes
+    def __init__(self, energy: Energy) -> None:
+        self._values = energy.values
+        psi = energy.psi_sigma
+        slopes = energy.slopes
         second = [[sympy.diff(p, s) for s in SIGMA] for p in slopes]
-        self._psi = self._function(law, [sympy.Integer(0) if psi is None else psi])
-        self._slopes = self._function(law, list(slopes))
-        self._second = self._function(law, [a for row in second for a in row])
-        self._domain = self._function(law, [d.subs(INVARIANTS) for d in law.domain])
+        self._psi = self._function(energy, [sympy.Integer(0) if psi is None else psi])
+        self._slopes = self._function(energy, list(slopes))
+        self._second = self._function(energy, [a for row in second for a in row])
+        self._domain = self._function(energy, [d.subs(INVARIANTS) for d in energy.domain])
 
     @staticmethod
-    def _function(law: Energy, expressions: list[sympy.Expr]) -> Any:
+    def _function(energy: Energy, expressions: list[sympy.Expr]) -> Any:
         modules = [{"where": lambda x, a, b: np.where(x > 0, a, b)}, "numpy"]
-        return sympy.lambdify((*SIGMA, *law.constants), expressions, modules=modules, cse=True)
+        return sympy.lambdify((*SIGMA, *energy.constants), expressions, modules=modules, cse=True)
 
     def _call(self, function: Any, s: Array) -> Array:
-        """(..., number of expressions); what is complex is outside the domain."""
+        """Return the values (..., number of expressions); NaN outside the domain."""
         with np.errstate(all="ignore"):
             found = function(*np.moveaxis(s, -1, 0), *self._values)
         outside = np.zeros(s.shape[:-1], dtype=bool)
@@ -48,17 +48,17 @@ class Signed:
         return np.where(outside[..., None], np.nan, out)
 
     def energy(self, s: Array) -> Array:
-        """psi [Pa], (...); 0 for a material that has none."""
+        """Return psi [Pa], shape (...); 0 for a material without an energy."""
         return self._call(self._psi, s)[..., 0]
 
     def stress(self, s: Array) -> Array:
-        """dpsi/ds_i [Pa], (..., 3)."""
+        """Return dpsi/ds_i [Pa], shape (..., 3)."""
         return self._call(self._slopes, s)
 
     def eigenvalues(self, s: Array) -> Array:
-        """The nine eigenvalues [Pa] of the Hessian, ascending, (..., 9); of unequal stretches.
+        """Return the eigenvalues [Pa] of the Hessian at unequal stretches, ascending, (..., 9).
 
-        Where two stretches are opposite the twist is a division by zero, and infinite.
+        The twist eigenvalue of two opposite stretches is infinite.
         """
         p, A = self.stress(s), self._call(self._second, s).reshape(*s.shape[:-1], 3, 3)
         finite = np.asarray(np.isfinite(A).all(axis=(-1, -2), keepdims=True))

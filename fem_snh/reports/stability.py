@@ -1,10 +1,10 @@
-"""The four stabilities of Smith et al. 2018 (section 3), measured, and a search for other minima.
+"""The four stability properties of Smith et al. 2018, section 3, evaluated numerically.
 
-inversion    finite energy, stress and Hessian at every F, with a force that turns an element back
-reflection   the same energy, stress and Hessian whichever stretch carries the sign
-rest         no energy and no stress at rest, and Hooke's law around it
-degeneracy   crushed to a plane: a force along its normal; to a line: no force, and a direction of
-             negative curvature to leave by; to a point: no force, and no stable minimum
+inversion    finite energy, stress and Hessian at every F, and a force that restores J > 0
+reflection   energy, stress and Hessian do not depend on which stretch carries the sign
+rest         no energy and no stress at rest, and Hooke's law as tangent
+degeneracy   at a plane: a force along its normal; at a line: no force and a direction of
+             negative curvature; at a point: no force and no stable minimum
 """
 
 from __future__ import annotations
@@ -22,24 +22,34 @@ from fem_snh.reports.signed_stretches import Signed
 
 HOLDS, FAILS, NOT_APPLICABLE = "holds", "fails", "not applicable"
 
-#: The two other stretches of an element whose third one is pushed through 0.
+#: The two other stretches of an element whose third stretch is moved through 0.
 PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
 #: One, two, three negative stretches, and zero ones.
 INVERTED = ((1.2, 0.9, -0.5), (1.2, -0.9, -0.5), (-1.2, -0.9, -0.5))
 DEGENERATE = ((1.2, 0.9, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 0.0))
-#: Where the polar rotation jumps: two stretches of opposite sign.
+#: Two stretches of opposite sign, where the polar rotation is discontinuous.
 OPPOSITE = (1.2, 0.5, -0.5)
 #: An inverted F = U diag(s) V^T with det U = det V = 1 can be written with four choices of signs.
 FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float)
 
-_SMALL = 1e-9  # of E: no force, no curvature, no difference
+#: Forces, curvatures and differences below this [E] count as zero.
+_SMALL = 1e-9
 
 
 @dataclass(frozen=True)
 class Stability:
-    """What was found of one stability: "holds", "fails" or "not applicable", why, and the numbers.
+    """The verdict on one stability property.
 
-    Numbers with a unit of Pa are divided by E.
+    Attributes
+    ----------
+    name : str
+        The property.
+    verdict : str
+        "holds", "fails" or "not applicable".
+    why : str
+        The reason of a failure.
+    numbers : dict
+        The numbers behind the verdict; stresses in units of E.
     """
 
     name: str
@@ -51,7 +61,7 @@ class Stability:
         return self.verdict + (f": {self.why}" if self.why else "")
 
 
-def _judged(name: str, faults: list[str], numbers: dict[str, float]) -> Stability:
+def _verdict(name: str, faults: list[str], numbers: dict[str, float]) -> Stability:
     return Stability(name, FAILS if faults else HOLDS, "; ".join(faults), numbers)
 
 
@@ -59,11 +69,12 @@ def _judged(name: str, faults: list[str], numbers: dict[str, float]) -> Stabilit
 
 
 def inversion(m: Material, minima: Minima) -> Stability:
-    """Finite everywhere, its Hessian bounded, driven back when inverted, at rest nowhere inverted.
+    """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
 
-    Numbers: ``finite`` (share of the six kinds of inverted and degenerate states), ``growth`` (of
-    the largest |eigenvalue| from 1e-2 to 1e-6 beside singular states), ``force`` (the largest
-    stress along a stretch pushed through 0 to negative: it must be negative), ``inverted minima``.
+    The Hessian has to be bounded and no inverted state may be a minimum. Numbers: ``finite``, the
+    share of the six kinds of inverted and degenerate states; ``growth`` of the largest
+    |eigenvalue| from a distance of 1e-2 to 1e-6 of singular states; ``force``, the largest stress
+    along a stretch that is moved through 0, which must be negative; ``inverted minima``.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
     finite = inside(m, F)
@@ -85,13 +96,13 @@ def inversion(m: Material, minima: Minima) -> Stability:
         faults.append("not driven back")
     if inverted:
         faults.append("inverted minimum")
-    return _judged("inversion", faults, numbers)
+    return _verdict("inversion", faults, numbers)
 
 
 def restoring(m: Material) -> float:
-    """The largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
+    """Return the largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
 
-    Negative: the energy falls all the way back to the plane and through it.
+    If it is negative, the energy decreases from every inverted state to the plane.
     """
     worst = -np.inf
     for s1, s0 in PLANES:
@@ -102,7 +113,7 @@ def restoring(m: Material) -> float:
 
 
 def growth(m: Material) -> float:
-    """The largest |eigenvalue| at 1e-6 beside singular states over that at 1e-2; 1 if bounded."""
+    """Return the largest |eigenvalue| at 1e-6 from singular states over that at 1e-2."""
     sizes = []
     for d in (1e-2, 1e-6):
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
@@ -113,7 +124,7 @@ def growth(m: Material) -> float:
 
 
 def lone(found: Minima) -> Stability:
-    """Rest is the one shape an element comes to rest in.
+    """Evaluate whether the rest state is the only minimum.
 
     Numbers: ``spurious`` minima, ``collapsed`` and ``lost`` starts of the search.
     """
@@ -131,7 +142,7 @@ def lone(found: Minima) -> Stability:
 
 
 def reflection(m: Material) -> Stability:
-    """Energy, stress and eigenvalues from every choice of the negative stretch, in every order.
+    """Evaluate reflection stability: any choice of the negative stretch gives the same values.
 
     Numbers: the largest relative differences between the four choices of signs of an inverted
     element: ``energy``, ``stress``, ``eigenvalues``; and ``order``, between the six orders of the
@@ -147,20 +158,20 @@ def reflection(m: Material) -> Stability:
     scale = float(np.abs(e).mean())
     numbers = {
         "energy": float(np.ptp(psi, axis=1).max()) / scale,
-        # A pair of signs moved is a rotation: the stress turns with it.
+        # Two changed signs are a rotation of F, and the stress rotates with it.
         "stress": float(np.ptp(p * FLIPS, axis=1).max()) / scale,
         "eigenvalues": float(np.ptp(e, axis=1).max()) / scale,
         "order": float(np.ptp(signed.energy(orders), axis=1).max()) / scale,
     }
     faults = [f"{what} differs" for what, size in numbers.items() if size > _SMALL]
-    return _judged("reflection", faults[:1], numbers)
+    return _verdict("reflection", faults[:1], numbers)
 
 
 # --- rest ----------------------------------------------------------------------------------------
 
 
 def rest(m: Material) -> Stability:
-    """psi(I) = 0, P(I) = 0 and Hessian(I) = Hooke's law, to rounding.
+    """Evaluate rest stability: psi(I) = 0, P(I) = 0 and the Hessian at I is Hooke's law.
 
     Numbers: ``energy`` and ``stress`` at rest, ``Hooke`` (difference of the Hessians relative to
     Hooke's).
@@ -182,14 +193,14 @@ def rest(m: Material) -> Stability:
         faults.append(f"stress at rest {float(m.pk1(eye)[0, 0]) / E:.3g} E")
     elif numbers["Hooke"] > _SMALL:
         faults.append("not Hooke's law")
-    return _judged("rest", faults, numbers)
+    return _verdict("rest", faults, numbers)
 
 
 # --- degeneracy ----------------------------------------------------------------------------------
 
 
 def degeneracy(m: Material) -> Stability:
-    """Signs of stress and Hessian crushed to a plane, a line and a point (section 3.3).
+    """Evaluate degeneracy: elements collapsed to a plane, a line or a point recover (section 3.3).
 
     Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
     and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),
@@ -219,7 +230,7 @@ def degeneracy(m: Material) -> Stability:
         faults.append("point")
     if numbers["point force"] <= _SMALL < numbers["point curvature"]:
         numbers["point basin"] = _basin(m)
-    return _judged("degeneracy", [", ".join(faults)] if faults else [], numbers)
+    return _verdict("degeneracy", [", ".join(faults)] if faults else [], numbers)
 
 
 def _lowest(H: Array) -> float:
@@ -227,7 +238,7 @@ def _lowest(H: Array) -> float:
 
 
 def _basin(m: Material) -> float:
-    """The uniform stretch below which a stable point attracts."""
+    """Return the uniform stretch below which a stable point attracts."""
     s = np.geomspace(1e-6, 1, 2000)
     pushed = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
     return float(s[np.argmax(pushed < 0)]) if (pushed < 0).any() else 1.0
