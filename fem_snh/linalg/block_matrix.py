@@ -100,7 +100,7 @@ class SymmetricBlockMatrix:
         return int(self.lib.matrix_fill(self.struct, *addresses, scale))
 
     def largest_diagonal_entry(self, values: int) -> float:
-        """Return max |A_ii| of an AIJ matrix; infinity if an entry is not finite."""
+        """Return max ``|A_ii|`` of an AIJ matrix; infinity if an entry is not finite."""
         return float(self.lib.matrix_largest_diagonal(self.struct, *self.addresses(values)))
 
     def addresses(self, *values: int) -> list[Any]:

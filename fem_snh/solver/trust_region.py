@@ -30,7 +30,7 @@ LINEAR_OPTIONS = {
 
 
 def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
-    """Return the linear solver of the trust region, from options under prefix + trust_. Collective.
+    """Return the linear solver of the trust region, with the options ``trust_*``. Collective.
 
     Raises
     ------

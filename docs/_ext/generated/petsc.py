@@ -10,7 +10,7 @@ from generated.table import table
 def markdown() -> str:
     """Return the table of the options that this solver adds to PETSc's."""
     rows = [
-        (f"`-{PREFIX}{name}`", f"`{option.default}`", option.meaning, option.origin)
+        (f"`-{PREFIX}{name}`", f"`{option.default}`", f"{option.meaning} ({option.origin})")
         for name, option in OPTIONS.items()
     ]
-    return table(("option", "default", "meaning", "name and default from"), rows)
+    return table(("option", "default", "meaning, and the source of name and default"), rows)
