@@ -58,6 +58,8 @@ class Elastic:
     ----------
     matrix : PETSc.Mat
         The matrix that `jacobian` fills.
+    loops : CellLoops
+        The compiled loops over this rank's cells.
     element_energy : ElementEnergy
         The energy density, with the volume term apart where the element treats it separately.
     jit_seconds : float
@@ -89,7 +91,7 @@ class Elastic:
         source = cell_loops_source(self.element_energy, tables)
         library = on_root(self._comm, build.library, source)
         self.jit_seconds = perf_counter() - start
-        self._loops = CellLoops(library, self.element_energy, tables)
+        self.loops = CellLoops(library, self.element_energy, tables)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
 
         owned, ghosts = _dolfinx.num_nodes(V)
@@ -111,11 +113,11 @@ class Elastic:
         constrained_cells = constrained[cell_nodes].any(axis=(1, 2)).astype(np.uint8)
         # The struct has pointers to these arrays, which must live as long.
         self._target_arrays = (*strides, positions, free, constrained_cells)
-        return self._loops.target(strides, positions, free, constrained_cells)
+        return self.loops.target(strides, positions, free, constrained_cells)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy [J]; +inf where u is outside the energy's domain. Collective."""
-        local = self._loops.energy(_local(u), _if_any(_local, p))
+        local = self.loops.energy(_local(u), _if_any(_local, p))
         return float(self._comm.allreduce(local, op=MPI.SUM))
 
     def add_residual(
@@ -126,7 +128,7 @@ class Elastic:
         r_p: PETSc.Vec | None,
     ) -> None:
         """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
-        self._loops.residual(_local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p))
+        self.loops.residual(_local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p))
 
     def jacobian(
         self,
@@ -155,8 +157,8 @@ class Elastic:
         solver_index = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         with self._block_matrix.value_addresses() as addresses:
             for k, address in enumerate(addresses):
-                self._target.values[k] = self._loops.address(address)
-            filtered = self._loops.jacobian(
+                self._target.values[k] = self.loops.address(address)
+            filtered = self.loops.jacobian(
                 _local(u), filter_index, solver_index, self._target, _if_any(_local, p)
             )
         self._add_constrained_diagonal()
@@ -190,7 +192,7 @@ class Elastic:
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
-        return self._loops.fields(_local(u), _if_any(_local, p))
+        return self.loops.fields(_local(u), _if_any(_local, p))
 
 
 def element_tables(
