@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from math import log
 
@@ -10,63 +9,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import FACES, Condition, Force, Hold, cube, dense, norm, one_cell, wave
+from bodies import FACES, Condition, Force, Hold, cube, norm, wave
+from element_theory import THEORY, poissons, problem
 
 from benchmarks.manufactured import Manufactured, solve_to_rounding
 from fem_snh import _dolfinx
-from fem_snh.fem import elements
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)
-
-
-@dataclass(frozen=True)
-class Theory:
-    """What is known of an element.
-
-    orders : of the displacement's error in L2 and in H1 where the solution is smooth, and of the
-        pressure's in L2 where there is one.
-    cells : two numbers of cells along an edge, fine enough to see these orders.
-    least : the lowest quadrature degree that leaves no spurious modes.
-    volume : the lowest that integrates J exactly, and so the volume of a deformed cell.
-    locks : whether errors at a given mesh grow as nu -> 1/2.
-    """
-
-    orders: tuple[float, ...]
-    cells: tuple[int, int]
-    least: int
-    volume: int
-    locks: bool = False
-
-
-#: J is of degree 3 (k - 1) on a tetrahedron of order k, of 3 k - 1 along an edge of a hexahedron.
-#: Tensor rules of Gauss are exact for odd degrees: 2 is as good as 3.
-THEORY = {
-    "P1": Theory((2, 1), (8, 12), least=1, volume=1, locks=True),
-    "Q1": Theory((2, 1), (8, 12), least=2, volume=2, locks=True),
-    "P2": Theory((3, 2), (6, 9), least=2, volume=3, locks=True),
-    "Q2": Theory((3, 2), (4, 6), least=4, volume=4, locks=True),
-    "Q1P0": Theory((2, 1), (8, 12), least=2, volume=2),
-    "P2P0": Theory((2, 1), (6, 9), least=2, volume=3),
-    "P2P1": Theory((3, 2, 2), (6, 9), least=2, volume=3),
-    "Q2Q1": Theory((3, 2, 2), (5, 8), least=4, volume=4),
-}
-
-
-def problem(body, element, nu, quadrature=None, E=1.0, **conditions):
-    """Of the energy of eq. 13, whatever nu."""
-    law = material("stable_neo_hookean", E=E, nu=nu, barrier=False)
-    return Problem(body, elements.element(element, quadrature), law, **conditions)
-
-
-def poissons(*values):
-    """``element`` with each nu, and with 0.5 where a pressure is unknown."""
-    pairs = [(element, nu) for element in ELEMENTS for nu in values]
-    pairs += [(e.name, 0.5) for e in ELEMENTS.values() if e.volume == "pressure"]
-    return pytest.mark.parametrize("element, nu", pairs)
 
 
 def solve(p, displacement):
@@ -236,46 +188,3 @@ def test_who_locks(element):
     cells = THEORY[element].cells[0]
     ratio = errors(element, cells, 0.4999, swell=0.0)[1] / errors(element, cells, 0.3, swell=0.0)[1]
     assert ratio > 1.25 if THEORY[element].locks else ratio < 1.1
-
-
-# --- modes at rest -------------------------------------------------------------------------------
-
-
-def modes(element, nu, body, quadrature):
-    """How many eigenvalues of the stiffness at rest are negative, and zero."""
-    kind = ELEMENTS[element]
-    if body == "cell":
-        made = one_cell(MPI.COMM_SELF, kind.cell)
-    else:
-        made = cube(MPI.COMM_SELF, kind.cell, 2, 0.05)
-    p = problem(made, element, nu, quadrature)
-    p.jacobian(p.x, "exact")
-    values = np.linalg.eigvalsh(dense(p.A))
-    zero = abs(values) <= 1e-12 * values[-1]
-    pressures = len(p.x.array) - len(p.u.x.array)
-    assert abs(values[~zero]).min() > 1e-8 * values[-1]  # no eigenvalue is in between
-    return int((values[~zero] < 0).sum()) - pressures, int(zero.sum())
-
-
-@poissons(0.3, 0.4999)
-@pytest.mark.parametrize("body", ["cell", "patch"])
-def test_rest_has_the_rigid_motions_and_no_spurious_modes(element, nu, body):
-    """Six zeros and, with a pressure, a negative eigenvalue for each of its unknowns.
-
-    With the default quadrature and, of one cell, which is the hardest, any other that will do.
-    """
-    kind, theory = ELEMENTS[element], THEORY[element]
-    more = range(theory.least, kind.quadrature + 3) if body == "cell" and nu == 0.3 else ()
-    for degree in sorted({*more, theory.least, kind.quadrature}):
-        assert modes(element, nu, body, degree) == (0, 6)
-
-
-@pytest.mark.parametrize("element", [name for name, theory in THEORY.items() if theory.least > 1])
-def test_one_degree_less_has_spurious_modes(element):
-    """So that ``least`` is the least; no rule has degree 0."""
-    assert modes(element, 0.3, "cell", THEORY[element].least - 1) != (0, 6)
-
-
-def test_every_element_has_a_theory():
-    assert set(THEORY) == set(ELEMENTS)
-    assert all(ELEMENTS[name].quadrature >= theory.least for name, theory in THEORY.items())

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from gmsh_files import BOX, write_msh
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
 
 pytestmark = pytest.mark.mpi
@@ -109,54 +107,6 @@ def test_a_parameter_does_not_outlive_its_call(comm):
 
 # --- files -------------------------------------------------------------------------------------
 
-# A box of two volumes, meshed with 2 cells along each edge of each; groups that overlap, have
-# gaps in their numbers, no names, or the same number in two dimensions.
-BOX = """
-Point(1) = {0, 0, 0};
-line[] = Extrude {0, 1, 0} { Point{1}; Layers{2}; Recombine; };
-base[] = Extrude {0, 0, 1} { Line{line[1]}; Layers{2}; RECOMBINE };
-one[] = Extrude {1, 0, 0} { Surface{base[1]}; Layers{2}; RECOMBINE };
-two[] = Extrude {1, 0, 0} { Surface{one[0]}; Layers{2}; RECOMBINE };
-Point(100) = {5, 5, 5};
-Physical Volume("all", 7) = {one[1], two[1]};
-Physical Volume("second", 3) = {two[1]};
-Physical Surface("start", 3) = {base[1]};
-Physical Surface("middle") = {one[0]};
-Physical Surface("both ends", 20) = {base[1], two[0]};
-Physical Curve("edge") = {line[1]};
-Physical Point(42) = {1};
-Physical Point("astray") = {100};
-"""
-
-
-@contextmanager
-def gmsh_model(script: str, folder):
-    """gmsh with a script's geometry, on rank 0 (others get None and must skip the body)."""
-    import gmsh
-
-    (folder / "script.geo").write_text(script + "\n")  # gmsh skips a last line without it
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    try:
-        gmsh.open(str(folder / "script.geo"))
-        yield gmsh
-    finally:
-        gmsh.finalize()
-
-
-def write_msh(comm, folder, script: str, version=4.1, order=1, binary=False, dim=3):
-    """The mesh of a gmsh script as a .msh file, written by rank 0."""
-    path = folder / "mesh.msh"
-    if comm.rank == 0:
-        with gmsh_model(script, folder) as gmsh:
-            gmsh.model.mesh.generate(dim)
-            gmsh.model.mesh.setOrder(order)
-            gmsh.option.setNumber("Mesh.MshFileVersion", version)
-            gmsh.option.setNumber("Mesh.Binary", binary)
-            gmsh.write(str(path))
-    comm.barrier()
-    return path
-
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
 @pytest.mark.parametrize("order", [1, 2])
@@ -209,108 +159,3 @@ def test_each_entity_is_owned_once_and_known_wherever_it_is(comm):
     x[_dolfinx.input_vertices(m.domain, 3)] = _dolfinx.geometry_x(m.domain)[cells]
     expected = np.flatnonzero((x[facets][:, :, 0] < 1e-12).all(axis=1))
     assert m.group("left").entities.tolist() == expected.tolist()
-
-
-# --- what users get wrong ----------------------------------------------------------------------
-
-
-def test_groups_are_named_by_name_number_or_dimension(comm, folder):
-    m = mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", "")))
-    assert m.group("start") is m.group("surface:start")
-    assert m.group(42) is m.group("42")
-    assert m.group(7) is m.group("all")
-    with pytest.raises(BadInput, match=r"did you mean 'middle'.*curve:edge, surface:start"):
-        m.group("midle")
-    with pytest.raises(BadInput, match="'surface:start' or 'volume:second'"):
-        m.group(3)
-    with pytest.raises(BadInput, match="'astray' has no part in the mesh"):
-        m.group("astray")
-
-
-@pytest.mark.parametrize(
-    ("source", "cell", "parameters", "message"),
-    [
-        ("cylindre", "hexahedron", {}, "geometry = 'cylindre': .*cube, cylinder.*'cylinder'"),
-        ("cube", "prism", {}, "cell = 'prism': .* hexahedron, tetrahedron"),
-        ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels': .*'cells'"),
-        ("cube", "hexahedron", {"tets": 1}, "unknown parameter 'tets'"),
-        ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: expected a whole number"),
-        ("cylinder", "hexahedron", {"cells": 2.5}, "cells = 2.5: expected a whole number, 3"),
-        ("cylinder", "tetrahedron", {"radius": -1}, "radius = -1.*expected positive numbers"),
-        ("cylinder", "tetrahedron", {"length": float("nan")}, "length = nan: .* finite"),
-    ],
-)
-def test_bad_geometries_are_one_line_on_every_rank(comm, source, cell, parameters, message):
-    with pytest.raises(BadInput, match=message) as caught:
-        mesh.generate(comm, source, cell, **parameters)
-    assert "\n" not in str(caught.value)
-    assert mesh.generate(comm, "cube", "hexahedron", cells=1).num_cells == 1  # gmsh is fine again
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, "cannot be read: No such file"),
-        (b"", "not a gmsh .msh file"),
-        (b'SystemCall "touch gotcha";\n', "not a gmsh .msh file"),
-        (b'$Nodes\nSystemCall "touch gotcha";\n', "not a gmsh .msh file"),
-        (bytes(range(256)) * 9, "not a gmsh .msh file"),
-        (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 2 3\n", "gmsh: .*nodes"),
-        (b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "no volume cells"),
-    ],
-)
-def test_bad_files_are_one_line_on_every_rank(comm, folder, capfd, monkeypatch, content, message):
-    monkeypatch.chdir(folder)
-    path = folder / "bad.msh"
-    if comm.rank == 0 and content is not None:
-        path.write_bytes(content)
-    comm.barrier()
-    with pytest.raises(BadInput, match=message) as caught:
-        mesh.read(comm, path)
-    assert "bad.msh" in str(caught.value) and "\n" not in str(caught.value)
-    assert not (folder / "gotcha").exists()
-    assert capfd.readouterr() == ("", "")
-
-
-def test_meshes_of_surfaces_are_refused(comm, folder):
-    with pytest.raises(BadInput, match="no volume cells: mesh in 3 dimensions"):
-        mesh.read(comm, write_msh(comm, folder, BOX.replace("RECOMBINE", ""), dim=2))
-
-
-def test_prisms_and_mixed_cells_are_refused(comm, folder):
-    prisms = """Point(1) = {0, 0, 0}; line[] = Extrude {1, 0, 0} { Point{1}; Layers{1}; };
-        base[] = Extrude {0, 1, 0} { Line{line[1]}; Layers{1}; };
-        Extrude {0, 0, 1} { Surface{base[1]}; Layers{1}; Recombine; }"""
-    with pytest.raises(BadInput, match="has cells Prism 6: all must be tetra"):
-        mesh.read(comm, write_msh(comm, folder, prisms))
-    mixed = BOX.replace("RECOMBINE", "Recombine;") + (
-        "Point(200) = {0, 0, 3}; l[] = Extrude {1, 0, 0} { Point{200}; Layers{1}; };"
-        "s[] = Extrude {0, 1, 0} { Line{l[1]}; Layers{1}; };"
-        "v[] = Extrude {0, 0, 1} { Surface{s[1]}; Layers{1}; }; Physical Volume(9) = {v[1]};"
-    )
-    with pytest.raises(BadInput, match="has cells Tetrahedron 4 and Hexahedron 8"):
-        mesh.read(comm, write_msh(comm, folder, mixed))
-
-
-def test_inverted_cells_are_refused(comm, folder):
-    path = folder / "inverted.msh"
-    if comm.rank == 0:
-        # A hexahedron whose top is turned by half a turn against its bottom.
-        x = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (1, 1, 1), (0, 1, 1), (0, 0, 1), (1, 0, 1)]
-        nodes = "".join(f"{i} {a} {b} {c}\n" for i, (a, b, c) in enumerate(x, 1))
-        path.write_text(
-            f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n8\n{nodes}$EndNodes\n"
-            "$Elements\n1\n1 5 2 1 1 1 2 3 4 5 6 7 8\n$EndElements\n"
-        )
-    comm.barrier()
-    with pytest.raises(BadInput, match="has 1 inverted or degenerate cells of 1"):
-        mesh.read(comm, path)
-
-
-def test_gmsh_is_silent_and_leaves_control_c_alone(comm, capfd):
-    import signal
-
-    before = signal.getsignal(signal.SIGINT)
-    mesh.generate(comm, "cube", "tetrahedron", cells=2)
-    assert signal.getsignal(signal.SIGINT) is before
-    assert capfd.readouterr() == ("", "")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from bodies import (
@@ -14,12 +12,8 @@ from bodies import (
     Force,
     Hold,
     cube,
-    dense,
     every_law,
-    every_law_serially,
-    held,
     norm,
-    one_cell,
     problem,
     put,
     wave,
@@ -163,60 +157,6 @@ def test_without_an_energy_there_are_forces(comm):
     put(p, lambda X: 0.1 * X * [1, 0, 0])
     (force,) = p.reactions(p.x).values()
     assert force[0] == pytest.approx(-law.pk1(np.diag([1.1, 1, 1]))[0, 0], rel=1e-10)
-
-
-# --- rigid motions -------------------------------------------------------------------------------
-
-
-@elements
-@every_law_serially
-@pytest.mark.parametrize("body", ["cell", "cube"])
-def test_rest_stiffness_has_the_six_rigid_motions_and_no_more(element, law, body):
-    """Even of one cell alone: the quadrature leaves no spurious modes."""
-    kind = ELEMENTS[element]
-    made = (
-        one_cell(MPI.COMM_SELF, kind.cell) if body == "cell" else cube(MPI.COMM_SELF, kind.cell, 1)
-    )
-    p = problem(made, element, law)
-    assert p.energy(p.x) == pytest.approx(0, abs=1e-15)
-    assert p.jacobian(p.x, "exact") == 0
-    A = dense(p.A)
-    values = np.linalg.eigvalsh(A)
-    assert abs(values[:6]).max() <= 1e-12 * values[-1]
-    assert values[6] >= 1e-4 * values[-1]
-    rigid = np.array([v.array_r for v in p.A.getNearNullSpace().getVecs()])
-    assert abs(rigid @ rigid.T - np.eye(6)).max() <= 1e-12
-    assert abs(A @ rigid.T).max() <= 1e-12 * values[-1]
-
-
-@mpi
-@elements
-def test_near_null_space_under_conditions(comm, element):
-    """Six orthonormal vectors, zero where the displacement is prescribed."""
-    p = problem(
-        cube(comm, ELEMENTS[element].cell, 2), element, hold=[Hold("left"), Hold("top", ("x",))]
-    )
-    vectors = p.A.getNearNullSpace().getVecs()
-    gram = np.array([[v.dot(w) for w in vectors] for v in vectors])
-    assert abs(gram - np.eye(6)).max() <= 1e-12
-    assert not any(v.array_r[held(p)].any() for v in vectors)
-
-
-@every_law
-def test_a_rotated_body_is_at_rest(comm, law):
-    angle = 2.5
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    p = problem(cube(comm, "hexahedron", 2, 0.05), "Q1", law)
-    put(p, lambda X: X @ R.T - X + [1, 2, 3])
-    r = p.x.duplicate()
-    p.gradient(p.x, r)
-    assert p.energy(p.x) == pytest.approx(0, abs=1e-14)
-    assert r.norm() <= 1e-13
-    corners = np.indices((2, 2, 2)).reshape(3, -1).T  # the norm of an affine map is convex
-    furthest = np.linalg.norm(corners @ R.T - corners + [1, 2, 3], axis=1).max()
-    measured = {"volume_ratio": 1.0, "min_J": 1.0, "max_u": furthest}
-    assert p.measures(p.x) == pytest.approx(measured, rel=1e-12)
 
 
 # --- conditions ----------------------------------------------------------------------------------
