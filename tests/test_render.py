@@ -200,5 +200,5 @@ def test_render_bad_files(twisted):
 
 
 def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
-    monkeypatch.setattr(render, "_ways_to_draw", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
+    monkeypatch.setattr(render, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
     assert "libegl1" in bad(render.main, twisted)

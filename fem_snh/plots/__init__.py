@@ -1,6 +1,6 @@
-"""Graphs of runs (against load), of sweeps (against nu) and of trades (error against work).
+"""Graphs of runs (against load), sweeps (against nu), studies (error against cost) and extremes.
 
-They read files only: run.json, or a study's CSV.
+They read files only: run.json, or the CSV file of a study.
 """
 
 from __future__ import annotations
@@ -20,11 +20,19 @@ from fem_snh.render import one_line, read_record
 
 
 def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -> Path:
-    """Plot run folders (overlaid), or one study's CSV, and return the picture's path.
+    """Plot run folders in one graph, or the CSV file of one study, and return the picture's path.
 
-    ``out`` defaults to history.png in a single run's folder, comparison.png above several, and the
-    CSV's name with .png. ``newton`` adds Newton iterations per step. BadInput for what is missing,
-    unreadable or no result, or if ``out`` cannot be written.
+    Parameters
+    ----------
+    paths : folders of runs, or one CSV file or folder of a study.
+    out : the picture; default: history.png in the folder of a single run, comparison.png above
+        several, and the name of the CSV file with .png.
+    newton : add a panel with the Newton iterations per step.
+
+    Raises
+    ------
+    BadInput
+        If a file is missing, cannot be read or has no results, or ``out`` cannot be written.
     """
     paths = [Path(p) for p in paths]
     if not paths:
@@ -44,7 +52,7 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
 
 
 def _table_in(path: Path) -> Path:
-    """The table of a study's folder; any other path as it is."""
+    """Return the CSV file of a study's folder; any other path unchanged."""
     for name in ("sweep.csv", "tradeoff.csv", "extremes.csv"):
         if (path / name).is_file():
             return path / name
@@ -61,7 +69,7 @@ def _table_figure(path: Path) -> Figure:
 
 
 def save(figure: Figure, out: Path) -> Path:
-    """Write the figure, making its folder; the suffix of ``out`` decides the format."""
+    """Write a figure and create its folder; the suffix of ``out`` determines the format."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(out, dpi=200)

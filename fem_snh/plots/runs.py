@@ -1,4 +1,4 @@
-"""One or more runs: volume change and iterations per step against the load."""
+"""Graphs of runs: volume change and iterations per step against the load."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAPER_STRETCH = 3.4
 
 
 def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figure:
-    """Volume change and iterations per step against the load, a line per record (run.json)."""
+    """Return a graph of volume change and iterations per step, a line per record (run.json)."""
     steps = [steps_of(record) for record in records]
     panels = ["volume", "linear", *(["newton"] if newton else [])]
     figure, axes = subplots(len(panels))
@@ -28,7 +28,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
         good, bad = table[table["converged"]], table[~table["converged"]]
         for panel, ax in zip(panels, axes, strict=True):
             start = good.head(0)
-            if panel == "volume":  # the body at rest is known too
+            if panel == "volume":  # the state at rest is the first point
                 start = pd.DataFrame({"x": [load_range(record)[0]], "volume": [0.0]})
             line = pd.concat([start, good]) if len(start) else good
             ax.plot(line["x"], line[panel], label=name, **style(index, len(line)))
@@ -58,13 +58,13 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
 
 
 def load_range(record: dict[str, Any]) -> tuple[float, float]:
-    """What load 0 and load 1 are called on the axis."""
+    """Return the values of the load parameter at load 0 and load 1."""
     low, high = record.get("load_range", (0.0, 1.0))
     return float(low), float(high)
 
 
 def steps_of(record: dict[str, Any]) -> pd.DataFrame:
-    """A row per load step: x (named load), volume [%], linear, newton, converged."""
+    """Return a row per load step: x (load parameter), volume [%], linear, newton, converged."""
     try:
         table = pd.DataFrame(record["steps"])
         low, high = load_range(record)
@@ -83,7 +83,7 @@ def steps_of(record: dict[str, Any]) -> pd.DataFrame:
 
 
 def names(records: Sequence[dict[str, Any]]) -> list[str]:
-    """A legend entry per record: the material, and whatever else differs between the records."""
+    """Return a legend entry per record: the material and all that differs between the records."""
     traits = [
         {
             "nu": f"ν = {r['material']['nu']:g}",
@@ -102,7 +102,7 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _paper_marks(ax: Axes, records: Sequence[dict[str, Any]]) -> None:
-    """Smith et al.'s volume changes, for runs of their experiment only."""
+    """Mark the volume changes of Smith et al. 2018 beside runs of their experiment."""
     drawn = False
     for index, record in enumerate(records):
         name, nu = record["material"]["name"], record["material"]["nu"]

@@ -1,4 +1,4 @@
-"""What all graphs share: palette, axes, legend."""
+"""The style of all graphs: palette, axes, markers, legend."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-# Okabe and Ito's palette, without its yellow: told apart by colour-blind readers.
+#: The palette of Okabe and Ito without yellow: colour-blind readers can distinguish it.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 MARKERS = "osD^vP*"
 
 
 def colour(index: int) -> str:
-    """The colour of series ``index``."""
+    """Return the colour of series ``index``."""
     return COLOURS[index % len(COLOURS)]
 
 
 def subplots(panels: int) -> tuple[Figure, list[Axes]]:
-    """A figure with that many panels, four of them two by two."""
+    """Return a figure with ``panels`` panels: up to three in a row, more in two columns."""
     columns = panels if panels <= 3 else 2
     rows = -(-panels // columns)
     figure = Figure(figsize=(4.2 * max(columns, 1), 3.3 * rows + 0.5), layout="constrained")
@@ -37,7 +37,7 @@ def subplots(panels: int) -> tuple[Figure, list[Axes]]:
 
 
 def style(index: int, points: int) -> dict[str, Any]:
-    """Colour, marker and line of series ``index``; fewer marks on long lines."""
+    """Return colour, marker and line style of series ``index``; long lines have fewer markers."""
     return {
         "color": colour(index),
         "marker": MARKERS[index % len(MARKERS)],
@@ -49,28 +49,28 @@ def style(index: int, points: int) -> dict[str, Any]:
 
 
 def failure(index: int) -> dict[str, Any]:
-    """A cross in the colour of series ``index``."""
+    """Return the style of a failed point: a cross in the colour of series ``index``."""
     return {"color": colour(index), "ls": "", "marker": "x", "ms": 7, "mew": 1.8}
 
 
 def from_zero(ax: Axes) -> None:
-    """A vertical axis from 0 to a little above the highest value."""
+    """Set the vertical axis from 0 to slightly above the highest value."""
     ax.set_ylim(0, 1.06 * max(ax.dataLim.y1, 1e-12))
 
 
 def thousands(value: float, _: object) -> str:
-    """A tick label with its thousands set apart."""
+    """Return a tick label with a thin space as thousands separator."""
     text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:g}"
     return text.replace(",", "\u2009").replace("-", "\u2212")
 
 
 def legend_entry(ax: Axes, label: str, marker: str) -> None:
-    """A hollow mark in the legend, for what is not a series."""
+    """Add a hollow marker to the legend that belongs to no series."""
     ax.add_line(Line2D([], [], ls="", marker=marker, mfc="none", mec="0.2", mew=1.5, label=label))
 
 
 def legend(figure: Figure, ax: Axes) -> None:
-    """One legend below all panels."""
+    """Add one legend below all panels."""
     handles, labels = ax.get_legend_handles_labels()
     fit = int(15 * figure.get_figwidth() / (8 + max(len(label) for label in labels)))
     columns = len(labels) if len(labels) <= min(fit, 4) else max(1, min(fit, 3))

@@ -1,4 +1,4 @@
-"""Work and precision: the error of the displacement against processor seconds and unknowns."""
+"""Work-precision diagrams: error of the displacement against processor time and unknowns."""
 
 from __future__ import annotations
 
@@ -13,30 +13,35 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from fem_snh.errors import BadInput
 from fem_snh.plots.style import colour, legend, legend_entry, style, thousands
 
-#: What errors are drawn against, with the axes' labels.
+#: The measures of work, with their axis labels.
 WORK = {"cpu": "processor time [s]", "dofs": "degrees of freedom"}
 _NEEDED = (
     "scene", "nu", "element", "default", "converged", "error_displacement", "floor_displacement",
     "shift",
 )  # fmt: skip
-#: One colour each, whichever elements a table has.
+#: The order of colours, independent of the elements in a table.
 _ELEMENTS = ("Q1", "Q1P0", "Q2", "Q2Q1", "P1", "P2P0", "P2", "P2P1")
 
 
 def tradeoff_figure(table: pd.DataFrame, path: Path) -> Figure:
-    """A row of two panels for each nu: error against time and against unknowns.
+    """Return a row of two panels for each nu: error against time and against unknowns.
 
-    A line for each element's default from mesh to mesh; small marks for a knob turned; the Pareto
-    front, in grey; a shade below the smallest error that the reference can tell. BadInput for a
-    table without errors.
+    A line joins the meshes of an element with default settings. Small circles are rows with a
+    changed setting, the grey line is the Pareto front, and the shaded errors are below the
+    resolution of the reference.
+
+    Raises
+    ------
+    BadInput
+        If the table has no errors.
     """
     missing = [column for column in (*_NEEDED, *WORK) if column not in table]
     if missing:
-        raise BadInput(f"{path}: not the table of a trade: has no column {', '.join(missing)}")
+        raise BadInput(f"{path}: not the table of a tradeoff: has no column {', '.join(missing)}")
     good = table["converged"].astype(str).eq("True") & table["error_displacement"].notna()
     if not good.any():
         raise BadInput(f"{path}: holds no error yet: the study has no reference")
-    moved = table["error_displacement"] + table["shift"].fillna(0)  # what a knob changes counts
+    moved = table["error_displacement"] + table["shift"].fillna(0)  # with the effect of the setting
     rows = table[good].assign(error=100 * np.maximum(moved, table["floor_displacement"]))
     nus = sorted(rows["nu"].unique())
     figure = Figure(figsize=(9.2, 2.9 * len(nus) + 0.6), layout="constrained")
@@ -54,7 +59,7 @@ def tradeoff_figure(table: pd.DataFrame, path: Path) -> Figure:
     for index, element in enumerate(_ELEMENTS):
         if element in set(rows["element"]) and element not in shown:
             first.plot([], [], label=element, **style(index, 1))
-    legend_entry(first, "a knob turned", "o")
+    legend_entry(first, "other settings", "o")
     legend(figure, first)
     figure.suptitle(str(rows["scene"].iloc[0]), fontsize=11)
     return figure
@@ -92,7 +97,7 @@ def _panel(ax: Axes, rows: pd.DataFrame, column: str) -> None:
 
 
 def _wide(axis: object) -> bool:
-    """Whether an axis spans so many decades that powers of ten are ticks enough."""
+    """Return whether an axis spans more than 2.5 decades: then powers of ten suffice as ticks."""
     low, high = axis.get_view_interval()  # type: ignore[attr-defined]
     return bool(high > 300 * low)
 
@@ -102,7 +107,7 @@ def _percent(value: float, _: object) -> str:
 
 
 def _front(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """The rows that nothing with less work is as accurate as."""
+    """Return the Pareto front: no row with less work is as accurate."""
     rows = rows.sort_values([column, "error"])
     before = np.minimum.accumulate(rows["error"].to_numpy())
     better = np.r_[True, rows["error"].to_numpy()[1:] < before[:-1]]

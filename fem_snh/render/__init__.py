@@ -1,7 +1,7 @@
 """Pictures of the deformed body from a run folder, coloured by J or another field.
 
-Drawing happens in a process of its own (``fem_snh.render.drawing``): without a display OpenGL can
-abort the whole process, and only another one can tell that to the user in one line.
+A process of its own (``fem_snh.render.drawing``) draws: without a display OpenGL can abort the
+process, and the parent can then report it in one line.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ INSTALL = (
 
 @dataclass(frozen=True)
 class Panel:
-    """One load: the files that hold its fields, and what is written above its picture."""
+    """One panel: the files that hold its fields, and its label."""
 
     files: list[str]
     label: str
@@ -39,7 +39,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Job:
-    """All that the drawing process needs to know."""
+    """The input of the drawing process."""
 
     field: str
     title: str
@@ -54,14 +54,20 @@ def main(
     field: str = "J",
     modes: bool = False,
 ) -> Path:
-    """Draw the body of run ``folder`` at ``loads`` (in 0..1), side by side, and return the PNG.
+    """Draw the body of a run at some loads side by side and return the path of the PNG.
 
-    By default every load step if there are at most four, otherwise those at 1/3, 2/3 and the end.
-    ``out`` defaults to ``folder/<field>.png``. BadInput if the folder's files are missing or
-    unreadable, a load was not stored, or nothing here can draw.
+    Parameters
+    ----------
+    folder : of the run.
+    out : default: ``folder/<field>.png``.
+    loads : in 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
+    field : one of `FIELDS`.
+    modes : draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
 
-    With ``modes`` the eigenmodes are drawn instead, see `fem_snh.render.modes.main`; ``loads`` are
-    then their numbers.
+    Raises
+    ------
+    BadInput
+        If files are missing or cannot be read, a load was not stored, or nothing can draw here.
     """
     folder = Path(folder)
     if modes:
@@ -79,7 +85,7 @@ def main(
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """The content of ``folder/run.json``; BadInput if there is none or it is no run's record."""
+    """Return ``folder/run.json``; BadInput if it is missing or is not the record of a run."""
     path = folder / "run.json"
     try:
         record = json.loads(path.read_text())
@@ -100,10 +106,10 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 def stored_loads(pvd: Path) -> dict[float, list[Path]]:
-    """Load -> its .vtu pieces, each once, from a collection that dolfinx's VTKFile wrote.
+    """Return {load: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
 
-    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5
-    repeats the pieces once per field; each is wanted once.
+    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5 lists
+    each file once per field; duplicates are removed.
     """
     found: dict[float, list[Path]] = {}
     for data in _elements(pvd, "DataSet"):
@@ -130,7 +136,7 @@ def _elements(path: Path, tag: str) -> list[ET.Element]:
 
 
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
-    """The stored loads to show; BadInput if a wanted one was not stored."""
+    """Return the stored loads to draw; BadInput if a requested one was not stored."""
     if wanted:
         for load in wanted:
             if not any(math.isclose(load, s, abs_tol=1e-6) for s in stored):
@@ -147,7 +153,7 @@ def _listed(loads: list[float]) -> str:
 
 
 def title(record: dict[str, Any]) -> str:
-    """Scene, material, nu, element and number of cells, in one line."""
+    """Return scene, material, nu, element and number of cells in one line."""
     material = record["material"]
     parts = [str(record["scene"]), pretty(material["name"]), rf"$\nu$ = {material['nu']:g}"]
     if "cells" in record and "element" in record:
@@ -156,7 +162,7 @@ def title(record: dict[str, Any]) -> str:
 
 
 def panel_label(record: dict[str, Any], load: float) -> str:
-    """What the load is called, its value, and that step's volume change and smallest J."""
+    """Return name and value of the load, and volume change and smallest J of its step."""
     low, high = record.get("load_range", (0.0, 1.0))
     label = f"{record.get('load_name', 'load')} {number(low + load * (high - low))}"
     steps = [s for s in record["steps"] if math.isclose(s["load"], load, abs_tol=1e-6)]
@@ -172,7 +178,7 @@ def panel_label(record: dict[str, Any], load: float) -> str:
 
 
 def number(x: float) -> str:
-    """``x`` for a label: as a fraction of pi where it is one, else to three digits."""
+    """Return ``x`` as text: a simple fraction of pi, or three digits."""
     turn = Fraction(x / math.pi).limit_denominator(12)
     if turn == 0 or not math.isclose(x, turn * math.pi, rel_tol=1e-9):
         return f"{x:.3g}"
@@ -181,22 +187,22 @@ def number(x: float) -> str:
 
 
 def pretty(name: str) -> str:
-    """A registry name as people write it: ``stable_neo_hookean`` -> ``stable Neo-Hookean``."""
+    """Return the name of a material for a label: "stable Neo-Hookean"."""
     return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
 
 
 def one_line(error: object) -> str:
-    """The first line of an error's message."""
+    """Return the first line of an error's message."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def draw_elsewhere(job: Job) -> None:
-    """Draw in a new process with whatever OpenGL works here; BadInput if none does."""
+    """Draw in a new process with the first OpenGL that works; BadInput if none does."""
     for package in ("pyvista", "matplotlib"):
         if find_spec(package) is None:
             raise BadInput(f"render needs {package}: pip install {package}")
     message = ""
-    for prefix, settings in _ways_to_draw():
+    for prefix, settings in _opengl_backends():
         env = {**os.environ, "PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg", **settings}
         command = [*prefix, sys.executable, "-m", "fem_snh.render.drawing"]
         with TemporaryFile("w+") as request:  # a pipe to a process that dies early is a SIGPIPE
@@ -212,17 +218,17 @@ def draw_elsewhere(job: Job) -> None:
         if worker.returncode == 0:
             return
         said = (worker.stderr.strip() or "no word").splitlines()[-1]
-        if worker.returncode == 2:  # the drawing process has said what is wrong with the files
+        if worker.returncode == 2:  # its last line says what is wrong with the files
             raise BadInput(said)
         died = worker.returncode < 0
         message = f"killed by signal {-worker.returncode}" if died else said[:200]
     raise BadInput(f"cannot draw without a display ({message}): {INSTALL}")
 
 
-def _ways_to_draw() -> list[tuple[list[str], dict[str, str]]]:
-    """Command prefix and environment of each way to OpenGL, the most likely one first.
+def _opengl_backends() -> list[tuple[list[str], dict[str, str]]]:
+    """Return command prefix and environment of each kind of OpenGL, the most likely one first.
 
-    VTK >= 9.4 takes the named window class; older builds know one class and ignore the variable.
+    VTK >= 9.4 uses the window class that the variable names; older builds have one class only.
     """
     ways: list[tuple[list[str], dict[str, str]]] = [
         ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}),

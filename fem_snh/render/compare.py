@@ -1,4 +1,4 @@
-"""Pictures of several runs, one body each, side by side."""
+"""Pictures of several runs side by side, one body each."""
 
 from __future__ import annotations
 
@@ -16,11 +16,19 @@ def main(
     labels: Sequence[str] | None = None,
     field: str = "J",
 ) -> Path:
-    """Draw the bodies of the runs ``folders`` side by side, one panel each, and return the PNG.
+    """Draw the bodies of runs side by side, with one scale and colour map, and return the PNG.
 
-    ``load`` is in 0..1, by default the last that each run has stored: one that gave up is shown
-    where it did. ``labels`` stand before each panel's load and volume, by default the materials'
-    names. All panels share scale and colours. BadInput as for `fem_snh.render.main`.
+    Parameters
+    ----------
+    folders : of the runs, one panel each.
+    load : in 0..1; default: the last one that each run has stored.
+    labels : of the panels, before load and volume; default: the names of the materials.
+    field : one of `fem_snh.render.FIELDS`.
+
+    Raises
+    ------
+    BadInput
+        As `fem_snh.render.main`.
     """
     choose("field", field, render.FIELDS)
     folders = [Path(folder) for folder in folders]

@@ -1,7 +1,7 @@
-"""Draw the panels of ``render`` with PyVista and set them with matplotlib: ``render``'s worker.
+"""Draw panels with PyVista and arrange them with matplotlib: the worker process of ``render``.
 
-Run as ``python -m fem_snh.render.drawing`` with a job (render.Job as JSON) on standard input. Exit
-code 2: the last line on standard error says what is wrong with the files. Anything else but 0:
+``python -m fem_snh.render.drawing`` reads a job (`render.Job` as JSON) from standard input. Exit
+code 2: the last line on standard error says what is wrong with the files. Any other code but 0:
 this process could not draw.
 """
 
@@ -37,10 +37,10 @@ NAMES = {
 
 
 def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
-    """Colour map, range and which ends of the bar are open, shared by all panels.
+    """Return colour map, range and open ends of the colour bar, which all panels share.
 
-    The range leaves out the outermost percent on either side; J is centred at 1, so that white-grey
-    is "volume kept", and an eigenvalue that changes sign is centred at 0.
+    The range excludes the lowest and highest percent of the values. J is centred at 1, so that grey
+    means no change of volume; an eigenvalue that changes sign is centred at 0.
     """
     values = values[np.isfinite(values)]
     if not len(values):
@@ -52,7 +52,7 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     centre = 1.0 if field == "J" else 0.0 if signed else None
     if centre is not None:
         half = nice(max(high - centre, centre - low, 1e-3))
-        half = min(half, 1.0) if field == "J" else half  # below J = 0 cells are inverted
+        half = min(half, 1.0) if field == "J" else half  # cells with J < 0 are inverted
         low, high = centre - half, centre + half
     elif high <= low:
         high = low + max(abs(low), 1.0) * 1e-3
@@ -62,14 +62,14 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
 
 
 def nice(x: float) -> float:
-    """The next of 1, 1.5, 2, 3, 4, 5, 6, 8, 10 times a power of ten."""
+    """Round up to 1, 1.5, 2, 3, 4, 5, 6, 8 or 10 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(x))
     return next(m for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= x * (1 - 1e-9)) * power
 
 
 @dataclass
 class View:
-    """A parallel projection that shows all panels at one scale; sizes in model units."""
+    """A parallel projection for all panels; sizes are in units of the model."""
 
     centre: np.ndarray
     towards: np.ndarray
@@ -78,7 +78,7 @@ class View:
 
 
 def view(bodies: list[Body]) -> View:
-    """From the front, right and above; more from the side for a body that is long in x or y."""
+    """Return a view from the front, right and above; from the side of a body long in x or y."""
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
     towards = np.array([0.62, -1.0, 0.55])
@@ -97,7 +97,7 @@ def view(bodies: list[Body]) -> View:
 def shot(
     item: Body, where: View, field: str, cmap: str, norm: Normalize, pixels: int
 ) -> np.ndarray:
-    """One panel as an RGB array (height, pixels, 3), drawn at twice the size and averaged."""
+    """Return a panel as an RGB array (height, pixels, 3), drawn at twice the size and averaged."""
     shape = [2 * pixels, 2 * round(pixels * where.height / where.width)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
     plotter.background_color = "white"
@@ -121,7 +121,7 @@ def shot(
         specular_power=15,
     )
     if item.edges is not None:
-        # A little nearer than the faces they bound; the projection is parallel, so nothing shifts.
+        # Moved towards the viewer, in front of the faces; the projection is parallel.
         edges = item.edges.translate(list(2e-3 * where.width * where.towards))
         plotter.add_mesh(edges, color="black", opacity=0.3, line_width=pixels / 350, lighting=False)
     plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
@@ -140,12 +140,12 @@ def shot(
     if image is None or np.all(image == image[0, 0]):
         raise RuntimeError("OpenGL drew an empty picture")
     halved = np.mean([image[i::2, j::2] for i in (0, 1) for j in (0, 1)], axis=0)
-    # Shades nobody can tell apart made equal: half the file.
+    # Rounding the colours to multiples of 4 is invisible and halves the file.
     return np.minimum(4 * np.round(halved / 4), 255).astype(np.uint8)
 
 
 def draw(job: dict[str, Any]) -> None:
-    """Draw a render.Job: panels in a row, or one below the other if the body is long."""
+    """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
     field = job["field"]
     bodies = [body(panel["files"], field) for panel in job["panels"]]
     cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))

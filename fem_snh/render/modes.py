@@ -1,4 +1,4 @@
-"""Pictures of eigenmodes from a run folder: exaggerated, side by side, coloured by their size."""
+"""Pictures of the eigenmodes of a run: exaggerated, side by side, coloured by displacement."""
 
 from __future__ import annotations
 
@@ -9,17 +9,26 @@ from typing import Any
 from fem_snh import render
 from fem_snh.errors import BadInput
 
-#: Frequencies below this fraction of the highest are rigid motions, not shown unless asked for.
+#: Frequencies below this fraction of the highest are rigid motions, which are not the default.
 _RIGID = 1e-3
 _SHOWN = 6
 
 
 def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None = None) -> Path:
-    """Draw modes of run ``folder``, by their ``numbers`` (1, 2, ...), and return the PNG.
+    """Draw eigenmodes of a run and return the path of the PNG.
 
-    By default the first six that deform the body. ``out`` defaults to ``folder/modes.png``. The
-    outline is the state they are about; amplitudes are exaggerated alike. BadInput if the run has
-    no modes, no such number, or nothing here can draw.
+    The outline is the state that is linearised; all modes are exaggerated to the same amplitude.
+
+    Parameters
+    ----------
+    folder : of the run.
+    out : default: ``folder/modes.png``.
+    numbers : of the modes, from 1; default: the first six that deform the body.
+
+    Raises
+    ------
+    BadInput
+        If the run has no modes or no such number, or nothing can draw here.
     """
     folder = Path(folder)
     record = render.read_record(folder)
@@ -37,7 +46,7 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
 
 
 def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
-    """The eigenfrequencies [Hz] of a run's record; BadInput if it has none."""
+    """Return the eigenfrequencies [Hz] of a run's record; BadInput if it has none."""
     try:
         return [float(f) for f in record["modes"]["frequencies"]]
     except (KeyError, TypeError, ValueError):
@@ -47,7 +56,7 @@ def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
 
 
 def choose(frequencies: list[float], wanted: Sequence[float] | None) -> list[int]:
-    """The numbers of the modes to show."""
+    """Return the numbers of the modes to draw."""
     count = len(frequencies)
     if wanted:
         for number in wanted:
@@ -60,6 +69,6 @@ def choose(frequencies: list[float], wanted: Sequence[float] | None) -> list[int
 
 
 def label(number: int, frequency: float) -> str:
-    """``mode 3  ·  1.28 Hz``; a negative frequency is that of an unstable state."""
+    """Return ``mode 3  ·  1.28 Hz``; a negative frequency marks an unstable mode."""
     text = f"mode {number}  ·  {abs(frequency):.4g} Hz"
     return text if frequency >= 0 else text.replace("Hz", "i Hz, unstable")

@@ -1,4 +1,4 @@
-"""What is drawn: surfaces and element edges from the fields that dolfinx's VTKFile wrote."""
+"""Surfaces and element edges of a body, from the fields that dolfinx's VTKFile wrote."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
 
-EDGES_UP_TO = 6000  # boundary faces; finer meshes would be all lines
-_EXAGGERATION = 0.12  # the largest displacement of a mode, in diagonals of the body
+#: Boundary faces up to which element edges are drawn.
+EDGES_UP_TO = 6000
+#: Largest displacement of a mode, relative to the diagonal of the body.
+_EXAGGERATION = 0.12
 
 
 def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
-    """One grid from the pieces of all ranks: no ghost cells, no doubled points."""
+    """Return one grid from the files of all ranks, without ghost cells and duplicate points."""
     pieces = []
     for file in files:
         try:
             piece: Any = pv.read(file)
-        except Exception as error:  # VTK's readers raise whatever they like
+        except Exception as error:  # VTK's readers document no exceptions
             raise BadInput(f"{file}: cannot be read: {error}") from None
         for name in ("displacement", field):
             if name not in piece.array_names:
@@ -36,12 +38,12 @@ def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
     if len(pieces) == 1:
         return pieces[0]
     grid: Any = pv.merge(pieces, merge_points=False)
-    # Ranks compute shared points to different last bits, so equal is not enough.
+    # Ranks compute shared points with different rounding, so a tolerance is needed.
     return grid.clean(tolerance=1e-9 * grid.length, produce_merge_map=False)
 
 
 def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
-    """Surface of the grid; ``level`` > 0 divides every face into 4^level to follow its curves."""
+    """Return the surface of a grid; each face is divided into 4^level to follow its curvature."""
     surface = vtkDataSetSurfaceFilter()
     surface.SetInputDataObject(grid)
     surface.SetNonlinearSubdivisionLevel(level)
@@ -50,9 +52,10 @@ def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
 
 
 def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
-    """Element edges on a subdivided surface: lines not shared by two triangles of one face.
+    """Return the element edges of a subdivided surface.
 
-    The surface filter puts the triangles of one face next to each other, equally many for each.
+    They are the lines that no two triangles of one face share. The surface filter writes the
+    triangles of a face one after another, the same number for each face.
     """
     triangles = surface.regular_faces
     face = np.arange(len(triangles)) // (len(triangles) // faces)
@@ -67,9 +70,9 @@ def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
 
 
 def exaggerate(grid: pv.UnstructuredGrid) -> None:
-    """Make the deformed state that of rest, and the mode a displacement from it that shows.
+    """Replace the rest state by the deformed one, and the displacement by the scaled mode.
 
-    The mode itself becomes its length over its largest, so that all panels share their colours.
+    The field ``mode`` is divided by its largest length, so that all panels share their colours.
     """
     mode = np.asarray(grid["mode"])
     largest = np.linalg.norm(mode, axis=1).max()
@@ -82,7 +85,7 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
 
 @dataclass
 class Body:
-    """What one panel shows."""
+    """The geometry of one panel and the values of its field."""
 
     surface: pv.PolyData
     edges: pv.PolyData | None
@@ -92,7 +95,7 @@ class Body:
 
 
 def body(files: list[str], field: str) -> Body:
-    """Surface, element edges, outline at rest and values (one per cell or point) of one load."""
+    """Return surface, element edges, outline at rest and values (per cell or point) of one load."""
     grid = read_grid(files, field)
     if field == "mode":
         exaggerate(grid)

@@ -7,8 +7,8 @@ files.
 
 from __future__ import annotations
 
-from fem_snh.runs.result import Result
 from fem_snh.runs.driver import run
+from fem_snh.runs.result import Result
 from fem_snh.runs.setup import make_mesh
 
 __all__ = ["Result", "make_mesh", "run"]
