@@ -132,5 +132,35 @@ def test_eisenstat_identity_of_the_linear_solver_page() -> None:
     assert np.allclose(t + np.linalg.solve(D + L, p - D @ t), direct)
 
 
+def test_twist_and_flip_of_an_energy_of_the_invariants() -> None:
+    m = fem_snh.material("stvk", E=2.0, nu=0.3)
+    mu, lam = m.expression.values
+    s = np.array([1.4, 0.9, -0.6])
+    I_C = (s**2).sum()
+    psi_C, psi_II = mu * (2 * I_C - 2) / 4 + lam / 4 * (I_C - 3), -mu / 2
+    values, _ = m.eigensystem(np.diag(s))
+    for i, (j, k) in enumerate(((1, 2), (0, 2), (0, 1))):
+        a, b = sorted((s[j], s[k]))
+        for sign, found in ((1, values[3 + i]), (-1, values[6 + i])):
+            common = 2 * psi_C + 2 * psi_II * (I_C - a**2 + sign * a * b - b**2)
+            assert found == pytest.approx(common)  # psi_J = 0
+
+
+def test_increments_of_the_small_strain_branch() -> None:
+    H = np.random.default_rng(1).normal(size=(3, 3)) * 0.05
+    G = np.eye(3) + H
+    E = H + H.T + H.T @ H
+
+    def minors(A: np.ndarray) -> float:
+        return float((np.trace(A) ** 2 - np.trace(A @ A)) / 2)
+
+    assert np.trace(G.T @ G) - 3 == pytest.approx(np.trace(E))
+    assert minors(G.T @ G) - 3 == pytest.approx(2 * np.trace(E) + minors(E))
+    assert np.linalg.det(G) - 1 == pytest.approx(np.trace(H) + minors(H) + np.linalg.det(H))
+    e = np.linalg.eigvalsh(E)
+    stretches = np.sqrt(np.linalg.eigvalsh(G.T @ G))
+    assert np.allclose(stretches - 1, e / (1 + np.sqrt(1 + e)))
+
+
 if __name__ == "__main__":
     EXCERPT.write_text(generated())
