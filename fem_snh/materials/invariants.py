@@ -1,4 +1,4 @@
-"""The deformation measures an energy may be written in, as functions of the principal stretches.
+"""Deformation measures, as functions of the principal stretches.
 
 ``I1``   = sum sigma_i, the trace of the stretch tensor S (polar decomposition F = R S)
 ``I_C``  = sum sigma_i^2 = tr C
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sympy
 
-#: The signed principal stretches of the rotation-variant SVD (paper, eq. 2).
+#: The signed principal stretches of the rotation-variant SVD (Smith et al. 2018, eq. 2).
 SIGMA = sympy.symbols("s0 s1 s2", real=True)
 
 _s0, _s1, _s2 = SIGMA
@@ -25,5 +25,5 @@ INVARIANTS: dict[sympy.Symbol, sympy.Expr] = {
     _J: _s0 * _s1 * _s2,
 }
 
-#: What may stand in a material function's argument list, by name.
+#: The measures that a material function may have as arguments, by name.
 MEASURES: dict[str, sympy.Symbol] = {str(m): m for m in (*INVARIANTS, *SIGMA)}

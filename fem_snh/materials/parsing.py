@@ -1,4 +1,4 @@
-"""Expressions that users write as text: parsed, never evaluated as Python."""
+"""Parse expressions that users write as text, without evaluating them as Python."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sympy.parsing.sympy_parser import parse_expr, standard_transformations
 from fem_snh.errors import BadInput
 
 _FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
-#: What sympy's parser writes in its calls.
+#: The sympy names that the parser's output refers to.
 _PARTS = ("Symbol", "Integer", "Float", "Rational", "Add", "Mul", "Pow")
-#: Of exponents: sympy would write out 9**9**9, and a kernel would multiply as often.
+#: Largest exponent: sympy would expand 9**9**9, and a kernel would multiply as often.
 _LARGEST = 64
 _TOKEN = re.compile(
     r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\w+)|(\*\*|[-+*/()]))"
@@ -22,9 +22,12 @@ _TOKEN = re.compile(
 
 
 def parse(text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Expr:
-    """``text`` as an expression in ``symbols``; decimals become exact fractions.
+    """Return ``text`` as a sympy expression in ``symbols``; decimals become exact fractions.
 
-    Raises BadInput, one line, for anything but them, numbers, + - * / ** ( ), log, exp, sqrt.
+    Raises
+    ------
+    BadInput
+        For anything but the symbols, numbers, + - * / ** ( ), log, exp and sqrt.
     """
     known = _FUNCTIONS | dict(symbols)
     accepted = f"an expression in {', '.join(symbols)} with numbers, + - * / ** ( ), log, exp, sqrt"

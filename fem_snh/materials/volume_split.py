@@ -1,18 +1,24 @@
-"""psi = psi' + U(J): what mixed elements do to a material's volume term.
+r"""Split an energy into a deviatoric part and a volume term, for mixed elements: psi = psi' + U(J).
 
-psi' is the same material with a smaller lambda, lambda_local = lambda b mu/(lambda + b mu), and U
-is what lambda adds to it, which has to be of J alone: (lambda - lambda_local)/2 (J - 1)^2 of the
-stable Neo-Hookean energy, for one. In U's place comes a pressure p, positive in tension, so that at
-a point the energy is psi' + p J and its Hessian is filtered like any other.
+psi' is the same energy with a smaller lambda, and U is what lambda adds to it. U may depend on J
+alone; for the stable Neo-Hookean energy it is (lambda - lambda_local)/2 (J - 1)^2:
 
-What psi' keeps is what resists a J that varies within a cell, which no mean and no continuous
-pressure sees: with b = 0 twisted Taylor-Hood cells collapse in parts
-(docs/results/elements.md). b = 4 is a
-psi' of nu -> 0.4, b = 2 one of nu -> 1/3, where nothing locks yet.
+.. math::
 
-mean dilatation   p = U'(J_e), J_e the mean of J over an element
-Taylor-Hood       p is unknown; psi' + p J - U*(p), with U* = max_J (p J - U(J)) the conjugate
-                  of U, is stationary in it where J = dU*/dp, the volume that p belongs to
+    \lambda_\text{local} = \frac{b \mu \lambda}{\lambda + b \mu}
+
+A pressure p, positive in tension, replaces U. The energy at a point is then psi' + p J, and its
+Hessian is filtered like that of any other energy.
+
+psi' keeps the resistance to a J that varies within a cell, which neither a mean nor a continuous
+pressure sees: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md). With
+b = 4, psi' has nu -> 0.4, with b = 2, nu -> 1/3, where no element locks.
+
+Mean dilatation
+    p = U'(J_e), where J_e is the mean of J over an element.
+Taylor-Hood
+    p is an unknown. psi' + p J - U*(p), with the conjugate U*(p) = max_J (p J - U(J)), is
+    stationary in p where J = dU*/dp, the volume ratio that belongs to p.
 """
 
 from __future__ import annotations
@@ -27,8 +33,8 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
-#: b above, of lambda_local in units of mu_lame, by the volume's treatment. Linear solvers of a
-#: saddle want it small, what is pressed together wants it large (docs/results/elements.md).
+#: The b of lambda_local, by the element's volume treatment. A small b favours the linear solver of a
+#: saddle-point problem, a large b strong compression (measured in docs/results/elements.md).
 BOUNDS = {"mean": 4.0, "pressure": 2.0}
 J = MEASURES["J"]
 
@@ -37,11 +43,14 @@ _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
 
 @dataclass(frozen=True)
 class Split:
-    """A material's energy in two parts.
+    """An energy in two parts.
 
-    energy : psi' + pressure J, an energy with ``pressure`` (the symbol PRESSURE) beside its
-        constants mu_lame, lambda_lame and lambda_local.
-    volume : U(J) [Pa] in J and the constants; at nu = 0.5 J = 1 takes its place.
+    Attributes
+    ----------
+    energy : Energy
+        psi' + pressure J, with the constants mu_lame, lambda_lame and lambda_local.
+    volume : sympy.Expr
+        U(J) [Pa] in J and the constants; at nu = 0.5 the constraint J = 1 replaces it.
     """
 
     energy: Energy
@@ -49,7 +58,7 @@ class Split:
 
     @property
     def stiffness(self) -> float:
-        """U''(1) [Pa], lambda_lame - lambda_local; infinite at nu = 0.5."""
+        """U''(1) = lambda_lame - lambda_local [Pa]; infinite at nu = 0.5."""
         return self.energy.values[1] - self.local
 
     @property
@@ -62,8 +71,8 @@ class Split:
         """(U, U', U'') in J. Raises BadInput at nu = 0.5."""
         if math.isinf(self.stiffness):
             raise BadInput(
-                f"nu = 0.5: material '{self.energy.name}' is incompressible, which takes a "
-                "Taylor-Hood element (P2P1, Q2Q1)"
+                f"nu = 0.5: material '{self.energy.name}' is incompressible, and requires "
+                "a Taylor-Hood element (P2P1, Q2Q1)"
             )
         first = sympy.factor(sympy.diff(self.volume, J))
         return self.volume, first, sympy.diff(first, J)
@@ -85,7 +94,7 @@ class Split:
             found = sympy.solve(sympy.Eq(slope, PRESSURE), J)
         except NotImplementedError:
             found = []
-        # Of several branches, the one through the state at rest.
+        # Of several branches of the inverse, the one through the rest state.
         numbers = dict(zip(self.energy.constants, self.energy.values, strict=True)) | {
             PRESSURE: 0.0
         }
@@ -101,34 +110,44 @@ class Split:
         return sympy.simplify(conjugate), volume, sympy.simplify(sympy.diff(volume, PRESSURE))
 
 
-def split(law: Energy, bound: float) -> Split:
-    """The energy ``law`` in two parts. Raises BadInput if lambda adds more to it than a U(J).
+def split(energy: Energy, bound: float) -> Split:
+    """Split an energy into psi' and its volume term.
 
-    bound : of lambda_local [mu_lame]; 0 for the classical mean dilatation of some energies.
+    Parameters
+    ----------
+    energy : Energy
+        The energy.
+    bound : float
+        The b of lambda_local; 0 gives the classical mean dilatation of some energies.
+
+    Raises
+    ------
+    BadInput
+        If there is no energy, or lambda multiplies more than a function of J.
     """
-    if law.psi is None:
-        raise BadInput(f"material '{law.name}' has no energy: take Q1, Q2, P1 or P2")
-    psi = law.by_lame()
-    mu, lam = law.lame
+    if energy.psi is None:
+        raise BadInput(f"material '{energy.name}' has no energy: take Q1, Q2, P1 or P2")
+    psi = energy.by_lame()
+    mu, lam = energy.lame
     local = bound * mu if math.isinf(lam) else lam * bound * mu / (lam + bound * mu)
-    rest = psi.subs(law.lambda_symbol, LOCAL)
+    rest = psi.subs(energy.lambda_symbol, LOCAL)
     terms = sympy.Add.make_args(sympy.expand(psi - rest))
-    volumes = [_of_volume(law, term) for term in terms]
+    volumes = [_of_volume(energy, term) for term in terms]
     if None in volumes or sympy.Add(*volumes) == 0:
         raise BadInput(
-            f"material '{law.name}' has no volume term, one in J alone that brings lambda, which "
+            f"material '{energy.name}' has no volume term, one in J alone that brings lambda, which "
             "mixed elements need: take Q1, Q2, P1 or P2"
         )
-    made = law.at_pressure(rest, PRESSURE, {LOCAL: local})
-    # Factors, (J - 1)^2, not J^2 - 2 J + 1: lambda times its rounding is larger than p.
+    made = energy.at_pressure(rest, PRESSURE, {LOCAL: local})
+    # Factored, (J - 1)^2: the rounding of J^2 - 2 J + 1, times lambda, would exceed p.
     return Split(made, sympy.factor(sympy.simplify(sympy.Add(*volumes))))
 
 
-def _of_volume(law: Energy, term: sympy.Expr) -> sympy.Expr | None:
-    """An additive term as one in J, or None if it depends on another measure."""
-    if law.of_stretches:
+def _of_volume(energy: Energy, term: sympy.Expr) -> sympy.Expr | None:
+    """Return an additive term as a function of J, or None if it depends on another measure."""
+    if energy.of_stretches:
         a, b, c = sympy.symbols("a b J", positive=True)
         signless = dict(zip(SIGMA, (a, b, c / (a * b)), strict=True))
         term = sympy.simplify(sympy.expand_log(term.subs(signless, simultaneous=True)))
         return term.subs(c, J) if not term.free_symbols & {a, b} else None
-    return term if term.free_symbols & set(law.measures) <= {J} else None
+    return term if term.free_symbols & set(energy.measures) <= {J} else None

@@ -1,4 +1,4 @@
-"""What an energy is like in one picture: its report (`fem_snh.reports.report.Report`) drawn."""
+"""Draw the report of a material (`fem_snh.reports.report.Report`) in one picture."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from fem_snh.plots.style import COLOURS, colour, thousands
 from fem_snh.render import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"
-#: Of the tangent: infinite energy, negative, positive without turning, positive.
+#: Colours of the kinds of tangent, in the order of `MEANINGS`.
 SHADES = ("0.80", "white", "#B9DCF0", "#0072B2")
 MEANINGS = (
     "infinite energy",
-    "negative eigenvalue in stretching",
-    "stretching positive, turning not",
+    "negative scaling eigenvalue",
+    "scaling eigenvalues ≥ 0",
     "all nine eigenvalues ≥ 0",
 )
 _VERDICTS = {"holds": COLOURS[2], "fails": COLOURS[1], "not applicable": "0.45"}
-_PLACES = {
+_LABELS = {
     "uniaxial": ("stretch", r"$P_{00}/E$"),
     "equibiaxial": ("stretch", r"$P_{00}/E$"),
     "simple shear": ("amount of shear", r"$P_{01}/E$"),
@@ -36,12 +36,12 @@ _PLACES = {
 
 
 def main(report: Any, out: Path) -> Path:
-    """Draw ``report`` into ``out``. Raises BadInput if it cannot be written."""
+    """Draw a report into the file ``out``. Raises BadInput if it cannot be written."""
     return save(material_figure(report), out)
 
 
 def material_figure(report: Any) -> Figure:
-    """Four tests; where the tangent is positive, in two planes; crushed; the four stabilities."""
+    """Return a figure of stress curves, regions of a positive tangent, collapse and stability."""
     figure = Figure(figsize=(15, 7.6), layout="constrained")
     axes = list(figure.subplots(2, 4).flat)
     for ax, curve in zip(axes, report.curves, strict=False):
@@ -69,7 +69,7 @@ def material_figure(report: Any) -> Figure:
 
 
 def _test(ax: Axes, curve: Any, E: float) -> None:
-    """Stress against stretch, beside linear elasticity; vertically no further than is readable."""
+    """Draw stress against stretch beside linear elasticity, whose range bounds the axis."""
     stress, linear = curve.stress / E, curve.linear / E
     ax.plot(curve.x, linear, color=LINEAR, ls="--", lw=1.3, label="linear elasticity")
     ax.plot(curve.x, stress, color=MATERIAL, lw=2, label="material")
@@ -81,12 +81,12 @@ def _test(ax: Axes, curve: Any, E: float) -> None:
     ax.set_xlim(curve.x[0], curve.x[-1])
     ended = np.flatnonzero(np.isfinite(stress))
     for end, limit in ((ended[:1], 0), (ended[-1:], len(stress) - 1)):
-        if len(end) and end[0] != limit:  # beyond it nothing leaves the sides free of stress
+        if len(end) and end[0] != limit:  # the branch of stress-free sides ends here
             ax.plot(curve.x[end], stress[end], "x", color=MATERIAL, ms=8, mew=2)
     _cross_hairs(ax, 0.0 if curve.name == "simple shear" else 1.0)
     ax.set_title(curve.name, fontsize=11)
-    ax.set_xlabel(_PLACES[curve.name][0])
-    ax.set_ylabel(_PLACES[curve.name][1])
+    ax.set_xlabel(_LABELS[curve.name][0])
+    ax.set_ylabel(_LABELS[curve.name][1])
     ax.yaxis.set_major_formatter(FuncFormatter(thousands))
 
 
@@ -98,7 +98,7 @@ def _cross_hairs(ax: Axes, rest: float) -> None:
 
 
 def _tangent(ax: Axes, region: Any, report: Any) -> None:
-    """The four kinds of stretches in a plane, rest, and the path of the uniaxial test."""
+    """Draw the kinds of tangent in a plane, the rest state and the path of the uniaxial test."""
     small = -1e-8 * report.E
     kind = np.where(region.tangent >= small, 3, np.where(region.scaling >= small, 2, 1))
     kind[~np.isfinite(region.tangent)] = 0
@@ -122,7 +122,7 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
 
 
 def _crushed(ax: Axes, report: Any) -> None:
-    """psi through J = 0 and inverted; the stress of a material that has no energy."""
+    """Draw psi through J = 0 to inverted states; the stress of a material without an energy."""
     what = "energy" if report.has_energy else "stress"
     label = r"$\psi/E$" if report.has_energy else r"$\partial\psi/\partial\sigma_2\,/E$"
     top = []
@@ -145,7 +145,7 @@ def _crushed(ax: Axes, report: Any) -> None:
     )  # fmt: skip
     _cross_hairs(ax, 1.0)
     ax.set_xlim(-1.5, 2)
-    ax.set_title("crushed and inverted", fontsize=11)
+    ax.set_title("collapse and inversion", fontsize=11)
     ax.set_xlabel("stretch s")
     ax.set_ylabel(label)
     ax.yaxis.set_major_formatter(FuncFormatter(thousands))
@@ -153,9 +153,9 @@ def _crushed(ax: Axes, report: Any) -> None:
 
 
 def _verdicts(ax: Axes, report: Any) -> None:
-    """The four stabilities and the constants in words."""
+    """Write the verdicts on stability and the constants."""
     ax.set_axis_off()
-    ax.set_title("stabilities, measured", fontsize=11)
+    ax.set_title("stability", fontsize=11)
     y = 0.97
     for s in (*report.stabilities, report.lone):
         ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)

@@ -77,7 +77,7 @@ def smallest(m: Material, s: Array) -> tuple[Array, Array]:
 
 
 def region(m: Material, plane: str, axis: Array | None = None) -> Region:
-    """Return the smallest eigenvalues over a plane; ``axis`` (n,) are the stretches of both axes."""
+    """Return the smallest eigenvalues over a plane; ``axis`` (n,) holds both axes' stretches."""
     axis = np.linspace(0.01, 3, 300) if axis is None else np.asarray(axis, dtype=float)
     s0, s1 = np.meshgrid(axis, axis)
     s = np.stack([s0, s1, PLANES[plane](s0, s1)], axis=-1)
