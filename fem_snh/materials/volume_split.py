@@ -11,8 +11,8 @@ A pressure p, positive in tension, replaces U. The energy at a point is then psi
 Hessian is filtered like that of any other energy.
 
 psi' keeps the resistance to a J that varies within a cell, which neither a mean nor a continuous
-pressure sees: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md). With
-b = 4, psi' has nu -> 0.4, with b = 2, nu -> 1/3, where no element locks.
+pressure sees: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md).
+With b = 4, psi' has nu -> 0.4, with b = 2, nu -> 1/3, where no element locks.
 
 Mean dilatation
     p = U'(J_e), where J_e is the mean of J over an element.
@@ -33,8 +33,8 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
-#: The b of lambda_local, by the element's volume treatment. A small b favours the linear solver of a
-#: saddle-point problem, a large b strong compression (measured in docs/results/elements.md).
+#: The b of lambda_local, by the element's volume treatment. A small b favours the linear solver of
+#: a saddle-point problem, a large b strong compression (measured in docs/results/elements.md).
 BOUNDS = {"mean": 4.0, "pressure": 2.0}
 J = MEASURES["J"]
 
@@ -139,7 +139,7 @@ def split(energy: Energy, bound: float) -> Split:
             "mixed elements need: take Q1, Q2, P1 or P2"
         )
     made = energy.at_pressure(rest, PRESSURE, {LOCAL: local})
-    # Factored, (J - 1)^2: the rounding of J^2 - 2 J + 1, times lambda, would exceed p.
+    # Factored: lambda times the rounding of J^2 - 2 J + 1 would exceed p.
     return Split(made, sympy.factor(sympy.simplify(sympy.Add(*volumes))))
 
 
