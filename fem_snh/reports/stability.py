@@ -1,10 +1,14 @@
 """The four stability properties of Smith et al. 2018, section 3, evaluated numerically.
 
-inversion    finite energy, stress and Hessian at every F, and a force that restores J > 0
-reflection   energy, stress and Hessian do not depend on which stretch carries the sign
-rest         no energy and no stress at rest, and Hooke's law as tangent
-degeneracy   at a plane: a force along its normal; at a line: no force and a direction of
-             negative curvature; at a point: no force and no stable minimum
+inversion
+    finite energy, stress and Hessian at every F, and a force that restores J > 0
+reflection
+    energy, stress and Hessian do not depend on which stretch carries the sign
+rest
+    no energy and no stress at rest, and Hooke's law as tangent
+degeneracy
+    at a plane: a force along its normal; at a line: no force and a direction of
+    negative curvature; at a point: no force and no stable minimum
 """
 
 from __future__ import annotations
@@ -73,7 +77,7 @@ def inversion(m: Material, minima: Minima) -> Stability:
 
     The Hessian has to be bounded and no inverted state may be a minimum. Numbers: ``finite``, the
     share of the six kinds of inverted and degenerate states; ``growth`` of the largest
-    |eigenvalue| from a distance of 1e-2 to 1e-6 of singular states; ``force``, the largest stress
+    ``|eigenvalue|`` from a distance of 1e-2 to 1e-6 of singular states; ``force``, the largest stress
     along a stretch that is moved through 0, which must be negative; ``inverted minima``.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
@@ -113,7 +117,7 @@ def restoring(m: Material) -> float:
 
 
 def growth(m: Material) -> float:
-    """Return the largest |eigenvalue| at 1e-6 from singular states over that at 1e-2."""
+    """Return the largest ``|eigenvalue|`` at 1e-6 from singular states over that at 1e-2."""
     sizes = []
     for d in (1e-2, 1e-6):
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]

@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from importlib import import_module
 
 # A name is described where it is defined, not again where a package imports it.
-_SECTION = """\
-## {name}
-
+_MEMBERS = """\
 ```{{eval-rst}}
 .. automodule:: {name}
    :members:
@@ -20,7 +18,9 @@ _SECTION = """\
 
 def markdown(package: str) -> str:
     """Return a section with the members of each public module of a package."""
-    return "\n".join(_SECTION.format(name=name) for name in _modules(package))
+    first, *names = _modules(package)
+    sections = (f"## {name}\n\n{_MEMBERS.format(name=name)}" for name in names)
+    return "\n".join([_MEMBERS.format(name=first), *sections])
 
 
 def _modules(package: str) -> Iterator[str]:
