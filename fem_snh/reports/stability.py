@@ -77,7 +77,7 @@ def inversion(m: Material, minima: Minima) -> Stability:
 
     The Hessian has to be bounded and no inverted state may be a minimum. Numbers: ``finite``, the
     share of the six kinds of inverted and degenerate states; ``growth`` of the largest
-    ``|eigenvalue|`` from a distance of 1e-2 to 1e-6 of singular states; ``force``, the largest stress
+    ``|eigenvalue|`` from 1e-2 to 1e-6 away from singular states; ``force``, the largest stress
     along a stretch that is moved through 0, which must be negative; ``inverted minima``.
     """
     F = diagonal(np.array(INVERTED + DEGENERATE))
