@@ -1,7 +1,7 @@
-"""The only module that knows which dolfinx it runs on (0.5, 0.9 and 0.11 are tried).
+"""One interface to dolfinx 0.5, 0.9 and 0.11; no other part of the package imports dolfinx.
 
-Features are detected, versions are not compared. Small functions with one signature for all
-versions; everything else in the project takes version-dependent names from here alone.
+Functions have one signature for all versions. They detect features and compare no version numbers;
+a comment at each workaround names the versions that need it.
 
 Local numbering, as in dolfinx: the entities and nodes a rank owns come first, ghosts after them.
 Meshes made by `create_mesh` have no ghost cells, so each rank's cells are the ones it owns.

@@ -1,4 +1,4 @@
-"""What the parts of the shim share."""
+"""Helpers of the other modules of this package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """The compiler's chatter (INFO records of the root logger, 0.5 under Debian 12) unheard."""
+    """Suppress log records of level INFO, which compiling a form emits with dolfinx 0.5."""
     before = logging.root.manager.disable
     logging.disable(max(before, logging.INFO))
     try:
@@ -24,8 +24,6 @@ def _quiet() -> Iterator[None]:
 
 
 def _rows(table: Any, width: int) -> Array:
-    """A dofmap or connectivity as a (rows, width) array, also if this rank has no rows.
-
-    Connectivities are adjacency lists, as dofmaps were in 0.5 (arrays since 0.7).
-    """
+    """Return a dofmap or connectivity as a (rows, width) array, also without rows."""
+    # Connectivities are adjacency lists; so are the dofmaps of 0.5 (arrays since 0.7).
     return np.asarray(getattr(table, "array", table)).reshape(-1, width)

@@ -17,12 +17,13 @@ from fem_snh._dolfinx.common import _quiet
 
 
 def petsc_vec(u: Any) -> PETSc.Vec:
-    """The ghosted PETSc vector that shares u's memory."""
+    """Return the ghosted PETSc vector that shares the memory of the function ``u``."""
+    # 0.5 has u.vector, 0.9 and 0.11 have u.x.petsc_vec
     return u.x.petsc_vec if hasattr(u.x, "petsc_vec") else u.vector
 
 
 def create_vector(V: Any) -> PETSc.Vec:
-    """A new ghosted vector on V, with V's block size."""
+    """Return a zero ghosted vector on V, with V's block size."""
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
     size = (index_map.size_local * bs, index_map.size_global * bs)
     ghosts = np.asarray(index_map.ghosts, dtype=PETSc.IntType)
@@ -32,23 +33,32 @@ def create_vector(V: Any) -> PETSc.Vec:
 
 
 def _jit(function: Any, options: dict | None) -> dict:
-    """JIT options under the name that this version of `function` knows (params in 0.5)."""
+    """Return JIT options under the name of the parameter of ``function``."""
     if not options:
         return {}
+    # jit_params in 0.5, jit_options in 0.9 and 0.11
     name = "jit_options" if "jit_options" in signature(function).parameters else "jit_params"
     return {name: options}
 
 
 def form(ufl_form: Any, jit_options: dict | None = None) -> Any:
-    """Compile a UFL form, e.g. with {"cffi_extra_compile_args": ["-O3", "-march=native"]}."""
+    """Compile a UFL form.
+
+    Parameters
+    ----------
+    ufl_form : ufl.Form
+        The form.
+    jit_options : dict, optional
+        FFCx's options, e.g. {"cffi_extra_compile_args": ["-O3", "-march=native"]}.
+    """
     with _quiet():
         return fem.form(ufl_form, **_jit(fem.form, jit_options))
 
 
 def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> None:
-    """Put a UFL expression into the function u, at its element's interpolation points."""
+    """Interpolate a UFL expression into the function ``u``. Collective."""
     points = u.function_space.element.interpolation_points
-    points = points() if callable(points) else points  # a method up to 0.9
+    points = points() if callable(points) else points  # a method up to 0.9, a property since 0.10
     with _quiet():
         options = _jit(fem.Expression.__init__, jit_options)
         u.interpolate(fem.Expression(expression, points, **options))
@@ -56,13 +66,13 @@ def interpolate(u: Any, expression: Any, jit_options: dict | None = None) -> Non
 
 
 def assemble_scalar(compiled: Any) -> float:
-    """The integral over all ranks. Collective."""
+    """Return the integral of a compiled form over all ranks. Collective."""
     domain = compiled.mesh
     return float(domain.comm.allreduce(fem.assemble_scalar(compiled), op=MPI.SUM))
 
 
 def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
-    """Overwrite a ghosted vector by a linear form, summed over the ranks; ghosts are updated."""
+    """Overwrite a ghosted vector, ghosts included, by a linear form. Collective."""
     with vector.localForm() as local:
         local.set(0.0)
     fem_petsc.assemble_vector(vector, compiled)
@@ -71,13 +81,14 @@ def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
 
 
 def create_matrix(compiled: Any) -> PETSc.Mat:
-    """An AIJ matrix (V's block size) with the pattern of a bilinear form."""
+    """Return an AIJ matrix with the sparsity pattern of a bilinear form."""
     return fem_petsc.create_matrix(compiled)
 
 
 def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -> None:
-    """Overwrite a matrix by a bilinear form; rows and columns of bcs are 1 on the diagonal."""
+    """Overwrite a matrix by a bilinear form; rows and columns of ``bcs`` become those of I."""
     matrix.zeroEntries()
+    # 0.9 names the overload for an existing matrix; 0.5 has assemble_matrix alone
     assemble: Any = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)
     assemble(matrix, compiled, list(bcs))
     matrix.assemble()

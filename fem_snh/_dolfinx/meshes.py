@@ -1,4 +1,4 @@
-"""Meshes: distribution, entities, geometry, where dolfinx versions differ."""
+"""Meshes: distribution, entities, geometry."""
 
 from __future__ import annotations
 
@@ -18,15 +18,22 @@ Array = np.ndarray
 
 
 def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) -> Any:
-    """Distribute a mesh given on some ranks (others pass arrays of zero rows). Collective.
+    """Distribute a mesh that some ranks provide; the others pass arrays without rows. Collective.
 
-    Args:
-        cells: (n, nodes per cell) int64 input node numbers, in dolfinx's order of nodes.
-        x: (nodes, 3) coordinates [length]; node i is row i.
-        cell: "tetrahedron" or "hexahedron".
-        degree: 1 or 2, of the geometry.
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    cells : (n, nodes per cell) int64
+        Rows of ``x``, in dolfinx's order of nodes.
+    x : (nodes, 3)
+        Coordinates [m].
+    cell : {"tetrahedron", "hexahedron"}
+        Kind of cell.
+    degree : {1, 2}
+        Degree of the geometry.
     """
-    if hasattr(basix, "ufl"):  # since 0.7
+    if hasattr(basix, "ufl"):  # since 0.7; before, elements are UFL's
         element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
     else:
         ufl_cell = ufl.Cell(cell, geometric_dimension=3)
@@ -35,33 +42,33 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
         )
     names = list(signature(dolfinx.mesh.create_mesh).parameters)
     options = {}
-    if "ghost_mode" in names:  # 0.5; later versions make no ghost cells unless asked to
+    if "ghost_mode" in names:  # 0.5; later versions make no ghost cells by default
         options["ghost_mode"] = dolfinx.mesh.GhostMode.none
     geometry = [x, ufl.Mesh(element)]
-    if names.index("x") == 3:  # since 0.10
+    if names.index("x") == 3:  # since 0.10 the element comes before x
         geometry.reverse()
     cells = np.ascontiguousarray(cells, dtype=np.int64)
     return dolfinx.mesh.create_mesh(comm, cells, *geometry, **options)
 
 
 def gmsh_permutation(cell: str, nodes: int) -> Array:
-    """p with nodes_dolfinx[i] = nodes_gmsh[p[i]]."""
+    """Return p with nodes_dolfinx[i] = nodes_gmsh[p[i]]."""
     return np.asarray(dolfinx.cpp.io.perm_gmsh(getattr(dolfinx.mesh.CellType, cell), nodes))
 
 
 def num_owned(domain: Any, dim: int = 3) -> int:
-    """How many of this rank's entities of this dimension it owns: the first ones."""
+    """Return how many entities of this dimension this rank owns."""
     domain.topology.create_entities(dim)
     return int(domain.topology.index_map(dim).size_local)
 
 
 def input_cells(domain: Any) -> Array:
-    """(local cells,) the row of each cell in the input of `create_mesh`."""
+    """Return the row of each local cell in the input of `create_mesh`, (local cells,)."""
     return np.asarray(domain.topology.original_cell_index)
 
 
 def input_vertices(domain: Any, dim: int) -> Array:
-    """(local entities, vertices each) input node numbers of the vertices of each entity."""
+    """Return input node numbers of each local entity's vertices, (entities, vertices)."""
     topology = domain.topology
     for d in (dim, 3):
         topology.create_entities(d)
@@ -76,27 +83,27 @@ def input_vertices(domain: Any, dim: int) -> Array:
 
 
 def cell_name(domain: Any) -> str:
-    """ "tetrahedron" or "hexahedron"."""
+    """Return "tetrahedron" or "hexahedron"."""
     return str(domain.topology.cell_name())
 
 
 def reference_corners(cell: str) -> Array:
-    """(corners, 3) coordinates of the reference cell's vertices."""
+    """Return the vertices of the reference cell, (corners, 3)."""
     return np.asarray(basix.geometry(getattr(basix.CellType, cell)))
 
 
 def geometry_dofs(domain: Any) -> Array:
-    """(owned cells, nodes per cell) int32: each cell's rows of `geometry_x`."""
+    """Return each owned cell's rows of `geometry_x`, (cells, nodes per cell) int32."""
     return _geometry_rows(domain)[: num_owned(domain)]
 
 
 def geometry_x(domain: Any) -> Array:
-    """(local nodes, 3) reference coordinates [length] of the geometry's nodes."""
+    """Return the reference coordinates [m] of the geometry's nodes, (local nodes, 3)."""
     return np.asarray(domain.geometry.x)
 
 
 def geometry_degree(domain: Any) -> int:
-    """1 or 2."""
+    """Return the degree of the geometry, 1 or 2."""
     return int(_only(domain.geometry, "cmap").degree)
 
 
@@ -106,17 +113,18 @@ def _geometry_rows(domain: Any) -> Array:
 
 
 def _only(geometry: Any, name: str) -> Any:
-    """geometry.name, of which 0.11 has a list called names: one for each kind of cell."""
+    """Return an attribute that exists once per kind of cell, of the only kind."""
+    # 0.11 has a list under the plural
     several = getattr(geometry, name + "s", None)
     return several[0] if isinstance(several, list) else getattr(geometry, name)
 
 
 def coordinates(domain: Any) -> Any:
-    """The reference position X as a UFL vector."""
+    """Return the reference coordinates as a UFL vector."""
     return ufl.SpatialCoordinate(domain)
 
 
 def num_exterior_facets(domain: Any) -> int:
-    """Facets of this rank's cells on the boundary of the whole mesh."""
+    """Return the number of this rank's facets on the boundary of the body."""
     domain.topology.create_connectivity(2, 3)
     return len(dolfinx.mesh.exterior_facet_indices(domain.topology))

@@ -1,4 +1,4 @@
-"""dolfinx's own Newton solver, as its tutorial uses it: what ours is measured against."""
+"""dolfinx's Newton solver as its tutorial uses it, for comparison in benchmarks."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from fem_snh._petsc import default_options
 
 
 def prescribed(values: Any, nodes: np.ndarray) -> Any:
-    """The condition that u is as the function ``values`` at these local nodes."""
+    """Return the Dirichlet condition with the function ``values`` at these local nodes."""
     return fem.dirichletbc(values, np.asarray(nodes, np.int32))
 
 
 def newton_solver(
     residual: Any, u: Any, conditions: Sequence[Any], jit_options: dict, petsc: dict[str, Any]
 ) -> Any:
-    """Full Newton steps with the exact tangent, stopped by the residual's norm.
+    """Return a Newton solver without line search that stops on the residual's norm.
 
-    ``atol``, ``rtol`` and ``max_it`` are the caller's to set; ``petsc``: options of the linear
-    solver. Its ``solve(u)`` returns (iterations, converged).
+    The caller sets ``atol``, ``rtol`` and ``max_it``; ``petsc`` are options of the linear solver.
+    ``solve(u)`` of the result returns (iterations, converged).
     """
-    # Since 0.10 the name alone is that of an interface to PETSc's SNES.
+    # Since 0.10 NonlinearProblem is an interface to SNES, and the old class has the longer name.
     kind = getattr(fem_petsc, "NewtonSolverNonlinearProblem", fem_petsc.NonlinearProblem)
     with _quiet():
         problem = kind(residual, u, list(conditions), **_jit(kind.__init__, jit_options))

@@ -24,7 +24,7 @@ Array = np.ndarray
 def function_space(
     domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
 ) -> Any:
-    """A scalar (shape ()) or vector (shape (3,)) space; family "Lagrange" or "DG"."""
+    """Return a scalar (shape ()) or vector (shape (3,)) space; family "Lagrange" or "DG"."""
     with _quiet():
         if hasattr(fem, "functionspace"):  # since 0.7
             return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
@@ -34,43 +34,44 @@ def function_space(
 
 
 def function(V: Any, name: str) -> Any:
-    """A zero function on V; output files call it by its name."""
+    """Return a zero function on V; ``name`` is its name in output files."""
     u = fem.Function(V)
     u.name = name
     return u
 
 
 def surface_measure(domain: Any, facets: Array) -> Any:
-    """The UFL measure of the exterior facets among these local ones."""
+    """Return the UFL measure of the exterior facets among these local facets."""
     facets = np.unique(facets).astype(np.int32)
     tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
 def constant(domain: Any, value: npt.ArrayLike) -> Any:
-    """A UFL constant whose value is no part of the compiled form."""
+    """Return a UFL constant, whose value can change without compiling a form again."""
     return fem.Constant(domain, np.asarray(value, dtype=np.float64))
 
 
 def degree(V: Any) -> int:
-    """The polynomial degree of V's element."""
+    """Return the polynomial degree of V's element."""
     element = V.ufl_element()
+    # a method in 0.5, an attribute in 0.9 and 0.11
     return int(element.degree if isinstance(element.degree, int) else element.degree())
 
 
 def node_dofs(V: Any) -> Array:
-    """(owned cells, nodes per cell) int32: the local nodes (blocks of V's dofs) of each cell."""
+    """Return the local nodes (dof blocks of V) of each owned cell, (cells, nodes) int32."""
     return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
 
 
 def num_nodes(V: Any) -> tuple[int, int]:
-    """(owned, ghost) nodes of V on this rank; a local vector has bs times their sum entries."""
+    """Return the numbers of (owned, ghost) nodes of V on this rank."""
     index_map = V.dofmap.index_map
     return int(index_map.size_local), int(index_map.num_ghosts)
 
 
 def local_to_global(V: Any) -> Array:
-    """(owned + ghost nodes,) int64: global number of each local node."""
+    """Return the global number of each local node, (owned + ghost nodes,) int64."""
     index_map = V.dofmap.index_map
     first = index_map.local_range[0]
     owned = np.arange(first, first + index_map.size_local, dtype=np.int64)
@@ -78,7 +79,7 @@ def local_to_global(V: Any) -> Array:
 
 
 def _table(cell: str, degree: int, points: Array) -> Array:
-    """(4, points, nodes): the basis functions, then their derivatives in x, y, z."""
+    """Return basis functions, then their derivatives in x, y, z: (4, points, nodes)."""
     family = basix.ElementFamily.P
     element = basix.create_element(
         family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
@@ -92,12 +93,12 @@ def _gradients(cell: str, degree: int, points: Array) -> Array:
 
 
 def tabulate_values(V: Any, points: Array) -> Array:
-    """(points, nodes) V's scalar basis functions at reference points, nodes as in `node_dofs`."""
+    """Return V's scalar basis functions at reference points, (points, nodes)."""
     return np.ascontiguousarray(_table(cell_name(V.mesh), degree(V), points)[0])
 
 
 def tabulate(V: Any, points: Array) -> Array:
-    """(points, nodes, 3) derivatives, in reference coordinates, of V's scalar basis functions.
+    """Return reference gradients of V's scalar basis functions, (points, nodes, 3).
 
     Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
     """
@@ -105,15 +106,16 @@ def tabulate(V: Any, points: Array) -> Array:
 
 
 def tabulate_geometry(domain: Any, points: Array) -> Array:
-    """(points, nodes, 3) derivatives of the geometry's basis, in the order of `geometry_dofs`."""
+    """Return reference gradients of the geometry's basis, (points, nodes, 3)."""
     return _gradients(cell_name(domain), geometry_degree(domain), points)
 
 
 def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
-    """(points (n, 3), weights (n,)) exact for polynomials of this degree on the reference cell.
+    """Return the points (n, 3) and weights (n,) of a quadrature rule on the reference cell.
 
-    Weights are positive, so that a sum of semidefinite matrices is: basix's own rule of degree 3 on
-    tetrahedra has a negative one, that of Xiao & Gimbutas (6 points) has not.
+    The rule is exact for polynomials of this degree. Its weights are positive, so that a weighted
+    sum of semidefinite matrices is semidefinite: where basix's default rule has a negative weight
+    (degree 3 on tetrahedra), the Xiao-Gimbutas rule replaces it.
     """
     kind = getattr(basix.CellType, cell)
     points, weights = basix.make_quadrature(kind, degree)
@@ -121,12 +123,12 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
         rule = basix.QuadratureType.xiao_gimbutas
         try:
             points, weights = basix.make_quadrature(kind, degree, rule=rule)
-        except TypeError:  # up to 0.6 the rule comes first
+        except TypeError:  # the rule comes first up to 0.6, last since 0.7
             points, weights = basix.make_quadrature(rule, kind, degree)
     return points, weights
 
 
 def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
-    """Local nodes of V (int32, ghosts included) on the entities' closure. Collective."""
+    """Return local nodes of V (int32, ghosts included) on mesh entities. Collective."""
     V.mesh.topology.create_connectivity(dim, 3)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))
