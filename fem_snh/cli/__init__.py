@@ -16,25 +16,32 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, Failed, RenamedKey, choose
 
+if TYPE_CHECKING:
+    from fem_snh.cli.options import Parser
+
+#: Each command's module in this package, and its summary.
 COMMANDS = {
-    "run": ("run", "solve a scene, or a scene file of your own"),
-    "sweep": ("sweep", "solve a scene for every combination of comma lists of values"),
-    "tradeoff": ("tradeoff", "measure what accuracy costs on a scene, and get advice"),
-    "extremes": ("extremes", "run what must not break: scrambled, crushed, overloaded bodies"),
-    "materials": ("materials", "list the materials, describe one, or measure what they are like"),
-    "plot": ("tools", "curves from run folders or a study's table"),
-    "render": ("tools", "a picture of the deformed body of a run folder"),
-    "doctor": ("tools", "say whether this machine has what it takes"),
+    "run": ("run", "solve a scene: a built-in one, a TOML file or a Python function"),
+    "sweep": ("sweep", "solve a scene for every combination of lists of values"),
+    "tradeoff": ("tradeoff", "run an accuracy-cost study of a scene and recommend settings"),
+    "extremes": ("extremes", "test robustness: scrambled, crushed and overloaded bodies"),
+    "materials": ("materials", "list the materials, describe one, or characterise them"),
+    "plot": ("tools", "draw curves from run folders or a study's table"),
+    "render": ("tools", "draw the deformed body of a run"),
+    "doctor": ("tools", "check the installation"),
 }
 _format = warnings.formatwarning
-# What MPI launchers set; without any of these there is one rank and no need to start MPI.
+#: Environment variables set by MPI launchers; without them there is one rank and MPI is not started.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # e.g. for what is printed
-_PATIENCE = 10.0  # seconds for the other ranks to fail in the same way
+#: Errors of a full disk, which concern printed output, too.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+#: Seconds that a failing rank waits for the others to fail in the same way; a file system may
+#: delay their messages by a few.
+_PATIENCE = 10.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -99,25 +106,33 @@ def _dispatch(argv: list[str]) -> int:
     return code
 
 
+def parsers() -> dict[str, Parser]:
+    """Return the argument parser of each command; the reference page is made from them."""
+    found: dict[str, Parser] = {}
+    for name, (module, _) in COMMANDS.items():
+        found[name] = getattr(import_module(f"{__name__}.{module}"), f"{name}_parser")()
+    return found
+
+
 def usage() -> str:
-    """The short help."""
+    """Return the short help: the commands and two examples."""
     rows = [f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items()]
     return "\n".join(
         [
-            "fem-snh: Stable Neo-Hookean solids on gmsh meshes, by projected Newton, under MPI",
+            "fem-snh: Stable Neo-Hookean solids on gmsh meshes, by a projected Newton method, under MPI",
             "",
             *rows,
             "",
             "  fem-snh run twist --cells 8 --out out/twist",
             "  mpirun -n 2 fem-snh run stretch --material neo_hookean --out out/stretch",
             "",
-            "`fem-snh COMMAND --help` says more.",
+            "`fem-snh COMMAND --help` lists the options of a command.",
         ]
     )
 
 
 def _communicator() -> Any:
-    """MPI's world if there may be other ranks, otherwise None."""
+    """Return MPI's world communicator if there are other ranks, otherwise None."""
     if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHED):
         return None
     try:
@@ -128,9 +143,9 @@ def _communicator() -> Any:
 
 
 def _stop(message: str, code: int) -> int:
-    """Say it once, on rank 0, and leave together: a rank that leaves alone takes rank 0 with it.
+    """Report on rank 0 and exit on all ranks together; MPI aborts the job if one rank exits first.
 
-    If the other ranks do not come (the mistake was on this rank only), end them all.
+    If the other ranks do not fail within _PATIENCE, the error is of this rank only: it aborts them.
     """
     comm = _communicator()
     line = "fem-snh: error: " + " ".join(message.split())
@@ -149,7 +164,7 @@ def _stop(message: str, code: int) -> int:
 
 
 def _crash() -> int:
-    """A bug: show the traceback, and take the other ranks along rather than let them wait."""
+    """Print the traceback of a bug and abort the other ranks, which would wait for this one."""
     traceback.print_exc()
     comm = _communicator()
     if comm is not None:

@@ -9,13 +9,16 @@ from typing import Any
 
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, value
 from fem_snh.cli.run import scene_list
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
+
+#: Processes of a study at a time: more than the cores of any single machine.
+MAX_PROCESSES = 4096
 
 
 def parser(command: str, description: str) -> Parser:
     """A parser with the scene's options, which take comma lists here, and the limits."""
     made = Parser(command, description, scene_list())
-    made.add_argument("scene", metavar="SCENE|FILE.toml")
+    made.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
     for key, placeholder, help in SCENE_OPTIONS:
         made.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
     made.add_argument(
@@ -33,19 +36,23 @@ def add_limits(
     parser: Parser, timeout: float | None = None, memory: float | None = None, jobs: int = 1
 ) -> None:
     """Add how many points run at a time and what each may take, with the limits' defaults."""
-    usual = f"points at a time; default: {jobs}"
-    parser.add_argument("--jobs", metavar="J", default=jobs, type=value, help=usual)
+    jobs_help = f"number of points that run at a time; default: {jobs}"
+    parser.add_argument("--jobs", metavar="J", default=jobs, type=value, help=jobs_help)
     parser.add_argument(
-        "--ranks", metavar="R", default=1, type=value, help="MPI ranks of each point"
+        "--ranks",
+        metavar="R",
+        default=1,
+        type=value,
+        help="number of MPI ranks of each point; default: 1",
     )
     for key, unit, most, help in (
-        ("timeout", "S", timeout, "seconds after which a point is given up"),
-        ("memory", "GIB", memory, "RAM above which a point is given up"),
+        ("timeout", "S", timeout, "seconds after which a point is ended"),
+        ("memory", "GIB", memory, "memory above which a point is ended"),
     ):
-        usual = f"; default: {most:g}" if most else ""
-        parser.add_argument(f"--{key}", metavar=unit, type=value, default=most, help=help + usual)
+        default = f"; default: {most:g}" if most else ""
+        parser.add_argument(f"--{key}", metavar=unit, type=value, default=most, help=help + default)
     parser.add_argument("--retry", action="store_true", help="run failed points again")
-    parser.add_argument("--overwrite", action="store_true", help="begin anew")
+    parser.add_argument("--overwrite", action="store_true", help="discard the points in the folder")
 
 
 def begin(command: str) -> None:
@@ -63,8 +70,16 @@ def axes(args: argparse.Namespace) -> dict[str, list[Any]]:
 
 def limits(args: argparse.Namespace) -> dict[str, Any]:
     """What the parser's options after --set say, as the studies' keyword arguments."""
+    for key in ("jobs", "ranks"):
+        check_highest(key, getattr(args, key), MAX_PROCESSES)
     names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
     return {name: getattr(args, name) for name in names}
+
+
+def check_highest(key: str, number: Any, highest: int) -> None:
+    """Raise BadInput for a whole number above ``highest``; the studies check the rest."""
+    if isinstance(number, int) and number > highest:
+        raise bad_value(key, number, f"a whole number from 1 to {highest}")
 
 
 def axis(key: str, text: str) -> list[Any]:

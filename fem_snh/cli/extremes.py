@@ -8,11 +8,13 @@ from fem_snh.cli import campaign
 from fem_snh.cli.options import Parser, value
 
 #: Cases at a time, and the seconds and GiB that each may take, if nothing else is said.
+#: One run of seconds for each: a day.
+MAX_SEEDS = 10_000
 JOBS, TIMEOUT, MEMORY = 2, 900.0, 3.0
 
 
-def extremes(argv: list[str]) -> int:
-    """Run the cases; return 0 if all that are expected to pass do, else 1."""
+def extremes_parser() -> Parser:
+    """Return the parser of ``fem-snh extremes``."""
     from fem_snh.studies.extremes import FAMILIES
 
     parser = Parser(
@@ -20,10 +22,16 @@ def extremes(argv: list[str]) -> int:
         "Run what must not break, each case in a process of its own, and write a table and a page\n"
         f"with pictures. Families: {', '.join(FAMILIES)}. It goes on where it was ended.",
     )
-    parser.add_argument("--only", metavar="FAMILY,..", help="these families; default: all")
-    parser.add_argument("--quick", action="store_true", help="a few small cases, in minutes")
+    parser.add_argument("--only", metavar="FAMILY,..", help="families of cases; default: all")
     parser.add_argument(
-        "--seeds", metavar="N", type=value, default=100, help="scrambles of each small cube"
+        "--quick", action="store_true", help="run a few small cases only, in minutes"
+    )
+    parser.add_argument(
+        "--seeds",
+        metavar="N",
+        type=value,
+        default=100,
+        help="random scrambles of each small cube; default: 100",
     )
     parser.add_argument(
         "--material",
@@ -35,7 +43,14 @@ def extremes(argv: list[str]) -> int:
         "--out", metavar="DIR", type=Path, default=Path("out/extremes"), help="the study's folder"
     )
     campaign.add_limits(parser, TIMEOUT, MEMORY, JOBS)
+    return parser
+
+
+def extremes(argv: list[str]) -> int:
+    """Run the cases; return 0 if all that are expected to pass do, else 1."""
+    parser = extremes_parser()
     args = parser.parse(argv)
+    campaign.check_highest("seeds", args.seeds, MAX_SEEDS)
     campaign.begin("extremes")
 
     from fem_snh.studies.extremes.study import extremes as study

@@ -22,8 +22,8 @@ fem-snh materials gent.py:gent --report            a function gent in a file of 
 """
 
 
-def materials(argv: list[str]) -> int:
-    """List the materials, describe one, or report how it behaves. Return 0."""
+def materials_parser() -> Parser:
+    """Return the parser of ``fem-snh materials``."""
     parser = Parser(
         "materials", "List the materials, describe one, or report how it behaves.", EPILOG
     )
@@ -48,6 +48,12 @@ def materials(argv: list[str]) -> int:
         "--table", action="store_true", help="compare the stability of NAME ... or of all materials"
     )
     parser.add_argument("--csv", metavar="FILE", type=Path, help="also write the table to FILE")
+    return parser
+
+
+def materials(argv: list[str]) -> int:
+    """List the materials, describe one, or report how it behaves. Return 0."""
+    parser = materials_parser()
     args = parser.parse(argv)
     numbers = _numbers(args)
     if args.csv is not None and not args.table:

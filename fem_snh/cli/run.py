@@ -1,4 +1,4 @@
-"""``fem-snh run``: one scene, on however many ranks."""
+"""``fem-snh run``: solve one scene, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from fem_snh.doctor import check
 from fem_snh.errors import BadInput, on_root
 
 
-def run(argv: list[str]) -> int:
-    """Solve; 0 if every step converged, 1 if not."""
-    from fem_snh import scenes
-
-    parser = Parser("run", "Solve a scene, or a scene file of your own.", scene_list())
-    parser.add_argument("scene", metavar="SCENE|FILE.toml", nargs="?")
+def run_parser() -> Parser:
+    """Return the parser of ``fem-snh run``."""
+    parser = Parser("run", "Solve a scene by load steps.", scene_list())
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", help="a name, FILE.toml or FILE.py:FUNCTION"
+    )
     for key, placeholder, help in SCENE_OPTIONS:
         parser.add_argument(f"--{key}", metavar=placeholder, type=value, help=help)
     parser.add_argument(
@@ -31,30 +31,42 @@ def run(argv: list[str]) -> int:
     parser.add_argument(
         "--accuracy",
         metavar="A",
-        help="of displacements: 1%% or 0.01; element, mesh and solver from what was measured",
+        help="relative accuracy of displacements, 1%% or 0.01: choose element, mesh and solver "
+        "from the measured accuracy-cost table of the scene",
     )
     parser.add_argument(
         "--accuracy-table",
         metavar="CSV",
         type=Path,
-        help="of a `fem-snh tradeoff` of your own; default: the one that comes with the scene",
+        help="table of a `fem-snh tradeoff` study for --accuracy; default: the table of the "
+        "built-in scene",
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write run.json, tables, fields")
-    parser.add_argument("--overwrite", action="store_true", help="even if DIR holds a run already")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="folder for run.json, tables and fields"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace the run in DIR")
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="go on with the run of this scene in DIR, from its last step, on any number of ranks",
+        help="continue the run of this scene in DIR from its last step, on any number of ranks",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    parser.add_argument("--quiet", action="store_true", help="print no progress")
+    return parser
+
+
+def run(argv: list[str]) -> int:
+    """Solve; 0 if every step converged, 1 if not."""
+    from fem_snh import scenes
+
+    parser = run_parser()
     if not argv:
-        print("fem-snh run SCENE|FILE.toml [options]\n\n" + scene_list())
+        print("fem-snh run SCENE [options]\n\n" + scene_list())
         return 0
     words, petsc = split_petsc(argv)
     args = parser.parse(words)
     if args.scene is None:
         raise BadInput(
-            f"missing SCENE: expected one of {', '.join(scenes.names())}, or a .toml file"
+            f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or FILE.py:NAME"
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}

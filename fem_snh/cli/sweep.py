@@ -5,17 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.cli import campaign
-from fem_snh.cli.options import split_petsc
+from fem_snh.cli.options import Parser, split_petsc
 
 
-def sweep(argv: list[str]) -> int:
-    """Solve every point; 0 if all of them converged, 1 if not."""
+def sweep_parser() -> Parser:
+    """Return the parser of ``fem-snh sweep``."""
     parser = campaign.parser(
         "sweep",
         "Solve a scene for every combination of values, each in a process of its own.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the sweep's folder")
+    return parser
+
+
+def sweep(argv: list[str]) -> int:
+    """Solve every point; 0 if all of them converged, 1 if not."""
+    parser = sweep_parser()
     words, petsc = split_petsc(argv)
     args = parser.parse(words)
     campaign.begin("sweep")

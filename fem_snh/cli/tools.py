@@ -8,12 +8,18 @@ from fem_snh.cli.options import Parser, value
 from fem_snh.errors import BadInput
 
 
-def plot(argv: list[str]) -> int:
-    """Curves from run folders or a study's table."""
-    parser = Parser("plot", "Curves from run folders (one line each) or from a study's table.")
+def plot_parser() -> Parser:
+    """Return the parser of ``fem-snh plot``."""
+    parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
     parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path)
     parser.add_argument("--out", metavar="PNG", type=Path)
-    parser.add_argument("--newton", action="store_true", help="Newton iterations as well")
+    parser.add_argument("--newton", action="store_true", help="draw the Newton iterations, too")
+    return parser
+
+
+def plot(argv: list[str]) -> int:
+    """Curves from run folders or a study's table."""
+    parser = plot_parser()
     args = parser.parse(argv)
 
     from fem_snh.plots import main
@@ -22,16 +28,24 @@ def plot(argv: list[str]) -> int:
     return 0
 
 
-def render(argv: list[str]) -> int:
-    """A picture of the deformed body of a run folder."""
+def render_parser() -> Parser:
+    """Return the parser of ``fem-snh render``."""
     parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
     parser.add_argument("folder", metavar="DIR", type=Path)
     parser.add_argument("--out", metavar="PNG", type=Path)
-    parser.add_argument("--loads", metavar="T,T", help="loads between 0 and 1, e.g. 0.5,1")
+    parser.add_argument("--loads", metavar="T,T", help="loads to draw, between 0 and 1, e.g. 0.5,1")
     parser.add_argument(
-        "--modes", metavar="N,N", nargs="?", const="", help="eigenmodes (all, or these numbers)"
+        "--modes", metavar="N,N", nargs="?", const="", help="draw eigenmodes: these numbers, or all"
     )
-    parser.add_argument("--field", metavar="NAME", default="J", help="the colour (default: J)")
+    parser.add_argument(
+        "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
+    )
+    return parser
+
+
+def render(argv: list[str]) -> int:
+    """A picture of the deformed body of a run folder."""
+    parser = render_parser()
     args = parser.parse(argv)
     if args.modes is not None and args.loads is not None:
         raise BadInput("--loads and --modes: a picture is of one of them")
@@ -55,9 +69,14 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
     return found
 
 
+def doctor_parser() -> Parser:
+    """Return the parser of ``fem-snh doctor``."""
+    return Parser("doctor", "Check the installation: versions, MPI, BLAS, compiler, cache folder.")
+
+
 def doctor(argv: list[str]) -> int:
-    """Say whether this machine has what it takes."""
-    Parser("doctor", "Say whether this machine has what it takes.").parse(argv)
+    """Check the installation; 0 if it is complete, 2 if something is missing."""
+    doctor_parser().parse(argv)
 
     from fem_snh.doctor import main
 

@@ -22,33 +22,43 @@ _DEFAULTS = {
 }
 
 
-def tradeoff(argv: list[str]) -> int:
-    """Study a scene; 0 if there is advice, 1 if not."""
+def tradeoff_parser() -> Parser:
+    """Return the parser of ``fem-snh tradeoff``."""
     parser = Parser(
         "tradeoff",
-        "Measure what accuracy costs on a scene: elements by meshes, then one knob at a time\n"
+        "Run an accuracy-cost study of a scene: elements by meshes, then one setting at a time\n"
         "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each run in a process\n"
         "of its own. Errors are against a reference that the study makes of its finest rows. It\n"
         "goes on where it was ended: with more of --nu, --elements, --cells only what is new runs.",
         scene_list(),
     )
-    parser.add_argument("scene", metavar="SCENE|FILE.toml")
+    parser.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the study's folder")
     parser.add_argument("--nu", metavar="X,..", help="Poisson's ratios; default: the scene's")
-    parser.add_argument("--elements", metavar="E,..", help="default: all that fit")
-    parser.add_argument("--cells", metavar="N,..", help="for every element, coarse to fine")
     parser.add_argument(
-        "--meshes", metavar="FILE,..", help="gmsh files of one body, coarse to fine"
+        "--elements", metavar="E,..", help="elements to compare; default: all that fit the scene"
+    )
+    parser.add_argument(
+        "--cells", metavar="N,..", help="resolutions for every element, from coarse to fine"
+    )
+    parser.add_argument(
+        "--meshes", metavar="FILE,..", help="gmsh files of one body, from coarse to fine"
     )
     for knob, help in _DEFAULTS.items():
         parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
-    parser.add_argument("--vary", metavar="KNOB,..", help="knobs to turn, or none; default: all")
-    parser.add_argument("--vary-at", metavar="X,..", help="turn them at these nu only")
-    parser.add_argument("--full", action="store_true", help="every combination, on every mesh")
+    parser.add_argument("--vary", metavar="KNOB,..", help="settings to vary, or none; default: all")
+    parser.add_argument("--vary-at", metavar="X,..", help="values of nu at which they are varied")
+    parser.add_argument("--full", action="store_true", help="run every combination on every mesh")
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="other values of the scene"
     )
     campaign.add_limits(parser, TIMEOUT, MEMORY)
+    return parser
+
+
+def tradeoff(argv: list[str]) -> int:
+    """Study a scene; 0 if there is advice, 1 if not."""
+    parser = tradeoff_parser()
     words, petsc = split_petsc(argv)
     args = parser.parse(words)
     campaign.begin("tradeoff")
