@@ -56,7 +56,7 @@ format: setup  ## let ruff correct what it can
 	$(python) -m ruff check --fix .
 	$(python) -m ruff format .
 
-doctor: setup  ## is everything there?
+doctor: setup  ## check the installation
 	$(python) -m fem_snh doctor
 
 wheel: setup  ## dist/fem_snh-*.whl

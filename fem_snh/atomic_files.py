@@ -1,4 +1,4 @@
-"""Files that are old or new, never half."""
+"""Files that are replaced as a whole: a reader finds the old content or the new one."""
 
 from __future__ import annotations
 
@@ -11,11 +11,23 @@ from fem_snh.errors import BadInput
 
 
 def put(path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False) -> None:
-    """Put a text, or what a function writes to a binary file, into ``path`` in one go.
+    """Replace a file as a whole.
 
-    It is written beside ``path`` under a hidden name and moved there, with ``sync`` once it is on
-    the disk, so that it outlives a loss of power. BadInput if it cannot be, as on a full disk; an
-    earlier file is then as it was.
+    The content is written beside ``path`` under a hidden name, and the file is then moved there.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : str or callable
+        A text, or a function that writes to the binary file that it is given.
+    sync : bool
+        Wait until the content is on the disk, so that it survives a loss of power.
+
+    Raises
+    ------
+    BadInput
+        The file cannot be written, as on a full disk; an earlier file is unchanged.
     """
     new = path.with_name(f".{path.name}.new")
     try:
@@ -34,11 +46,11 @@ def put(path: Path, content: str | Callable[[BinaryIO], object], sync: bool = Fa
 
 
 def check_whole(written: Path, path: Path, ending: bytes) -> None:
-    """See that a library, which need not say so, could write a file that is to be ``path``.
+    """Raise BadInput if a file that a library has written does not end with ``ending``.
 
-    BadInput with the reason if it does not end with ``ending``, as on a full disk.
+    Libraries need not report a full disk. ``path`` is the file's name in the message.
     """
-    why = "it was cut short"
+    reason = "it was cut short"
     try:
         if written.exists():
             with written.open("rb") as file:
@@ -46,16 +58,16 @@ def check_whole(written: Path, path: Path, ending: bytes) -> None:
                 file.seek(max(0, file.tell() - len(ending) - 16))
                 if file.read().rstrip().endswith(ending):
                     return
-        with written.open("ab") as file:  # whatever stopped the library stops us
+        with written.open("ab") as file:  # fails for the reason for which the library failed
             file.write(b" " * 65536)
     except OSError as error:
-        why = error.strerror or str(error)
-    raise BadInput(f"cannot write {path}: {why}")
+        reason = error.strerror or str(error)
+    raise BadInput(f"cannot write {path}: {reason}")
 
 
 def remove(path: Path) -> None:
-    """Remove a file if it is there and may be."""
+    """Remove a file if it exists; ignore errors."""
     try:
         path.unlink(missing_ok=True)
     except OSError:
-        pass  # a leftover does no harm
+        pass  # a remaining file does no harm

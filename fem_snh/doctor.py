@@ -1,8 +1,8 @@
-"""Is everything there? A quick check before a solve, and `fem-snh doctor`'s table.
+"""Check the installation: quickly before a solve, and in detail for `fem-snh doctor`.
 
-Only the standard library and fem_snh.errors are needed to import this module: it has to work where
-other things do not. The table tries each thing in a process of its own, since a broken MPI or VTK
-does not raise an exception but kills the process.
+This module imports only the standard library and fem_snh.errors, so that it works where other
+packages are missing. Each row of the table is found in a process of its own, because a broken MPI
+or VTK ends its process instead of raising an exception.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ SETUP = "run `make setup`, then .venv/bin/fem-snh"
 #: What a solve imports; pictures and sweeps ask for theirs when they need them.
 NEEDED = "numpy scipy sympy cffi pydantic rich mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
 #: What pip installs (pyproject.toml), besides pyvista, which has a row of its own.
-PACKAGES = "cffi numpy pandas pydantic rich scipy sympy matplotlib".split()
+PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
 
 
 def check() -> None:
-    """Raise BadInput, naming what is missing and what would do, if a solve cannot work here.
+    """Raise BadInput if a package that a solve needs is missing or PETSc has complex numbers.
 
-    Imports what a solve imports anyway, so it costs a solve nothing. Same outcome on every rank.
+    It imports only what a solve imports, so that it costs no time. Each rank has the same outcome.
     """
     for name in NEEDED:
         try:
             import_module(name)
         except Exception as error:  # also a library that is missing, or numpy's ABI: ValueError
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BadInput(f"{sys.executable} cannot import {name} ({why}): {SETUP}") from None
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise BadInput(f"{sys.executable} cannot import {name} ({reason}): {SETUP}") from None
     from petsc4py import PETSc
 
     if PETSc.ScalarType().dtype.kind != "f":
@@ -47,7 +47,7 @@ def check() -> None:
 
 @dataclass(frozen=True)
 class Finding:
-    """One row: what was looked at, its state (ok | slow | missing), what was found, what to do."""
+    """A row of the table: the component, its state (ok, slow or missing), its version, a remedy."""
 
     what: str
     state: str
@@ -56,13 +56,13 @@ class Finding:
 
 
 def _environment() -> dict[str, str]:
-    """The environment without what a launcher told this rank: a child is a run of its own."""
+    """Return the environment without an MPI launcher's variables: a child is no rank of the job."""
     told = ("OMPI_COMM_", "OMPI_UNIVERSE", "OMPI_FIRST", "PMIX_", "PMI_")
     return {k: v for k, v in os.environ.items() if not k.startswith(told)}
 
 
 def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
-    """Run ``command``; whether it succeeded, and the last line it wrote (or why there is none)."""
+    """Run a command; return whether it succeeded, and the last line of its output."""
     try:
         done = subprocess.run(
             command,
@@ -84,13 +84,13 @@ def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
 
 
 def _probe(what: str, code: str, remedy: str) -> Callable[[], Finding]:
-    """A row from a Python program that prints what it found, or fails."""
+    """Return a function that makes a row: it runs a Python program that prints a version."""
 
-    def look() -> Finding:
+    def find() -> Finding:
         ok, found = _run([sys.executable, "-c", code])
         return Finding(what, "ok" if ok else "missing", found, "" if ok else remedy)
 
-    return look
+    return find
 
 
 def _python() -> Finding:
@@ -105,7 +105,7 @@ def _python() -> Finding:
 
 
 def _blas() -> Finding:
-    """Which BLAS PETSc has loaded: direct solvers are ten times slower on the reference one."""
+    """Return the row of PETSc's BLAS: direct solvers are ten times slower on the reference one."""
     code = (
         "from petsc4py import PETSc\nimport re\n"
         "maps = {l.split()[-1] for l in open('/proc/self/maps')}\n"
@@ -121,7 +121,7 @@ def _blas() -> Finding:
 
 
 def _ranks() -> Finding:
-    # One rank speaks, in one write: what two say at once comes interleaved.
+    # Only rank 0 prints: the lines of two ranks may be interleaved.
     code = (
         "from mpi4py import MPI; world = MPI.COMM_WORLD\n"
         "if world.rank == 0: print(f'{world.size} ranks start')"
@@ -199,13 +199,13 @@ def _rows() -> list[Callable[[], Finding]]:
 
 
 def examine() -> list[Finding]:
-    """Look at everything; one Finding for each row of the table."""
+    """Return a Finding for each row of the table."""
     with ThreadPoolExecutor(max_workers=4) as pool:
-        return list(pool.map(lambda look: look(), _rows()))
+        return list(pool.map(lambda find: find(), _rows()))
 
 
 def main() -> int:
-    """Print the table; 0 if all is there, 2 if something is missing. Rank 0 alone speaks."""
+    """Print the table on rank 0; return 0 if nothing is missing, otherwise 2."""
     if os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) != "0":
         return 0
     findings = examine()

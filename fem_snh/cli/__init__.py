@@ -35,7 +35,7 @@ COMMANDS = {
     "doctor": ("tools", "check the installation"),
 }
 _format = warnings.formatwarning
-#: Environment variables set by MPI launchers; without them there is one rank and MPI is not started.
+#: Variables set by MPI launchers; without them there is one rank, and MPI is not started.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
 #: Errors of a full disk, which concern printed output, too.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -119,7 +119,7 @@ def usage() -> str:
     rows = [f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items()]
     return "\n".join(
         [
-            "fem-snh: Stable Neo-Hookean solids on gmsh meshes, by a projected Newton method, under MPI",
+            "fem-snh: Stable Neo-Hookean solids on gmsh meshes, by projected Newton, under MPI",
             "",
             *rows,
             "",

@@ -66,7 +66,8 @@ def run(argv: list[str]) -> int:
     args = parser.parse(words)
     if args.scene is None:
         raise BadInput(
-            f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or FILE.py:NAME"
+            f"missing SCENE: expected one of {', '.join(scenes.names())}, a .toml file or "
+            "FILE.py:NAME"
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}

@@ -11,8 +11,8 @@ from fem_snh.errors import BadInput
 def plot_parser() -> Parser:
     """Return the parser of ``fem-snh plot``."""
     parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
-    parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path)
-    parser.add_argument("--out", metavar="PNG", type=Path)
+    parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path, help="what to draw")
+    parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
     parser.add_argument("--newton", action="store_true", help="draw the Newton iterations, too")
     return parser
 
@@ -31,8 +31,8 @@ def plot(argv: list[str]) -> int:
 def render_parser() -> Parser:
     """Return the parser of ``fem-snh render``."""
     parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
-    parser.add_argument("folder", metavar="DIR", type=Path)
-    parser.add_argument("--out", metavar="PNG", type=Path)
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
+    parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
     parser.add_argument("--loads", metavar="T,T", help="loads to draw, between 0 and 1, e.g. 0.5,1")
     parser.add_argument(
         "--modes", metavar="N,N", nargs="?", const="", help="draw eigenmodes: these numbers, or all"
