@@ -1,4 +1,4 @@
-"""What the kernels may err by, and what they do err by, at one F.
+"""The errors of the kernels at one F, and the bounds that rounding of F implies.
 
 In double precision F itself is known to a rounding, so no algorithm can be asked for more than the
 exact answer of an F that is off by a few. That, and a few roundings of the answer's own size, is
@@ -57,19 +57,19 @@ class Compared(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """The error over the bound."""
+        """The ratio of the error to the bound."""
         if self.error == 0:
             return 0.0
         return float(self.error / self.bound) if self.bound else float("inf")
 
     @property
     def has_digits(self) -> bool:
-        """Whether F, known to a few roundings, decides any digit of it."""
+        """Whether F, known to a few roundings, determines any digit of it."""
         return bool(self.bound < self.size)
 
 
 def digits(F: Any) -> int:
-    """Decimal digits that leave fifty of every result at F."""
+    """Return the working precision that leaves fifty digits of every result at F."""
     entries = np.abs(F[F != 0])
     spread = np.log10(entries.max() / entries.min()) if entries.size else 0
     return 60 + int(5 * min(spread, 24.0))
@@ -94,7 +94,7 @@ def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:
 
 
 def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]:
-    """Every quantity of the material at F, a (3, 3) array of doubles."""
+    """Yield every quantity of the material at F, a (3, 3) array of doubles."""
     oracle = Oracle(m.expression)
     with mpmath.workdps(digits(F)):
         exact = oracle(exactly(F))
@@ -112,7 +112,7 @@ def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]
 
 
 def _change(near: list[Any], exact: Any) -> Any:
-    """max_k |Q_k - Q|; inf where one is missing."""
+    """Return max_k |Q_k - Q|; inf if one is missing."""
     if exact is None or any(q is None for q in near):
         return mpmath.inf
     return max(norm(np.asarray(q - exact)) for q in near)

@@ -1,9 +1,9 @@
-"""Energy, stress and Hessian of a material in as many digits as it takes, by mpmath.
+"""Energy, stress and Hessian of a material in as many digits as requested, by mpmath.
 
-From the material's own expression, differentiated by sympy in the principal stretches, at the exact
-values of the doubles in F and in the constants. Nothing here is shared with the kernels but the
-expression. tests/test_pointwise_extremes.py checks it against a stress by hand, against mpmath's
-derivatives of the energy, and against a dense eigendecomposition of the 9x9 Hessian.
+The expression of the material is differentiated by sympy in the principal stretches and evaluated
+at the exact values of the doubles in F and in the constants. Only the expression is shared with the
+kernels. tests/test_pointwise_extremes.py checks the oracle against a stress by hand, mpmath's
+derivatives of the energy, and a dense eigendecomposition of the 9x9 Hessian.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PAIRS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 
 
 def _terms(f: sympy.Expr) -> sympy.Expr:
-    """The sum of the absolute values of what is added in f."""
+    """Return the sum of the absolute values of the terms of f."""
     if f.is_Add:
         return sympy.Add(*map(_terms, f.args))
     return sympy.Mul(*map(_terms, f.args)) if f.is_Mul else sympy.Abs(f)
@@ -69,12 +69,12 @@ class Point:
 
     @property
     def eigenvalues(self) -> list[Any]:
-        """All nine, ascending."""
+        """All nine eigenvalues of the Hessian, ascending."""
         A, twist, flip = self.blocks
         return sorted([*mpmath.eigsy(mpmath.matrix(A.tolist()), eigvals_only=True), *twist, *flip])
 
     def hessian(self, filter: str = "exact") -> Any:
-        """d2psi/dF2 (9, 9) after the filter."""
+        """Return d2psi/dF2 (9, 9) after the filter."""
         A, twist, flip = self.blocks
         if filter != "exact":
             A, twist, flip = filtered(A, filter), *(_each(x, filter) for x in (twist, flip))
@@ -96,19 +96,19 @@ def _each(values: Any, filter: str) -> list[Any]:
 
 
 def filtered(A: Any, filter: str) -> Any:
-    """A symmetric matrix with its eigenvalues clamped or made positive, by mpmath's eigsy."""
+    """Return a symmetric matrix with its eigenvalues clamped or made positive."""
     values, Q = mpmath.eigsy(mpmath.matrix(A.tolist()))
     Q = np.array(Q.tolist(), dtype=object).reshape(A.shape)
     return (Q * np.array(_each(values, filter), dtype=object)) @ Q.T
 
 
 def exactly(F: Any) -> Any:
-    """An array of doubles as mpmath numbers."""
+    """Return an array of doubles as mpmath numbers."""
     return np.vectorize(mpf, otypes=[object])(np.asarray(F, dtype=object))
 
 
 def norm(A: Any) -> Any:
-    """The root of the sum of squares."""
+    """Return the Frobenius norm."""
     return mpmath.sqrt(mpmath.fsum(x * x for x in np.ravel(A)))
 
 

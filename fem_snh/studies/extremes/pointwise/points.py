@@ -48,14 +48,14 @@ def _placed(s: Array, kind: int, rng: np.random.Generator) -> Array:
 
 
 def _stretches(name: str, rng: np.random.Generator) -> Array:
-    """Three signed stretches of a group, the first words of whose name say which."""
+    """Return three signed stretches of the group that ``name`` describes."""
     signs = rng.choice([-1.0, 1.0], 3)
     size, wide = 10.0 ** rng.uniform(-12, 12), 10.0 ** rng.uniform(-12, 12, 3)
-    usual = 10.0 ** rng.uniform(-1, 1, 3)
+    moderate = 10.0 ** rng.uniform(-1, 1, 3)
     kind, _, rest = name.partition(" ")
     match kind:
         case "regular":
-            return usual
+            return moderate
         case "1e-12..1e12":
             return wide * (signs if rest else 1)
         case "equal":
@@ -64,13 +64,13 @@ def _stretches(name: str, rng: np.random.Generator) -> Array:
             return 10.0 ** rng.uniform(-2, 2) * (1 + float(rest) * rng.standard_normal(3))
         case "pair":
             d = float(rest) * rng.standard_normal()
-            return usual[[0, 0, 1]] * np.array([1 + d, 1, rng.choice([1, -1])])
+            return moderate[[0, 0, 1]] * np.array([1 + d, 1, rng.choice([1, -1])])
         case "mirrored":
             return np.array([1.0, 1.0, -1.0]) + float(rest) * rng.standard_normal(3)
         case "zero":
-            return usual * (np.arange(3) >= int(rest))
+            return moderate * (np.arange(3) >= int(rest))
         case "negative":
-            return usual * np.where(np.arange(3) < int(rest), -1, 1)
+            return moderate * np.where(np.arange(3) < int(rest), -1, 1)
     raise ValueError(name)
 
 
@@ -96,7 +96,7 @@ STRAINED = (*(f"strain {e:g}" for e in STRAINS), "turned 1e-9", "turned 1e-4")
 
 
 def groups(n: int, seed: int = 0) -> Iterator[Group]:
-    """Every group, of n points each."""
+    """Yield every group, with n points each."""
     rng = np.random.default_rng(seed)
     for name in STRETCHED:
         yield Group(
