@@ -1,20 +1,24 @@
-"""Deformation gradients and materials for the tests at single points."""
+"""Deformation gradients, materials and checks for the tests at single points."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
+import sympy
 from scipy.spatial.transform import Rotation
 
 from benchmarks.eigensolvers import stretches
 from fem_snh import materials
 from fem_snh.kernels.pointwise import Material, material
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.invariants import SIGMA
 
-#: Materials by which the machinery is tested, on both sides of nu = 0.4, where the first changes;
-#: what is asked of each and every material is in test_every_material.py.
+#: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean
+#: changes its form. The tests of every material are in test_every_material.py.
 REPRESENTATIVE = ("stable_neo_hookean", "neo_hookean", "fixed_corotational")
 NUS = (0.3, 0.49)
 every_material = pytest.mark.parametrize(
@@ -34,7 +38,7 @@ STATES = {
 
 @lru_cache
 def law(name: str, nu: float, **shape: Any) -> Material:
-    """A material with E = 1.7 (so that a forgotten E is seen)."""
+    """A material with E = 1.7: an E that is forgotten somewhere changes the result."""
     return material(name, E=1.7, nu=nu, **shape)
 
 
@@ -51,22 +55,27 @@ def deformations(sigma: Any, seed: int = 0) -> np.ndarray:
     return ((U * flat[:, None, :]) @ np.swapaxes(V, 1, 2)).reshape(*sigma.shape, 3)
 
 
+#: The pairs of stretches that twist and flip i couple.
+PAIRS = ((1, 2), (0, 2), (0, 1))
+
+#: Groups of 64 stretches each: regular, equal, nearly equal, signed, of very different sizes.
 KINDS = stretches(64, seed=3)
+every_state = pytest.mark.parametrize("state", list(STATES))
 every_kind = pytest.mark.parametrize("kind", list(KINDS))
 
 
 def vec(A: np.ndarray) -> np.ndarray:
-    """vec(A) by columns (paper, eq. 17), (..., 3, 3) -> (..., 9)."""
+    """vec(A) by columns (Smith et al. 2018, eq. 17), (..., 3, 3) -> (..., 9)."""
     return np.swapaxes(A, -1, -2).reshape(*A.shape[:-2], 9)
 
 
 def spread(A: np.ndarray) -> np.ndarray:
-    """The norm of each matrix of (..., n, n): its largest absolute row sum, at least tiny."""
+    """The largest absolute row sum of each matrix (..., n, n), at least the smallest number."""
     return np.maximum(abs(A).sum(axis=-1).max(axis=-1), np.finfo(float).tiny)
 
 
 def filtered(H: np.ndarray, filter: str) -> np.ndarray:
-    """numpy's answer to a filter."""
+    """The filtered Hessian by numpy's eigendecomposition."""
     values, Q = np.linalg.eigh(H)
     values = np.maximum(values, 0) if filter == "clamp" else abs(values)
     return (Q * values[..., None, :]) @ np.swapaxes(Q, -1, -2)
@@ -78,3 +87,32 @@ def observed_order(h: np.ndarray, error: np.ndarray, floor: np.ndarray) -> float
     steps = int(np.argmin(before)) if not before.all() else len(h)
     assert steps >= 3, "rounding took over too early to see an order"
     return float(np.log2(error[steps - 2] / error[steps - 1]))
+
+
+def inside_domain(m: Material, F: np.ndarray) -> np.ndarray:
+    """``F``; the test is skipped where the energy is infinite."""
+    if not np.isfinite(m.energy(F)):
+        pytest.skip("infinite energy")
+    return F
+
+
+@lru_cache
+def principal(energy: Energy):
+    """psi_i and psi_ij as functions of the stretches and the constants, by sympy, for mpmath."""
+    first = [sympy.diff(energy.psi_sigma, s) for s in SIGMA]
+    second = [[sympy.diff(p, s) for s in SIGMA] for p in first]
+    return sympy.lambdify((*SIGMA, *energy.constants), (first, second), "mpmath")
+
+
+def assert_eigenvalues(m: Material, s: np.ndarray, values: np.ndarray, bound: float) -> None:
+    """Compare the eigenvalues with sympy's derivatives in 60 digits, relative to the largest."""
+    with mpmath.workdps(60):
+        s = [mpmath.mpf(float(x)) for x in s]
+        # Equal stretches are separated by 1e-25: the divided difference is then the limit.
+        s = [x + k * mpmath.mpf(10) ** -25 for k, x in enumerate(s)]
+        first, second = principal(m.expression)(*s, *m.expression.values)
+        scaling = sorted(mpmath.eigsy(mpmath.matrix(second), eigvals_only=True), reverse=True)
+        twist = [(first[j] + first[k]) / (s[j] + s[k]) for j, k in PAIRS]
+        flip = [(first[j] - first[k]) / (s[j] - s[k]) for j, k in PAIRS]
+        expected = np.array([float(x) for x in (*scaling, *twist, *flip)])
+    assert abs(values - expected).max() <= bound * abs(expected).max()
