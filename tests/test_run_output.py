@@ -1,0 +1,198 @@
+"""What a run leaves: run.json, steps.csv, fields, and the folder."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from running import record, rows, solve
+
+from fem_snh.errors import BadInput
+from fem_snh.runs.folder import COLUMNS
+
+mpi = pytest.mark.mpi
+
+
+KEYS = {
+    "scene", "material", "element", "hessian", "globalization", "terms", "cells", "dofs", "ranks",
+    "converged", "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name",
+    "load_range", "quadrature", "eigensolver",
+}  # fmt: skip
+
+
+@mpi
+def test_the_record_says_what_was_solved_and_how(comm, folder):
+    result = solve("twist", cells=3, angle=0.6, out=folder / "new" / "run")
+    folder = folder / "new" / "run"
+    found = record(folder)
+    assert set(found) >= KEYS
+    assert found["material"] == {
+        "name": "stable_neo_hookean",
+        "E": 1.0,
+        "nu": 0.49,
+        "mu_lame": pytest.approx(1 / 2.98, rel=1e-10),
+        "lambda_lame": pytest.approx(0.49 / (1.49 * 0.02), rel=1e-10),
+        "parameters": dict(
+            zip(("mu", "lam"), result.problem.material.expression.values, strict=True), barrier=None
+        ),
+    }
+    plain = (
+        "scene",
+        "element",
+        "hessian",
+        "globalization",
+        "terms",
+        "cells",
+        "dofs",
+        "ranks",
+        "status",
+    )
+    values = [
+        "twist",
+        "Q1",
+        "adaptive",
+        "trust_region",
+        ["elastic"],
+        27,
+        192,
+        comm.size,
+        "converged",
+    ]
+    assert [found[key] for key in plain] == values
+    assert found["converged"] is True and result.converged and result.status == "converged"
+    assert (found["load_name"], found["load_range"]) == ("angle", [0, 0.6])
+    assert set(found["seconds"]) == {"jit", "mesh", "setup", "assemble", "solve", "output", "total"}
+    seconds = dict(found["seconds"])
+    total = seconds.pop("total")
+    assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) <= total
+    assert {"fem_snh", "dolfinx", "petsc", "python"} <= set(found["versions"])
+    assert found["peak_memory_mb"] > 10
+    assert 0 < found["processor_seconds"] < 60
+
+    assert [step["load"] for step in found["steps"]] == [0.5, 1.0]
+    for step, seen in zip(found["steps"], rows(folder), strict=True):
+        assert tuple(step) == (*COLUMNS, "reactions", "probes")
+        vectors = step["reactions"] | step["probes"]
+        assert tuple(seen)[: len(COLUMNS)] == COLUMNS
+        assert len(seen) == len(COLUMNS) + 3 * len(vectors)
+        assert step["converged"] is True and step["reason"].startswith("CONVERGED")
+        assert step["newton"] > 0 and step["linear"] > step["newton"] >= step["clamped"] >= 0
+        assert step["residual"] <= found["tolerance"]
+        assert step["energy"] > 0 and 0.9 < step["volume_ratio"] < 1.1 and 0 < step["min_J"] <= 1.1
+        assert float(seen["energy"]) == step["energy"] and int(seen["newton"]) == step["newton"]
+    assert result.steps == result.record["steps"]
+    for step, seen in zip(result.steps, found["steps"], strict=True):
+        assert step | {"seconds": 0} == seen | {"seconds": 0}  # each rank has its own clock
+    assert result.out == folder
+    assert result.steps[-1]["energy"] == result.problem.energy(result.problem.x)
+    comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_fields_are_read_by_pyvista(comm, folder, element):
+    pyvista = pytest.importorskip("pyvista")
+    result = solve("twist", cells=2, angle=0.8, element=element, out=folder)
+    comm.barrier()
+    reader = pyvista.get_reader(str(folder / "fields.pvd"))
+    assert reader.time_values == [0.0, 0.5, 1.0]
+    for time_value, step in zip((0.0, 0.5, 1.0), (None, *result.steps), strict=True):
+        reader.set_active_time_value(time_value)
+        grid = reader.read().combine()
+        assert grid.n_cells == result.record["cells"]
+        assert set(grid.cell_data.keys()) >= {"J", "energy_density", "min_eigenvalue"}
+        u, J = grid.point_data["displacement"], grid.cell_data["J"]
+        if step is None:
+            assert not u.any() and J == pytest.approx(1, abs=1e-12)
+            continue
+        volumes = np.full(len(J), 1 / 8) if element == "Q1" else cell_volumes(grid)
+        assert volumes @ J == pytest.approx(step["volume_ratio"], rel=1e-6)
+        energy = volumes @ grid.cell_data["energy_density"]
+        assert energy == pytest.approx(step["energy"], rel=1e-6)
+        assert grid.cell_data["min_eigenvalue"].min() < 0
+        assert J.min() >= step["min_J"] - 1e-12
+        top = grid.points[:, 2] > 1 - 1e-9
+        arm = grid.points[top] - [0.5, 0.5, 1]
+        c, s = np.cos(0.8 * time_value), np.sin(0.8 * time_value)
+        expected = arm @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T - arm
+        assert u[top] == pytest.approx(expected, abs=1e-7)
+    comm.barrier()
+
+
+def cell_volumes(grid):
+    """By the corners of tetrahedra."""
+    corners = np.array([grid.get_cell(i).points[:4] for i in range(grid.n_cells)])
+    return abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
+
+
+@mpi
+def test_a_material_without_energy_has_none_in_its_record(comm, folder):
+    """Null in run.json, nothing in steps.csv, no field; stresses are all that it has."""
+    pyvista = pytest.importorskip("pyvista")
+    result = solve("pull", cells=2, steps=2, material="filtered_neo_hookean", out=folder)
+    comm.barrier()
+    assert result.converged and not result.problem.has_energy
+    assert [step["energy"] for step in result.steps] == [None, None]
+    assert [step["energy"] for step in record(folder)["steps"]] == [None, None]
+    assert [row["energy"] for row in rows(folder)] == ["", ""]
+    assert all(row["residual"] and row["reaction_right_x"] for row in rows(folder))
+    reader = pyvista.get_reader(str(folder / "fields.pvd"))
+    reader.set_active_time_value(1.0)
+    assert set(reader.read().combine().cell_data.keys()) & {
+        "J",
+        "energy_density",
+        "min_eigenvalue",
+    } == {"J", "min_eigenvalue"}
+    with pytest.raises(BadInput, match="material 'filtered_neo_hookean' has no energy"):
+        result.problem.energy(result.problem.x)
+    comm.barrier()
+
+
+@mpi
+def test_what_was_done_to_a_material_is_in_the_record(comm):
+    tuning = {"material.alpha_mu": 1.5, "material.lambda_part": "neo_hookean"}
+    found = solve("pull", cells=1, steps=1, stretch=1.1, **tuning).record["material"]
+    assert found["parameters"]["alpha_mu"] == 1.5
+    assert found["parameters"]["lambda_part"] == "neo_hookean"
+    assert found["mu_lame"] == pytest.approx(1 / 2.6) and found["nu"] == 0.3
+
+
+@mpi
+def test_without_a_folder_nothing_is_written(comm, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    result = solve("twist", cells=1, angle=0.3)
+    comm.barrier()
+    assert result.out is None and not list(folder.iterdir())
+    comm.barrier()
+
+
+@mpi
+def test_a_folder_with_a_run_is_refused_unless_told(comm, folder):
+    tiny = {"cells": 1, "angle": 0.1, "out": folder}
+    solve("twist", steps=3, **tiny)
+    comm.barrier()
+    before = (folder / "run.json").read_text()
+    with pytest.raises(BadInput, match=r"already holds a run: give --overwrite or another --out"):
+        solve("twist", **tiny)
+    assert (folder / "run.json").read_text() == before
+    comm.barrier()
+    (folder / f"mine{comm.rank}.txt").write_text("kept")
+    comm.barrier()
+    solve("twist", steps=1, overwrite=True, **tiny)
+    comm.barrier()
+    assert [step["load"] for step in record(folder)["steps"]] == [1.0]
+    names = {path.name for path in folder.iterdir()}
+    assert "mine0.txt" in names and not [n for n in names if n.startswith(".")]
+    assert not [n for n in names if re.search(r"fields.*0*3\.p?vtu$", n)]  # of the longer run
+    comm.barrier()
+
+
+@mpi
+def test_a_folder_that_cannot_be_written_is_bad_input_on_every_rank(comm, folder):
+    (folder / "file").write_text("a file")
+    comm.barrier()
+    for place in (folder / "file", folder / "file" / "run", Path("/proc/nowhere/run")):
+        with pytest.raises(BadInput, match=r"output folder .* cannot be written \(.+\): choose"):
+            solve("twist", cells=1, out=place)
