@@ -111,12 +111,12 @@ def test_what_is_no_name_and_no_function():
 
 
 FILES = {
-    "missing.py:gent": "material = 'missing.py:gent': cannot read missing.py",
-    "gel.py:gle": "material = 'gel.py:gle': gel.py has no function 'gle' .did you mean 'gel'",
-    "gel.py": "material = 'gel.py': expected FILE.py:NAME",
+    "missing.py:gent": r"material(.name)? = 'missing.py:gent': cannot read missing.py",
+    "gel.py:gle": r"material(.name)? = 'gel.py:gle': gel.py has no function 'gle' .did you mean 'gel'",
+    "gel.py": r"material(.name)? = 'gel.py': expected FILE.py:NAME",
     "gel.py:SIZE": "gel.py:SIZE.*int.*expected a function",
-    "broken.py:gel": "material = 'broken.py:gel': .*NameError.*wrong",
-    "syntax.py:gel": "material = 'syntax.py:gel': .*SyntaxError",
+    "broken.py:gel": r"material(.name)? = 'broken.py:gel': .*NameError.*wrong",
+    "syntax.py:gel": r"material(.name)? = 'syntax.py:gel': .*SyntaxError",
     "gel.py:gel": "material 'gel.py:gel': its function returns 2: expected a sympy expression",
 }
 

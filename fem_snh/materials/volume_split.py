@@ -135,8 +135,8 @@ def split(energy: Energy, bound: float) -> Split:
     volumes = [_of_volume(energy, term) for term in terms]
     if None in volumes or sympy.Add(*volumes) == 0:
         raise BadInput(
-            f"material '{energy.name}' has no volume term, one in J alone that brings lambda, which "
-            "mixed elements need: take Q1, Q2, P1 or P2"
+            f"material '{energy.name}' has no volume term, one in J alone that brings lambda, "
+            "which mixed elements need: take Q1, Q2, P1 or P2"
         )
     made = energy.at_pressure(rest, PRESSURE, {LOCAL: local})
     # Factored: lambda times the rounding of J^2 - 2 J + 1 would exceed p.
