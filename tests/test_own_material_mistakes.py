@@ -112,7 +112,7 @@ def test_what_is_no_name_and_no_function():
 
 FILES = {
     "missing.py:gent": r"material(.name)? = 'missing.py:gent': cannot read missing.py",
-    "gel.py:gle": r"material(.name)? = 'gel.py:gle': gel.py has no function 'gle' .did you mean 'gel'",
+    "gel.py:gle": r"material(.name)? = 'gel.py:gle': gel.py has no function 'gle' .did you mean",
     "gel.py": r"material(.name)? = 'gel.py': expected FILE.py:NAME",
     "gel.py:SIZE": "gel.py:SIZE.*int.*expected a function",
     "broken.py:gel": r"material(.name)? = 'broken.py:gel': .*NameError.*wrong",
