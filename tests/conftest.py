@@ -49,6 +49,37 @@ def toml(tmp_path: Path) -> Path:
     return path
 
 
+# --- what is the same on every Debian is tested on one --------------------------------------------
+
+#: Files whose tests need neither dolfinx nor PETSc, or exercise them no more than others do.
+SAME_ON_EVERY_DEBIAN = frozenset(
+    f"test_{name}"
+    for name in (
+        "arrows bench bench_elements constants demos docs eigen3 eigensystem energy_families "
+        "extremes faults generated_energies install own_material_mistakes plots "
+        "pointwise_extremes published_energies readme references reports scene_mistakes "
+        "scene_moves scene_parameters scene_schema smith_materials smith_properties "
+        "stable_neo_hookean stress_curves svd sweep theory tradeoff tradeoff_advice "
+        "tradeoff_reference tuning words"
+    ).split()
+)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--other-debian",
+        action="store_true",
+        help="leave out the tests that give the same on every Debian",
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("other_debian"):
+        same = [item for item in items if item.path.stem in SAME_ON_EVERY_DEBIAN]
+        config.hook.pytest_deselected(items=same)
+        items[:] = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
+
+
 # --- a test that fails on one rank must not leave the others in a collective ---------------------
 # A Python that just ends would: petsc4py's clean-up at exit is a collective, and comes before
 # anything that aborts at MPI's end.
