@@ -22,8 +22,9 @@ from points import (
 )
 
 from fem_snh.choices import FILTERS
-from fem_snh.kernels.pointwise import Material, material
+from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.svd_eigen import svd
+from fem_snh.materials.construction import construct
 
 
 def neo_by_stretches(s0, s1, s2, mu, lam):
@@ -73,7 +74,7 @@ each_energy = pytest.mark.parametrize("function", ENERGIES, ids=lambda f: f.__na
 
 @lru_cache
 def make_material(function, nu: float = 0.3) -> Material:
-    return material(function, E=1.7, nu=nu)
+    return Material(construct(function, function.__name__, 1.7, nu, {}, {}, {}))
 
 
 @pytest.mark.parametrize(
