@@ -15,7 +15,7 @@ from pages import PAGES, ROOT, SHELL, Block, blocks, commands, words_of
 
 import benchmarks
 import fem_snh
-from fem_snh import scenes
+from fem_snh import cli, scenes
 
 #: Commands that pages name and this repository does not have.
 OTHERS = {"apt-get", "cd", "export", "git", "paraview", "pip", "sudo", "source", "tail"}
@@ -50,10 +50,7 @@ def test_commands_exist(page: Path) -> None:
     shell = (block for block in blocks(page) if block.kind in SHELL)
     found = [command for block in shell for command, _ in commands(block)]
     found += _INLINE.findall(page.read_text(encoding="utf-8"))
-    sys.path.insert(0, str(ROOT / "docs/_ext"))
-    from generated.commands import parsers as made
-
-    parsers = made()
+    parsers = cli.parsers()
     for command in found:
         check(words_of(command), parsers, command)
 

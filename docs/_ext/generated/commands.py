@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from importlib import import_module
 
 from fem_snh import cli
-from fem_snh.cli.options import Parser
 from generated.table import table
 
 
 def markdown() -> str:
     """Return a section for each command: its usage, its description and its options."""
     parts = []
-    for name, parser in parsers().items():
+    for name, parser in cli.parsers().items():
         parser.formatter_class = _Wide
         usage = parser.format_usage().removeprefix("usage: ").strip()
         parts += [f"## fem-snh {name}", parser.description or "", f"```text\n{usage}\n```"]
@@ -35,25 +33,3 @@ def _row(action: argparse.Action) -> tuple[str, str]:
     name = ", ".join(action.option_strings)
     meaning = (action.help or "").replace("%%", "%")
     return f"`{' '.join(part for part in (name, shown) if part)}`", meaning
-
-
-def parsers() -> dict[str, Parser]:
-    """Return the parser of each command."""
-    if hasattr(cli, "parsers"):
-        return cli.parsers()
-    found = {}
-
-    def caught(self, argv):
-        found[self.prog.split()[-1]] = self
-        raise KeyboardInterrupt
-
-    original, Parser.parse = Parser.parse, caught
-    try:
-        for name, (module, _) in cli.COMMANDS.items():
-            try:
-                getattr(import_module(f"fem_snh.cli.{module}"), name)(["--"])
-            except KeyboardInterrupt:
-                pass
-    finally:
-        Parser.parse = original
-    return found
