@@ -40,7 +40,11 @@ def markdown() -> str:
 
 
 def _row(model: type[BaseModel], key: str, field: FieldInfo) -> tuple[str, str, str]:
-    return _accepted(key, field), _default(field), field.description or ""
+    named = (
+        model is schema.Scene and key == "name"
+    )  # the only key that a file gives by its own name
+    default = "the file's name" if named else _default(field)
+    return _accepted(key, field), default, field.description or ""
 
 
 def _accepted(key: str, field: FieldInfo) -> str:
