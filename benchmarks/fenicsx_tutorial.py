@@ -24,7 +24,7 @@ import ufl
 from benchmarks.assembly import JIT
 from fem_snh import _dolfinx, scenes
 from fem_snh._petsc import mumps_out_of_memory
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.fem import elements, ufl_forms
 from fem_snh.fem import mesh as meshes
 from fem_snh.kernels.pointwise import material
@@ -102,7 +102,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         record["peak_memory_mb"] = comm.allreduce(peak)
         record["converged"] = load == 1.0
         if comm.rank == 0:
-            put(folder / "run.json", json.dumps(record))
+            replace_file(folder / "run.json", json.dumps(record))
     return record
 
 

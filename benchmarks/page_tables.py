@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 
 
@@ -36,7 +36,7 @@ def split_page(page: Path, benchmark: str) -> tuple[str, str]:
 def write_table(page: Path, benchmark: str, parts: tuple[str, str], table: str) -> None:
     """Write the page with a new table or text between its two ``parts``."""
     begin, end = markers(benchmark)
-    put(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")
+    replace_file(page, f"{parts[0]}{begin}\n\n{table}\n\n{end}{parts[1]}")
 
 
 def data_folder(page: Path) -> Path:

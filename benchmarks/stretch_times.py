@@ -94,7 +94,7 @@ def _run(
             ]
             folder = folder / "out"
         with Interrupts() as interrupts:  # Ctrl-C does not reach a child, which has its own session
-            with interrupts.undivided():
+            with interrupts.postponed():
                 child = Child(command, Path(name, "log.txt"), timeout, memory, search_path())
             try:
                 while child.poll() is None:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks import Row, page_tables
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
@@ -219,6 +219,6 @@ def rows(write: str = "docs/results/tradeoff_tables.md") -> Iterator[Row]:
         raise BadInput(f"write = {page}: cannot be read: {error.strerror}") from None
     folder = page_tables.data_folder(page)
     tables = {csv.stem: pd.read_csv(csv) for csv in sorted(folder.glob("*.csv"))}
-    put(page, fill(text, tables))
+    replace_file(page, fill(text, tables))
     for _, scene, kind, _ in _TABLE.findall(text):
         yield {"page": write, "scene": scene, "table": kind}

@@ -10,7 +10,9 @@ from typing import BinaryIO
 from fem_snh.errors import BadInput
 
 
-def put(path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False) -> None:
+def replace_file(
+    path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False
+) -> None:
     """Replace a file as a whole.
 
     The content is written beside ``path`` under a hidden name, and the file is then moved there.

@@ -13,7 +13,7 @@ import pytest
 from bodies import PRESS
 
 import fem_snh
-from fem_snh.atomic_files import check_whole, put
+from fem_snh.atomic_files import check_whole, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.runs import checkpoint, nodal_values
 from fem_snh.runs.stepping import Stepper
@@ -65,7 +65,7 @@ def difference(one, other):
     gaps = []
     for name in ("u", "p"):
         if name in a:
-            order = nodal_values.partners(a[f"{name}_nodes"], b[f"{name}_nodes"])
+            order = nodal_values.match_nodes(a[f"{name}_nodes"], b[f"{name}_nodes"])
             gaps.append(abs(a[name] - b[name][order]).max())
     return max(gaps)
 
@@ -237,29 +237,29 @@ def test_nodes_are_found_by_their_places():
     rng = np.random.default_rng(0)
     nodes = rng.uniform(size=(200, 3))
     order = rng.permutation(200)
-    assert np.array_equal(nodal_values.partners(nodes[order] + 1e-13, nodes), order)
+    assert np.array_equal(nodal_values.match_nodes(nodes[order] + 1e-13, nodes), order)
     with pytest.raises(BadInput, match="another mesh: it has 199 nodes, the checkpoint 200"):
-        nodal_values.partners(nodes[1:], nodes)
+        nodal_values.match_nodes(nodes[1:], nodes)
     with pytest.raises(BadInput, match="another mesh: 200 of its 200 nodes are not"):
-        nodal_values.partners(nodes[order] + 1e-3, nodes)
+        nodal_values.match_nodes(nodes[order] + 1e-3, nodes)
     nodes[1] = nodes[0]
-    assert np.array_equal(nodal_values.partners(nodes, nodes), np.arange(200))
+    assert np.array_equal(nodal_values.match_nodes(nodes, nodes), np.arange(200))
     with pytest.raises(BadInput, match="some nodes are at one place"):
-        nodal_values.partners(nodes[order], nodes)
+        nodal_values.match_nodes(nodes[order], nodes)
 
 
 def test_files_are_old_or_new(tmp_path):
     path = tmp_path / "file"
-    put(path, "old")
+    replace_file(path, "old")
 
     def fails(file):
         file.write(b"half")
         raise OSError(28, "No space left on device")
 
     with pytest.raises(BadInput, match=r"cannot write .*file: No space left on device"):
-        put(path, fails)
+        replace_file(path, fails)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
-    put(path, lambda file: file.write(b"new"), sync=True)
+    replace_file(path, lambda file: file.write(b"new"), sync=True)
     assert path.read_text() == "new"
     check_whole(path, path, b"new")
     with pytest.raises(BadInput, match=r"cannot write .*other: it was cut short"):

@@ -152,6 +152,6 @@ _folders: list[tempfile.TemporaryDirectory[str]] = []
 def difference(one: Path, other: Path) -> float:
     """Return max ``|u - u'|`` over the extent of the body, at the last steps of two runs."""
     (_, a), (_, b) = checkpoint.load(one), checkpoint.load(other)
-    order = nodal_values.partners(a["u_nodes"], b["u_nodes"])
+    order = nodal_values.match_nodes(a["u_nodes"], b["u_nodes"])
     extent = float(np.ptp(a["u_nodes"], axis=0).max())
     return float(np.abs(a["u"] - b["u"][order]).max()) / extent

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from dolfinx.io import VTKFile
 
-from fem_snh.atomic_files import check_whole, put, remove
+from fem_snh.atomic_files import check_whole, remove, replace_file
 from fem_snh.errors import BadInput, on_every, on_root
 
 _END = b"</VTKFile>"
@@ -103,13 +103,13 @@ class Series:
                 source = self._named(f"_p{rank}_", number, ".vtu").name
                 ET.SubElement(grid, "Piece", Source=source)
         ET.indent(root)
-        put(state, ET.tostring(root, encoding="unicode"))
+        replace_file(state, ET.tostring(root, encoding="unicode"))
         rows = [
             f'    <DataSet timestep="{time:.17g}" part="0" '
             f'file="{self._named("", k, ".pvtu").name}" />\n'
             for k, time in enumerate([*self.times, t])
         ]
-        put(
+        replace_file(
             self._path,
             '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
             + "".join(rows)

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import CHECKPOINT, Folder
@@ -35,7 +35,7 @@ from fem_snh.scenes.schema import RENAMED
 Array = npt.NDArray[Any]
 
 #: Keys of a scene that say how it is solved, not what: a resumed run may have others.
-HOW = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
+SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
 #: Seconds of steps that a loss of power may cost: to wait for the disk takes longer than many do.
 _UNSAFE = 1.0
 
@@ -73,7 +73,7 @@ class Writer:
         kept: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
         late = monotonic() > self._safe + _UNSAFE
         path = self._folder.path / CHECKPOINT
-        put(path, lambda file: np.savez(file, **kept), sync=late)
+        replace_file(path, lambda file: np.savez(file, **kept), sync=late)
         if late:
             self._safe = monotonic()
 
@@ -135,16 +135,18 @@ class Checkpoint:
         if before is not None:
             stepper.predictor.before = (about["load_before"], before)
 
-    def _order(self, field: nodal_values.Nodal, name: str) -> Array:
+    def _order(self, field: nodal_values.NodalField, name: str) -> Array:
         """For each node the number of its values, on rank 0."""
         order: list[Array] = []
         on_root(
             self.folder.comm,
-            lambda: order.append(nodal_values.partners(field.nodes, self._arrays[f"{name}_nodes"])),
+            lambda: order.append(
+                nodal_values.match_nodes(field.nodes, self._arrays[f"{name}_nodes"])
+            ),
         )
         return order[0] if order else np.empty(0, int)
 
-    def _put(self, field: nodal_values.Nodal, name: str, order: Array, x: PETSc.Vec) -> None:
+    def _put(self, field: nodal_values.NodalField, name: str, order: Array, x: PETSc.Vec) -> None:
         field.scatter(self._arrays[name][order] if self._arrays else None, x)
 
 
@@ -182,7 +184,7 @@ def identity(scene: Scene) -> dict[str, Any]:
 
     Of a mesh file and of a material's Python file the content counts, wherever the file is.
     """
-    data = scene.model_dump(mode="json", exclude=set(HOW))
+    data = scene.model_dump(mode="json", exclude=set(SOLVER_KEYS))
     if isinstance(scene.mesh, Path):
         data["mesh"] = _digest("mesh", scene.mesh)
     for path in scene.material.files:
@@ -211,7 +213,7 @@ def _compare(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
         if before.get(key) != now.get(key):
             raise BadInput(
                 f"cannot resume {folder}: {key} = {_said(now, key)}, but it was run with "
-                f"{_said(before, key)}; only {', '.join(HOW)} and the ranks may be others"
+                f"{_said(before, key)}; only {', '.join(SOLVER_KEYS)} and the ranks may be others"
             )
 
 

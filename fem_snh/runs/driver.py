@@ -26,7 +26,7 @@ from fem_snh.runs.setup import Setup, petsc_options, set_up
 
 #: Seconds for which other ranks continue after an interruption, so that rank 0 can write run.json;
 #: mpirun kills all ranks one second after its own interruption.
-_PATIENCE = 5.0
+_DELAY = 5.0
 
 
 def run(
@@ -59,7 +59,7 @@ def run(
         Replace the run in ``out``.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
-        the same scene, except for the keys in `fem_snh.runs.checkpoint.HOW`.
+        the same scene, except for the keys in `fem_snh.runs.checkpoint.SOLVER_KEYS`.
     comm : MPI.Comm
         The communicator.
     progress : bool
@@ -151,12 +151,12 @@ def _solve(
         recorder.keep("running", state=True)
         for step in setup.stepper:
             show.step(step)
-            with interrupts.undivided():
+            with interrupts.postponed():
                 recorder.step(step)
         if scene.modes and setup.stepper.done:
             prefix = f"{solver.PREFIX}modes_"
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
-            with interrupts.undivided():
+            with interrupts.postponed():
                 recorder.modes(found)
 
 
@@ -165,4 +165,4 @@ def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
     # Python handles signals when PETSc calls it, so it needs a monitor. All ranks have one: with a
     # monitor, a solver may compute a norm, which is collective.
     snes.getKSP().setMonitor(lambda *_: None)
-    return Interrupts(_PATIENCE if comm.rank else 0.0)
+    return Interrupts(_DELAY if comm.rank else 0.0)

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import _dolfinx, solver
-from fem_snh.atomic_files import put, remove
+from fem_snh.atomic_files import remove, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.scenes import Scene
@@ -115,13 +115,13 @@ class Folder:
             return
         steps = [_flat(step) for step in record["steps"]]
         columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
-        put(self.path / "steps.csv", _table(list(columns), steps))
+        replace_file(self.path / "steps.csv", _table(list(columns), steps))
         if "modes" in record:
             modes = record["modes"]
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
-            put(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
-        put(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
+            replace_file(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
+        replace_file(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ Array = npt.NDArray[Any]
 _NEAR = 1e-9
 
 
-class Nodal:
+class NodalField:
     """One unknown field of a problem: ``size`` values at each node. Collective.
 
     Attributes
@@ -57,16 +57,16 @@ class Nodal:
         return whole
 
 
-def fields(problem: Problem) -> dict[str, Nodal]:
+def fields(problem: Problem) -> dict[str, NodalField]:
     """ "u" and, where it is unknown, the pressure "p". Collective."""
     comm, owned = problem.comm, _dolfinx.num_nodes(problem.V)[0]
-    found = {"u": Nodal(comm, problem.V, 0, 3)}
+    found = {"u": NodalField(comm, problem.V, 0, 3)}
     if problem.saddle_point:
-        found["p"] = Nodal(comm, problem.saddle_point.Q, 3 * owned, 1)
+        found["p"] = NodalField(comm, problem.saddle_point.Q, 3 * owned, 1)
     return found
 
 
-def partners(nodes: Array, others: Array) -> Array:
+def match_nodes(nodes: Array, others: Array) -> Array:
     """For each of ``nodes`` (n, 3) the number of the one of ``others`` (n, 3) at its place.
 
     BadInput if they are not the same nodes, whatever their order.

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.point import Limits, Point
@@ -86,7 +86,7 @@ class Batch:
         with Interrupts() as interrupts:
             try:
                 while waiting or running:
-                    with interrupts.undivided():  # an interrupt here would lose a new child
+                    with interrupts.postponed():  # an interrupt here would lose a new child
                         for name in self._startable(waiting, running, points):
                             waiting.remove(name)
                             point = points[name]
@@ -202,4 +202,4 @@ def _prepare_folder(out: Path, name: str, definition: Mapping[str, Any], overwri
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"out = {out}: cannot be written: {error.strerror}") from None
-    put(record, json.dumps(definition, indent=1))
+    replace_file(record, json.dumps(definition, indent=1))

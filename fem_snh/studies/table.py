@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -53,7 +53,7 @@ class Table:
         writer = self._writer(text)
         writer.writeheader()
         writer.writerows(rows)
-        put(self.path, text.getvalue())
+        replace_file(self.path, text.getvalue())
 
     def drop(self, points: Iterable[str]) -> None:
         """Remove the rows of these points."""

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pandas as pd
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.studies.extremes import FAMILIES
 from fem_snh.studies.extremes.cases import MAY_FAIL, PASS
 
@@ -21,7 +21,7 @@ _LISTED = 30
 def write(table: pd.DataFrame, out: Path) -> Path:
     """Draw the pictures, write extremes.md into the study's folder and return its path."""
     path = out / "extremes.md"
-    put(path, f"# Extremes\n\n{text(table, out)}")
+    replace_file(path, f"# Extremes\n\n{text(table, out)}")
     return path
 
 

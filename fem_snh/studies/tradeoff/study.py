@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from fem_snh import scenes
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.batch import Batch
@@ -122,8 +122,8 @@ _FLAGS = ("retry", "overwrite")
 
 def write_advice(table: pd.DataFrame, out: Path) -> None:
     """Write advice.csv and advice.md into a folder."""
-    put(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
-    put(out / "advice.md", advice.page(table))
+    replace_file(out / "advice.csv", advice.advice(table).to_csv(index=False, float_format="%.6g"))
+    replace_file(out / "advice.md", advice.page(table))
 
 
 def _plan(

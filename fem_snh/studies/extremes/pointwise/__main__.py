@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_snh.atomic_files import put
+from fem_snh.atomic_files import replace_file
 from fem_snh.studies.extremes import pointwise
 
 
@@ -24,7 +24,7 @@ def main(material: str, folder: str, *flags: str) -> int:
     start = time.perf_counter()
     rows = list(pointwise.measure(material, "--quick" in flags))
     record = {"rows": rows, "seconds": time.perf_counter() - start}
-    put(out / "record.json", json.dumps(record, indent=1, default=_python_number) + "\n")
+    replace_file(out / "record.json", json.dumps(record, indent=1, default=_python_number) + "\n")
     return 0
 
 
