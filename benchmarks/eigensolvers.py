@@ -44,7 +44,7 @@ def stretches(n: int, seed: int = 0) -> dict[str, Array]:
     return {
         "(2,3,5), (-2,3,5), (-2,-3,-5)": hobak[np.arange(n) % 3],
         "random in -2..2": anything,
-        "near rest, differences 1e-4..1e-16": 1 + small,
+        "small strain, differences 1e-4..1e-16": 1 + small,
         "all equal, 1e-8..1e8": np.repeat(size, 3, axis=1),
         "two equal": anything[:, [0, 0, 1]],
         "near-equal, 1e-8..1e8": size * (signs[:, :1] + small),

@@ -55,7 +55,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     comm = MPI.COMM_WORLD
     element = elements.element(scene.element, scene.quadrature)
     domain = make_mesh(comm, scene, element)
-    law = material(scene.material.name, scene.material.E, scene.material.nu).expression
+    energy = material(scene.material.name, scene.material.E, scene.material.nu).expression
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))
     u, v = _dolfinx.function(V, "displacement"), ufl.TestFunction(V)
     dx = ufl.Measure("dx", domain=domain.domain, metadata={"quadrature_degree": element.quadrature})
@@ -66,11 +66,11 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
         parts.append((condition, nodes, _dolfinx.function(V, "prescribed")))
     solver = _dolfinx.newton_solver(
-        ufl_forms.residual(law, u, v, dx), u, [_dolfinx.prescribed(g, n) for _, n, g in parts], JIT,
-        PETSC,
+        ufl_forms.residual(energy, u, v, dx), u,
+        [_dolfinx.prescribed(g, n) for _, n, g in parts], JIT, PETSC,
     )  # fmt: skip
     solver.rtol, solver.max_it = 0.0, MAX_IT
-    solver.atol = tolerance * law.E * meshes.volume(domain.domain) ** (2 / 3)
+    solver.atol = tolerance * energy.E * meshes.volume(domain.domain) ** (2 / 3)
     points = V.tabulate_dof_coordinates()
     dofs = 3 * V.dofmap.index_map.size_global
     record: dict[str, Any] = {"dofs": dofs, "ranks": comm.size, "steps": [], "converged": False}

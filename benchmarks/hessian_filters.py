@@ -93,9 +93,9 @@ def solve(
     """Return the Newton iterations (infinite without convergence) and the energy of one seed."""
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
-    law = material("stable_neo_hookean", E=1.0, nu=nu)
+    snh = material("stable_neo_hookean", E=1.0, nu=nu)
     p = Problem(
-        body, kind, law, hold=[Hold(group="left")], move=[CASES[choose("case", case, CASES)]]
+        body, kind, snh, hold=[Hold(group="left")], move=[CASES[choose("case", case, CASES)]]
     )
     n = p.u.x.array.size
     p.x.array[:n] = noise / cells * np.random.default_rng(seed).uniform(-1, 1, n)

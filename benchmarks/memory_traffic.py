@@ -78,8 +78,8 @@ def _stretched(comm: MPI.Comm, cells: int, nu: float) -> Problem:
     """Return the stretch after the predictor of a step: filtered points and a residual."""
     scene = scenes.load("stretch", cells=cells, nu=nu)
     element = element_of(scene.element)
-    law = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = Problem(make_mesh(comm, scene, element), element, law, hold=scene.hold, move=scene.move)
+    snh = material("stable_neo_hookean", E=1.0, nu=nu)
+    p = Problem(make_mesh(comm, scene, element), element, snh, hold=scene.hold, move=scene.move)
     solver.Predictor(p, solver.create(p, globalization="linesearch"), "tangent").predict(1 / 12)
     return p
 
@@ -102,8 +102,8 @@ def _parts(p: Problem) -> Iterator[tuple[str, Callable[[], Any], float]]:
     yield "product, AIJ", lambda: p.A.mult(r, d), 12 * values + 2 * 24 * nodes
     jacobi = _ksp(p, "cg", "jacobi")
     yield f"{_STEPS} CG + Jacobi", lambda: jacobi.solve(r, d), _STEPS * (12 * values + 336 * nodes)
-    for name, places in (("CG + SSOR", None), ("ours, deflated", p.coordinates)):
-        ksp, ours = _ksp(p, "python", "none"), EisenstatCG(places)
+    for name, coordinates in (("CG + SSOR", None), ("ours, deflated", p.coordinates)):
+        ksp, ours = _ksp(p, "python", "none"), EisenstatCG(coordinates)
         ksp.setPythonContext(ours)
         ksp.solve(r, d)
         kept = ours.nbytes

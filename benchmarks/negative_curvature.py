@@ -149,8 +149,8 @@ def create(case: str, nu: float, cells: int) -> Problem:
     """Return the problem of a case: Q1 hexahedra, E = 1, on all ranks."""
     source, sizes, conditions, _ = CASES[choose("case", case, CASES)]
     body = mesh.generate(MPI.COMM_WORLD, source, "hexahedron", cells=cells, **sizes)
-    law = material("stable_neo_hookean", E=1.0, nu=nu)
-    return Problem(body, ELEMENTS["Q1"], law, **conditions)
+    snh = material("stable_neo_hookean", E=1.0, nu=nu)
+    return Problem(body, ELEMENTS["Q1"], snh, **conditions)
 
 
 def solve(

@@ -16,6 +16,7 @@ from fem_snh import materials
 from fem_snh.kernels.pointwise import Material, material
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
+from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly
 
 #: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean
 #: changes its form. The tests of every material are in test_every_material.py.
@@ -40,6 +41,11 @@ STATES = {
 def law(name: str, nu: float, **shape: Any) -> Material:
     """A material with E = 1.7: an E that is forgotten somewhere changes the result."""
     return material(name, E=1.7, nu=nu, **shape)
+
+
+def exact(m: Material, F: Any) -> Point:
+    """Return the material at F, computed with mpmath in its working precision."""
+    return Oracle(m.expression)(exactly(F))
 
 
 def rotations(n: int, seed: int = 0) -> np.ndarray:

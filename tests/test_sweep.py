@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from fem_snh.cli.campaign import axis
+from fem_snh.cli.study_options import comma_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.scene_points import run_arguments
@@ -30,8 +30,8 @@ TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
         ("[1,0,0],[0,1,0]", [[1, 0, 0], [0, 1, 0]]), ('"a,b",c', ["a,b", "c"]),
     ],
 )  # fmt: skip
-def test_axis(text: str, values: list[Any]) -> None:
-    assert axis("key", text) == values
+def test_comma_list(text: str, values: list[Any]) -> None:
+    assert comma_list("key", text) == values
 
 
 def test_points_are_named_by_what_differs() -> None:

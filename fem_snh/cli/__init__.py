@@ -1,8 +1,9 @@
-"""The program ``fem-snh``: which command, and how every ending looks from outside.
+"""The program ``fem-snh``: dispatch of the commands, error messages and exit codes.
 
-Exit codes: 0 done and converged, 1 ran but did not converge, 2 bad input or environment (one line
-on standard error, from rank 0, never a traceback), 130 interrupted. A command is a function
-``name(argv) -> exit code`` of a module in this package; what is heavy is imported inside it.
+Exit codes: 0 converged, 1 ran but did not converge, 2 bad input or environment (one line on
+standard error, from rank 0, never a traceback), 130 interrupted. A command is a function
+``name(argv) -> exit code`` of a module in this package. It imports dolfinx and PETSc only when it
+needs them, which keeps the help fast.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ COMMANDS = {
 _format = warnings.formatwarning
 #: Variables set by MPI launchers; without them there is one rank, and MPI is not started.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
-#: Errors of a full disk, which concern printed output, too.
+#: Errors of a full disk, which can also concern standard output.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: Seconds that a failing rank waits for the others to fail in the same way; a file system may
-#: delay their messages by a few.
-_PATIENCE = 10.0
+#: Seconds that a failing rank waits for the others to fail in the same way; a network file system
+#: may delay their errors by a few seconds.
+_BARRIER_TIMEOUT = 10.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -50,8 +51,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
-    """Run ``command(argv)``; turn every way it can end into an exit code and at most one line."""
-    # PETSc takes every signal for a crash, `| head` closing the pipe included.
+    """Run ``command(argv)``; turn every exception into an exit code and at most one line."""
+    # PETSc's handler reports every signal as a crash, SIGPIPE from `| head` included.
     os.environ["PETSC_OPTIONS"] = os.environ.get("PETSC_OPTIONS", "") + " -no_signal_handler"
     warnings.formatwarning = _format_warning
     try:
@@ -145,15 +146,15 @@ def _communicator() -> Any:
 def _stop(message: str, code: int) -> int:
     """Report on rank 0 and exit on all ranks together; MPI aborts the job if one rank exits first.
 
-    If the other ranks do not fail within _PATIENCE, the error is of this rank only: it aborts them.
+    If the others do not arrive within _BARRIER_TIMEOUT, only this rank failed, and it aborts them.
     """
     comm = _communicator()
     line = "fem-snh: error: " + " ".join(message.split())
     if comm is None or comm.rank == 0:
-        with suppress(OSError):  # it may go to the disk that is full
+        with suppress(OSError):  # standard error may be on the full disk
             print(line, file=sys.stderr, flush=True)
     if comm is not None:
-        together, late = comm.Ibarrier(), time.monotonic() + _PATIENCE
+        together, late = comm.Ibarrier(), time.monotonic() + _BARRIER_TIMEOUT
         while not together.Test():
             if time.monotonic() > late:
                 if comm.rank != 0:

@@ -1,15 +1,15 @@
-"""``fem-snh extremes``: what the material and the solver survive."""
+"""The command ``extremes``: test the robustness of materials and solver."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.cli import campaign
+from fem_snh.cli import study_options
 from fem_snh.cli.options import Parser, value
 
-#: Cases at a time, and the seconds and GiB that each may take, if nothing else is said.
-#: One run of seconds for each: a day.
+#: Largest --seeds: each takes seconds, so the study takes about a day.
 MAX_SEEDS = 10_000
+#: Defaults: cases that run at a time, and the limits of each [s, GiB].
 JOBS, TIMEOUT, MEMORY = 2, 900.0, 3.0
 
 
@@ -19,8 +19,9 @@ def extremes_parser() -> Parser:
 
     parser = Parser(
         "extremes",
-        "Run what must not break, each case in a process of its own, and write a table and a page\n"
-        f"with pictures. Families: {', '.join(FAMILIES)}. It goes on where it was ended.",
+        "Run scrambled, crushed and overloaded bodies, each case in its own process, and write a\n"
+        "table and a page with pictures. An interrupted study continues.\n"
+        f"Families: {', '.join(FAMILIES)}.",
     )
     parser.add_argument("--only", metavar="FAMILY,..", help="families of cases; default: all")
     parser.add_argument(
@@ -42,27 +43,27 @@ def extremes_parser() -> Parser:
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("out/extremes"), help="the study's folder"
     )
-    campaign.add_limits(parser, TIMEOUT, MEMORY, JOBS)
+    study_options.add_limits(parser, TIMEOUT, MEMORY, JOBS)
     return parser
 
 
 def extremes(argv: list[str]) -> int:
-    """Run the cases; return 0 if all that are expected to pass do, else 1."""
+    """Run the cases; return 0 if all required criteria are met, else 1."""
     parser = extremes_parser()
     args = parser.parse(argv)
-    campaign.check_highest("seeds", args.seeds, MAX_SEEDS)
-    campaign.begin("extremes")
+    study_options.check_highest("seeds", args.seeds, MAX_SEEDS)
+    study_options.prepare_process("extremes")
 
     from fem_snh.studies.extremes.study import extremes as study
 
-    only = campaign.axis("only", args.only) if args.only else []
+    only = study_options.comma_list("only", args.only) if args.only else []
     outcome = study(
         args.out,
         only=only,
         quick=args.quick,
         seeds=args.seeds,
         material=args.material,
-        **campaign.limits(args),
+        **study_options.limits(args),
     )
     failures = outcome.failures
     for criterion, reason in failures.items():

@@ -95,7 +95,7 @@ def _numbers(args: Namespace) -> dict[str, Any]:
             found[key] = value(text)
             if isinstance(found[key], bool) or not isinstance(found[key], int | float):
                 raise BadInput(f"{key} = {text!r}: expected a number")
-    for key, text in assignments(args.set).items():  # as for run: material.alpha=2
+    for key, text in assignments(args.set).items():  # material.alpha=2, as for run
         found[key.removeprefix("material.")] = value(text)
     return found
 
@@ -113,7 +113,9 @@ def _list() -> int:
         try:
             title, *body = describe(name).split("\n\n")
             own = [f"{key} = {default}" for key, default in defaults(name).items()]
-        except BadInput as error:  # an entry point that does not load leaves the others
+        except (
+            BadInput
+        ) as error:  # an entry point that fails to load must not hide the other materials
             table.add_row(name, Text(str(error)), "-")
             continue
         shown = [title, *(part for part in body if "psi =" in part)]
@@ -151,7 +153,7 @@ def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
     if args.report:
         print(found)
     if args.plot is not None:
-        stem = name.rpartition(":")[2]  # a reference FILE.py:FUNCTION is no file name
+        stem = name.rpartition(":")[2]  # of FILE.py:FUNCTION, the function
         print(found.plot(Path(args.plot or f"{stem}.png")))
 
 
@@ -189,8 +191,8 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
     return 0
 
 
-def _verdict(verdict: str, why: str) -> str:
+def _verdict(verdict: str, reason: str) -> str:
     """Return the text of a table cell."""
     if verdict == "not applicable":
         return "n/a"
-    return verdict if verdict == "holds" else f"fails: {why}"
+    return verdict if verdict == "holds" else f"fails: {reason}"

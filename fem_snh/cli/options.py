@@ -1,4 +1,4 @@
-"""Options as the commands share them: one parser whose mistakes are BadInput, one set of values."""
+"""The parser shared by all commands, the options of a scene, and values on the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fem_snh.choices import (
 from fem_snh.errors import BadInput, unknown_name
 from fem_snh.fem.elements import ELEMENTS
 
-# What a scene lets the command line say directly: key, placeholder, help.
+#: Scene keys with an option of their own: key, placeholder, help.
 SCENE_OPTIONS = (
     ("material", "NAME", "energy density; `fem-snh materials` lists them"),
     ("E", "X", "Young's modulus [Pa]"),
@@ -37,7 +37,7 @@ SCENE_OPTIONS = (
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse without abbreviations and exits: every mistake is a BadInput in one line."""
+    """An argparse parser without abbreviations that raises `BadInput` instead of exiting."""
 
     def __init__(self, command: str, description: str, epilog: str = "") -> None:
         super().__init__(
@@ -52,10 +52,10 @@ class Parser(argparse.ArgumentParser):
         raise BadInput(f"{self.prog.split()[-1]}: {message.removeprefix('argument ')}")
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Like parse_args, but an unknown option names the nearest known one."""
+        """Parse ``argv``; the message for an unknown option names the nearest known one."""
         options = [name for name in self._option_string_actions if name.startswith("--")]
         joined: list[str] = []
-        for word in argv:  # argparse takes -1e-3 and -inf for options
+        for word in argv:  # argparse reads -1e-3 and -inf as options
             if joined and joined[-1] in options and word.startswith("-") and _is_number(word):
                 joined[-1] += f"={word}"
             else:
@@ -64,7 +64,9 @@ class Parser(argparse.ArgumentParser):
         for word in [w for w in rest if w.startswith("-")] or rest:
             name = word.partition("=")[0]
             if word.startswith("-"):
-                self.error(f"{unknown_name('option', name, sorted(options))}; PETSc's go after --")
+                self.error(
+                    f"{unknown_name('option', name, sorted(options))}; PETSc options go after --"
+                )
             self.error(f"unexpected '{word}': one {'scene' if 'scene' in args else 'name'} at most")
         return args
 
@@ -78,7 +80,7 @@ def _is_number(word: str) -> bool:
 
 
 def value(text: str) -> Any:
-    """What a value on the command line means, as in a TOML file; a bare word is a text."""
+    """Return the value that ``text`` has in a TOML file; a bare word is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -89,7 +91,7 @@ def value(text: str) -> Any:
 
 
 def assignments(pairs: list[str]) -> dict[str, str]:
-    """The ``key=value`` words of --set, values still as text."""
+    """Return the ``key=value`` pairs of --set, the values as text."""
     found = {}
     for pair in pairs:
         key, equals, right = pair.partition("=")
@@ -100,7 +102,10 @@ def assignments(pairs: list[str]) -> dict[str, str]:
 
 
 def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:
-    """The words before ``--``, and PETSc's options after it: ``-key value`` or a flag ``-key``."""
+    """Split at ``--``: return the words before it and the PETSc options after it.
+
+    An option is ``-key value`` or a flag ``-key``, which has the value None.
+    """
     if "--" not in argv:
         return argv, {}
     at = argv.index("--")

@@ -1,4 +1,4 @@
-"""``fem-snh run``: solve one scene, on any number of ranks."""
+"""The command ``run``: solve one scene, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run_parser() -> Parser:
 
 
 def run(argv: list[str]) -> int:
-    """Solve; 0 if every step converged, 1 if not."""
+    """Solve a scene; return 0 if every step converged, else 1."""
     from fem_snh import scenes
 
     parser = run_parser()
@@ -75,14 +75,14 @@ def run(argv: list[str]) -> int:
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    # One rank reads the files: the others may not see them, and must not differ in what they find.
+    # Rank 0 alone reads the files: the other ranks may not see the same file system.
     overrides, note = on_root(comm, partial(_by_accuracy, args, overrides))
     if petsc:
         overrides["petsc"] = petsc
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
     handler = signal.getsignal(signal.SIGINT)
     check()
-    signal.signal(signal.SIGINT, handler)  # gmsh 4.8 takes Ctrl-C away when it is imported
+    signal.signal(signal.SIGINT, handler)  # importing gmsh 4.8 replaces the SIGINT handler
     from fem_snh.runs import run as solve
 
     result = solve(
@@ -100,10 +100,10 @@ def run(argv: list[str]) -> int:
 def _by_accuracy(
     args: argparse.Namespace, overrides: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """With --accuracy, the values that it adds to the overrides, and what run.json says of it."""
+    """Return the overrides with the values that --accuracy chooses, and its record for run.json."""
     if args.accuracy is None:
         if args.accuracy_table is not None:
-            raise BadInput("--accuracy-table without --accuracy: say how accurate, e.g. 1%")
+            raise BadInput("--accuracy-table: expected with --accuracy, e.g. --accuracy 1%")
         return overrides, {}
     from fem_snh import scenes
     from fem_snh.studies.tradeoff import accuracy
@@ -116,19 +116,19 @@ def _by_accuracy(
         print(chosen.message(), flush=True)
         given = [key for key, v in overrides.items() if v is not None]
         if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
-            print(f"accuracy: measured for the scene as it is, not with other {', '.join(other)}")
+            print(f"accuracy: the table was measured without changes of {', '.join(other)}")
     return overrides, chosen.record(asked)
 
 
 def scene_list() -> str:
-    """The built-in scenes with what is their own, as they are now."""
+    """Return the list of built-in scenes with their own parameters and defaults."""
     from fem_snh import scenes
 
     rows = ["scenes:"]
     for name in scenes.names():
         own = [f"{key}={_short(default)}" for key, default in scenes.own_parameters(name).items()]
         rows += [f"  {name:<9}{scenes.describe(name)}", f"  {'':<9}--set {', '.join(own)}"]
-    return "\n".join([*rows, "", "PETSc's options go last, after --: -- -ksp_rtol 1e-6 -snes_view"])
+    return "\n".join([*rows, "", "PETSc options go last, after --: -- -ksp_rtol 1e-6 -snes_view"])
 
 
 def _short(value: object) -> str:

@@ -1,18 +1,18 @@
-"""``fem-snh sweep``: every comma list of values is an axis."""
+"""The command ``sweep``: solve a scene for every combination of lists of values."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.cli import campaign
+from fem_snh.cli import study_options
 from fem_snh.cli.options import Parser, split_petsc
 
 
 def sweep_parser() -> Parser:
     """Return the parser of ``fem-snh sweep``."""
-    parser = campaign.parser(
+    parser = study_options.parser(
         "sweep",
-        "Solve a scene for every combination of values, each in a process of its own.\n"
+        "Solve a scene for every combination of values, each in its own process.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the sweep's folder")
@@ -20,16 +20,16 @@ def sweep_parser() -> Parser:
 
 
 def sweep(argv: list[str]) -> int:
-    """Solve every point; 0 if all of them converged, 1 if not."""
+    """Solve every point; return 0 if all converged, else 1."""
     parser = sweep_parser()
     words, petsc = split_petsc(argv)
     args = parser.parse(words)
-    campaign.begin("sweep")
-    axes = campaign.axes(args)
+    study_options.prepare_process("sweep")
+    axes = study_options.axes(args)
 
     from fem_snh.studies.sweep import sweep as study
 
-    table = study(args.scene, args.out, axes, petsc=petsc, **campaign.limits(args))
+    table = study(args.scene, args.out, axes, petsc=petsc, **study_options.limits(args))
     good = int(table["converged"].sum())
     print(f"{good} of {len(table)} points converged: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1

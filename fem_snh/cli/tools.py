@@ -1,4 +1,4 @@
-"""The small commands: plot, render, doctor."""
+"""The commands ``plot``, ``render`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ def plot_parser() -> Parser:
     parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
     parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path, help="what to draw")
     parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
-    parser.add_argument("--newton", action="store_true", help="draw the Newton iterations, too")
+    parser.add_argument("--newton", action="store_true", help="also draw the Newton iterations")
     return parser
 
 
 def plot(argv: list[str]) -> int:
-    """Curves from run folders or a study's table."""
+    """Draw curves from run folders or a study's table. Return 0."""
     parser = plot_parser()
     args = parser.parse(argv)
 
@@ -44,11 +44,11 @@ def render_parser() -> Parser:
 
 
 def render(argv: list[str]) -> int:
-    """A picture of the deformed body of a run folder."""
+    """Draw the deformed body of a run folder. Return 0."""
     parser = render_parser()
     args = parser.parse(argv)
     if args.modes is not None and args.loads is not None:
-        raise BadInput("--loads and --modes: a picture is of one of them")
+        raise BadInput("--loads and --modes: expected one of the two")
     loads = _numbers("--loads", args.loads, "numbers between 0 and 1, e.g. 0.5,1", (int, float))
     modes = _numbers("--modes", args.modes, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
@@ -60,7 +60,7 @@ def render(argv: list[str]) -> int:
 
 
 def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
-    """A comma list of numbers, or None where there is none."""
+    """Return the numbers of a comma list, None without one."""
     if not text:
         return None
     found = [value(word) for word in text.split(",")]
@@ -75,7 +75,7 @@ def doctor_parser() -> Parser:
 
 
 def doctor(argv: list[str]) -> int:
-    """Check the installation; 0 if it is complete, 2 if something is missing."""
+    """Check the installation; return 0 if it is complete, 2 if something is missing."""
     doctor_parser().parse(argv)
 
     from fem_snh.doctor import main

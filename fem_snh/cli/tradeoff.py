@@ -1,20 +1,20 @@
-"""``fem-snh tradeoff``: what accuracy costs on a scene, measured."""
+"""The command ``tradeoff``: run an accuracy-cost study of a scene and recommend settings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli import campaign
+from fem_snh.cli import study_options
 from fem_snh.cli.options import Parser, assignments, split_petsc, value
 from fem_snh.cli.run import scene_list
 from fem_snh.errors import BadInput
 
-#: Seconds and GiB that a point may take, if nothing else is said.
+#: Default limits of a point [s, GiB].
 TIMEOUT, MEMORY = 120.0, 4.0
 _DEFAULTS = {
     "hessian": "exact, clamp, abs or adaptive",
-    "solver": "cg+ssor, +jacobi, +icc, +gamg, direct; of a saddle minres+hypre, +gamg, +icc",
+    "solver": "cg+ssor, +jacobi, +icc, +gamg, direct; Taylor-Hood: minres+hypre, +gamg, +icc",
     "forcing": "largest relative tolerance of a linear solve",
     "tolerance": "of the residual, relative to E V^(2/3)",
     "eigensolver": "cubic or jacobi",
@@ -27,9 +27,9 @@ def tradeoff_parser() -> Parser:
     parser = Parser(
         "tradeoff",
         "Run an accuracy-cost study of a scene: elements by meshes, then one setting at a time\n"
-        "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each run in a process\n"
-        "of its own. Errors are against a reference that the study makes of its finest rows. It\n"
-        "goes on where it was ended: with more of --nu, --elements, --cells only what is new runs.",
+        "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each in its own\n"
+        "process. Errors are relative to a reference solution computed from the finest meshes. An\n"
+        "interrupted study continues; with more --nu, --elements or --cells only new points run.",
         scene_list(),
     )
     parser.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
@@ -47,28 +47,32 @@ def tradeoff_parser() -> Parser:
     for knob, help in _DEFAULTS.items():
         parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
     parser.add_argument("--vary", metavar="KNOB,..", help="settings to vary, or none; default: all")
-    parser.add_argument("--vary-at", metavar="X,..", help="values of nu at which they are varied")
-    parser.add_argument("--full", action="store_true", help="run every combination on every mesh")
+    parser.add_argument(
+        "--vary-at", metavar="X,..", help="values of nu at which settings are varied"
+    )
+    parser.add_argument(
+        "--full", action="store_true", help="run every combination of settings on every mesh"
+    )
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="other values of the scene"
     )
-    campaign.add_limits(parser, TIMEOUT, MEMORY)
+    study_options.add_limits(parser, TIMEOUT, MEMORY)
     return parser
 
 
 def tradeoff(argv: list[str]) -> int:
-    """Study a scene; 0 if there is advice, 1 if not."""
+    """Study a scene; return 0 if there is a recommendation, else 1."""
     parser = tradeoff_parser()
     words, petsc = split_petsc(argv)
     args = parser.parse(words)
-    campaign.begin("tradeoff")
+    study_options.prepare_process("tradeoff")
 
     from fem_snh.studies.tradeoff import advice
     from fem_snh.studies.tradeoff.knobs import KNOBS
     from fem_snh.studies.tradeoff.study import tradeoff as study
 
     if args.cells and args.meshes:
-        raise BadInput("--cells and --meshes: a body has one or the other")
+        raise BadInput("--cells and --meshes: expected one of the two")
     vary = [] if args.vary == "none" else _list("vary", args.vary) or list(KNOBS)
     table = study(
         args.scene,
@@ -82,7 +86,7 @@ def tradeoff(argv: list[str]) -> int:
         full=args.full,
         overrides={key: value(word) for key, word in assignments(args.set).items()},
         petsc=petsc,
-        **campaign.limits(args),
+        **study_options.limits(args),
     )
     for sentence in advice.sentences(table):
         print(sentence)
@@ -91,7 +95,7 @@ def tradeoff(argv: list[str]) -> int:
 
 
 def _list(key: str, text: str | None) -> list[Any]:
-    return campaign.axis(key, text) if text else []
+    return study_options.comma_list(key, text) if text else []
 
 
 def _numbers(key: str, text: str | None) -> list[float]:

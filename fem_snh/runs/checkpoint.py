@@ -166,7 +166,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             + (", with --overwrite" if (folder / "run.json").exists() else "")
         ) from None
     except Exception as error:  # zipfile, zlib, numpy and json each have their own
-        raise BadInput(f"{path} cannot be read ({error}): start anew with --overwrite") from None
+        raise BadInput(f"{path} cannot be read ({error}): start again with --overwrite") from None
     return about, arrays
 
 

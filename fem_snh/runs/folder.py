@@ -32,19 +32,19 @@ MODE_COLUMNS = ("mode", "frequency", "residual")
 
 def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
     """run.json's content before the first step. Collective."""
-    law = problem.material.expression
+    energy = problem.material.expression
     mu, lam = problem.material.lame
     solver_options = snes.getPythonContext().options
-    own = {str(c): v for c, v in zip(law.constants, law.values, strict=True)}
+    own = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
     return {
         "scene": scene.name,
         "material": {
-            "name": law.name,
-            "E": law.E,
-            "nu": law.nu,
+            "name": energy.name,
+            "E": energy.E,
+            "nu": energy.nu,
             "mu_lame": mu,
             "lambda_lame": lam,
-            "parameters": own | law.shape,
+            "parameters": own | energy.shape,
         },
         "element": scene.element,
         "quadrature": problem.element.quadrature,

@@ -1,4 +1,4 @@
-"""A solver's vector as values at places, so that another partition of the mesh can take it over."""
+"""A vector as values at coordinates, which any other partition of the mesh can read."""
 
 from __future__ import annotations
 

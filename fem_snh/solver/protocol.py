@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 
 class SaddlePoint(Protocol):
-    """The pressure of a problem that is least in the displacement, greatest in the pressure."""
+    """A saddle-point problem: its energy has a minimum in u and a maximum in the pressure."""
 
     @property
     def index_sets(self) -> Mapping[str, PETSc.IS]:

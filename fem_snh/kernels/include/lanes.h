@@ -1,5 +1,5 @@
 /* SIMD lanes: a `real` holds W doubles, one per quadrature point or per cell; arithmetic acts on all
- * W at once. GCC and Clang vector extensions: they compile to AVX-512, AVX2, SSE or NEON. */
+ * W at a time. GCC and Clang vector extensions: they compile to AVX-512, AVX2, SSE or NEON. */
 #define W 8
 typedef double real __attribute__((vector_size(8 * W)));
 typedef long long mask __attribute__((vector_size(8 * W))); /* -1 true, 0 false, lane by lane */

@@ -6,13 +6,13 @@ the bound; a few is ROUNDINGS, for every material, quantity, size and nu alike::
 
     bound(Q) = max_k |Q(F_k) - Q(F)| + r size(Q),   r = ROUNDINGS 2^-52
     size(energy) = the sum of the absolute values of its terms;
-                   near rest: |psi| + mu |F - I| + |lambda tr(F - I)|
+                   at small strain: |psi| + mu |F - I| + |lambda tr(F - I)|
     size(stress) = |P|,  size(Hessian) = |d2psi/dF2|      (Frobenius norms)
 
 F_k: every column of F off by r times its length, in random directions and their opposites
-(one-sided Jacobi is stable by columns, so a short column keeps its digits beside a long one). Near
-rest, where no entry of F - I exceeds NEAR, it is F - I that is off by r times its largest entry: a
-rounding of F would be worth more than the strain.
+(one-sided Jacobi is stable by columns, so a short column keeps its digits beside a long one). At
+small strain, where no entry of F - I exceeds SMALL, F - I is off by r times its largest entry: a
+rounding of F would exceed the strain.
 
 Clamped and absolute Hessians have the exact Hessian's bound: the projection to a convex cone, and
 the reflection about it, are nonexpansive in the Frobenius norm, so neither enlarges an error; nor
@@ -39,8 +39,8 @@ from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly, no
 
 ROUNDINGS = 100
 _R = ROUNDINGS * mpf(2) ** -52
-#: Entries of F - I up to which an F is near rest.
-NEAR = 0.1
+#: Largest entry of F - I at which the strain counts as small.
+SMALL = 0.1
 #: F_k per F.
 SHAKEN = 4
 #: Results beyond this may be taken for overflow: energy +inf, all else 0.
@@ -77,7 +77,7 @@ def digits(F: Any) -> int:
 
 def is_near_rest(F: Any) -> bool:
     """Whether the strain, not F, is what is known to a rounding."""
-    return bool(np.abs(F - np.eye(3)).max() <= NEAR)
+    return bool(np.abs(F - np.eye(3)).max() <= SMALL)
 
 
 def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:

@@ -2,7 +2,7 @@
 
 The expression of the material is differentiated by sympy in the principal stretches and evaluated
 at the exact values of the doubles in F and in the constants. Only the expression is shared with the
-kernels. tests/test_pointwise_extremes.py checks the oracle against a stress by hand, mpmath's
+kernels. tests/test_pointwise_oracle.py checks the oracle against a stress by hand, mpmath's
 derivatives of the energy, and a dense eigendecomposition of the 9x9 Hessian.
 """
 
@@ -138,23 +138,23 @@ def rotation_variant_svd(F: Any) -> tuple[Any, Any, Any]:
 class Oracle:
     """A material's energy, in the working precision of mpmath."""
 
-    def __init__(self, law: Energy) -> None:
-        self.law = law
+    def __init__(self, energy: Energy) -> None:
+        self.energy = energy
         self._domain, self._psi, self._slopes = _calls(
-            law.psi_sigma, law.slopes, law.domain, law.constants
+            energy.psi_sigma, energy.slopes, energy.domain, energy.constants
         )
 
     def __call__(self, F: Any) -> Point:
         """The material at F (3, 3), of mpmath numbers."""
         U, s, V = rotation_variant_svd(F)
-        constants = [mpf(v) for v in self.law.values]
+        constants = [mpf(v) for v in self.energy.values]
         if any(d <= 0 for d in self._domain(*s, *constants)):
-            return Point(False, energy=mpmath.inf if self.law.has_energy else None)
+            return Point(False, energy=mpmath.inf if self.energy.has_energy else None)
         psi, terms = map(mpf, self._psi(*s, *constants))
         p, pp = self._slopes(*s, *constants)
         p = [mpf(x) for x in p]
         blocks = self._blocks(s, p, exactly(pp))
-        point = Point(True, psi if self.law.has_energy else None, terms, blocks=blocks)
+        point = Point(True, psi if self.energy.has_energy else None, terms, blocks=blocks)
         if blocks is not None:
             point.P = (U * np.array(p, dtype=object)) @ V.T
             pairs = [(a, b) for b in range(3) for a in range(3)]

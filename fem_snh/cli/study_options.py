@@ -1,4 +1,4 @@
-"""What the commands that run many points share: lists of values, limits, how they are ended."""
+"""The options shared by sweep, tradeoff and extremes: lists of values, limits, SIGTERM."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, value
 from fem_snh.cli.run import scene_list
 from fem_snh.errors import BadInput, bad_value
 
-#: Processes of a study at a time: more than the cores of any single machine.
+#: Largest --jobs and --ranks: more than the cores of any single machine.
 MAX_PROCESSES = 4096
 
 
 def parser(command: str, description: str) -> Parser:
-    """A parser with the scene's options, which take comma lists here, and the limits."""
+    """Return a parser with the options of a scene as comma lists, and the limits."""
     made = Parser(command, description, scene_list())
     made.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
     for key, placeholder, help in SCENE_OPTIONS:
@@ -35,7 +35,7 @@ def parser(command: str, description: str) -> Parser:
 def add_limits(
     parser: Parser, timeout: float | None = None, memory: float | None = None, jobs: int = 1
 ) -> None:
-    """Add how many points run at a time and what each may take, with the limits' defaults."""
+    """Add the options for processes and limits; the arguments are the defaults [s, GiB, points]."""
     jobs_help = f"number of points that run at a time; default: {jobs}"
     parser.add_argument("--jobs", metavar="J", default=jobs, type=value, help=jobs_help)
     parser.add_argument(
@@ -46,8 +46,8 @@ def add_limits(
         help="number of MPI ranks of each point; default: 1",
     )
     for key, unit, most, help in (
-        ("timeout", "S", timeout, "seconds after which a point is ended"),
-        ("memory", "GIB", memory, "memory above which a point is ended"),
+        ("timeout", "S", timeout, "seconds after which a point is terminated"),
+        ("memory", "GIB", memory, "memory above which a point is terminated"),
     ):
         default = f"; default: {most:g}" if most else ""
         parser.add_argument(f"--{key}", metavar=unit, type=value, default=most, help=help + default)
@@ -55,21 +55,21 @@ def add_limits(
     parser.add_argument("--overwrite", action="store_true", help="discard the points in the folder")
 
 
-def begin(command: str) -> None:
-    """Refuse to run under mpirun, and end the points when a batch system ends us (SIGTERM)."""
+def prepare_process(command: str) -> None:
+    """Refuse to run under mpirun; turn SIGTERM, which batch systems send, into an interrupt."""
     if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
         raise BadInput(f"{command} under mpirun: it starts the ranks itself; use --ranks R instead")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def axes(args: argparse.Namespace) -> dict[str, list[Any]]:
-    """The lists of values that were given for the scene's keys."""
+    """Return the list of values of each scene key on the command line."""
     given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS if getattr(args, key)}
-    return {key: axis(key, text) for key, text in (given | assignments(args.set)).items()}
+    return {key: comma_list(key, text) for key, text in (given | assignments(args.set)).items()}
 
 
 def limits(args: argparse.Namespace) -> dict[str, Any]:
-    """What the parser's options after --set say, as the studies' keyword arguments."""
+    """Return the options of `add_limits` as keyword arguments of a study."""
     for key in ("jobs", "ranks"):
         check_highest(key, getattr(args, key), MAX_PROCESSES)
     names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
@@ -77,13 +77,13 @@ def limits(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_highest(key: str, number: Any, highest: int) -> None:
-    """Raise BadInput for a whole number above ``highest``; the studies check the rest."""
+    """Raise `BadInput` for a whole number above ``highest``; the studies check the rest."""
     if isinstance(number, int) and number > highest:
         raise bad_value(key, number, f"a whole number from 1 to {highest}")
 
 
-def axis(key: str, text: str) -> list[Any]:
-    """The values of a comma list; commas inside brackets and quotes belong to a value."""
+def comma_list(key: str, text: str) -> list[Any]:
+    """Return the values of a comma list; commas inside brackets and quotes belong to a value."""
     parts, depth, quoted = [""], 0, ""
     for letter in text:
         if quoted:

@@ -1,0 +1,54 @@
+"""Runs that stop before their last step, for the tests of --resume."""
+
+from __future__ import annotations
+
+import json
+from contextlib import contextmanager
+
+from mpi4py import MPI
+
+import fem_snh
+from fem_snh.runs.stepping import Stepper
+
+ALONE, ALL = MPI.COMM_SELF, MPI.COMM_WORLD
+
+
+class CutOff(Exception):
+    """What ends a run in these tests, as nothing else of it would notice."""
+
+
+@contextmanager
+def cut(steps):
+    """A run within ends when it attempts its step after so many."""
+    attempt, left = Stepper._attempt, [steps]
+
+    def attempted(self, *arguments):
+        if not left[0]:
+            raise CutOff
+        left[0] -= 1
+        return attempt(self, *arguments)
+
+    Stepper._attempt = attempted
+    try:
+        yield
+    except CutOff:
+        pass
+    finally:
+        Stepper._attempt = attempt
+
+
+def solve(scene, comm=ALL, **options):
+    """A run on all ranks, or on the first one alone while the others wait."""
+    try:
+        if comm is ALL or ALL.rank == 0:
+            return fem_snh.run(scene, comm=comm, progress=False, **options)
+    finally:
+        ALL.barrier()
+
+
+def record(folder):
+    return json.loads((folder / "run.json").read_text())
+
+
+#: At nu = 0.49 a mesh this coarse leaves the symmetric states, and the trust region is entered.
+STRETCH = {"cells": 3, "steps": 5, "stretch": 2.0, "nu": 0.3}

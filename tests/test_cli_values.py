@@ -1,0 +1,40 @@
+"""Values and PETSc options on the command line."""
+
+from __future__ import annotations
+
+import pytest
+
+from fem_snh import cli
+from fem_snh.cli import options
+from fem_snh.errors import BadInput
+
+
+@pytest.mark.parametrize(
+    ("text", "meaning"),
+    [
+        ("1e-3", 1e-3), ("-2", -2), (".5", 0.5), ("true", True), ("False", False),
+        ("[1, 0, 0]", [1, 0, 0]), ('"3"', "3"), ("Q1", "Q1"), ("", ""), ("a b", "a b"),
+    ],
+)  # fmt: skip
+def test_value(text: str, meaning: object) -> None:
+    found = options.value(text)
+    assert found == meaning and type(found) is type(meaning)
+
+
+def test_petsc_words() -> None:
+    words = "run twist -- -snes_view -ksp_rtol 1e-6 --mg_levels_pc_type jacobi -a -1".split()
+    rest, petsc = options.split_petsc(words)
+    assert rest == ["run", "twist"]
+    assert petsc == {
+        "snes_view": None,
+        "ksp_rtol": "1e-6",
+        "mg_levels_pc_type": "jacobi",
+        "a": "-1",
+    }
+    with pytest.raises(BadInput):
+        options.split_petsc(["--", "-a", "1", "2"])
+
+
+def test_options_are_not_abbreviated(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", "twist", "--mat", "x"]) == 2
+    assert "did you mean '--material'" in capsys.readouterr().err
