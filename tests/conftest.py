@@ -1,4 +1,4 @@
-"""Fixtures for all tests, which run serially and, where marked `mpi`, on several ranks."""
+"""Fixtures of all tests, which run serially and, where marked `mpi`, on several ranks."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Beside other workers: ranks that wait leave them the core, and Open MPI's files are apart, as
-    # a job that ends removes the folder that one that begins wants to use.
+    # Waiting ranks yield their core to the other workers. Each worker has its own folder for Open
+    # MPI's files: a job that ends would remove the folder of one that starts.
     os.environ["OMPI_MCA_mpi_yield_when_idle"] = "1"
     os.environ["TMPDIR"] = tempfile.mkdtemp(dir=os.environ["PYTEST_XDIST_FOLDER"])
 
@@ -29,7 +29,7 @@ hypothesis.settings.load_profile("fem_snh")
 
 @pytest.fixture(scope="session")
 def comm() -> MPI.Intracomm:
-    """All ranks."""
+    """Return the communicator of all ranks."""
     from mpi4py import MPI
 
     return MPI.COMM_WORLD
@@ -37,21 +37,21 @@ def comm() -> MPI.Intracomm:
 
 @pytest.fixture
 def folder(comm: MPI.Intracomm, tmp_path: Path) -> Path:
-    """An empty folder, the same one on every rank."""
+    """Return an empty folder, the same one on every rank."""
     return comm.bcast(tmp_path, root=0)
 
 
 @pytest.fixture
 def toml(tmp_path: Path) -> Path:
-    """A scene file."""
+    """Return the path of a scene file."""
     path = tmp_path / "block.toml"
     path.write_text(TOML)
     return path
 
 
-# --- what is the same on every Debian is tested on one --------------------------------------------
+# --- tests that run on one Debian only ------------------------------------------------------------
 
-#: Files whose tests need neither dolfinx nor PETSc, or exercise them no more than others do.
+#: Files whose tests use neither dolfinx nor PETSc, or repeat what other files test of them.
 SAME_ON_EVERY_DEBIAN = frozenset(
     f"test_{name}"
     for name in (
@@ -69,7 +69,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--other-debian",
         action="store_true",
-        help="leave out the tests that give the same on every Debian",
+        help="leave out the tests whose result is the same on every Debian",
     )
 
 
@@ -80,15 +80,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
 
 
-# --- a test that fails on one rank must not leave the others in a collective ---------------------
-# A Python that just ends would: petsc4py's clean-up at exit is a collective, and comes before
-# anything that aborts at MPI's end.
+# --- a test that fails on one rank aborts all ranks -----------------------------------------------
+# Otherwise the failed rank would wait in petsc4py's clean-up at exit, a collective, for ranks that
+# wait for it in a test.
 
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("numprocesses", None):
         shared = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
-        config.add_cleanup(shared.cleanup)  # once its workers are gone
+        config.add_cleanup(shared.cleanup)  # after the workers have ended
         os.environ["PYTEST_XDIST_FOLDER"] = shared.name
     if _ranks(config) > 1:
         config.option.maxfail = 1
@@ -105,13 +105,13 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
         sys.stdout.flush()
         sys.stderr.flush()
-        time.sleep(2 if MPI.COMM_WORLD.rank else 0)  # for rank 0 to print what it has
+        time.sleep(2 if MPI.COMM_WORLD.rank else 0)  # rank 0 prints first
         MPI.COMM_WORLD.Abort(1)
 
 
 def _ranks(config: pytest.Config) -> int:
     if config.getoption("numprocesses", None):
-        return 1  # xdist's workers start MPI, each its own: they would inherit that of this process
+        return 1  # each xdist worker starts its own MPI, which must not start in this process
     from mpi4py import MPI
 
     return int(MPI.COMM_WORLD.size)

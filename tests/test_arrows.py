@@ -1,4 +1,4 @@
-"""Who may know whom: the arrows between the parts of the package."""
+"""Which part of the package may import which: the layers of docs/architecture."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import SAME_ON_EVERY_DEBIAN
 
 import fem_snh
 
 PACKAGE = Path(fem_snh.__file__).parent
 
-#: From the bottom up: a part knows those of lower layers, and of its own layer itself alone.
-#: A part is a folder or a file of the package; the files of ``fem`` are parts of their own.
+#: From the bottom up. A part imports parts of lower layers only, none of its own layer. A part is a
+#: folder or a file of the package; each file of ``fem`` is a part.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices"),
     ("atomic_files", "references"),
@@ -41,8 +42,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 )
 LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 
-#: What a part may know where the layers alone would allow more.
-ONLY = {
+#: The parts that a part may import, where the layers alone would allow more.
+ALLOWED = {
     "choices": {"errors"},
     "materials": {"errors", "references"},
     "kernels": {"errors", "choices", "materials"},
@@ -65,17 +66,17 @@ ONLY = {
     "scenes": {"errors", "choices", "references", "materials", "fem.elements", "fem.mesh"},
     "plots": {"errors", "render"},
     "render": {"errors"},
-    "reports": {"errors", "materials", "kernels", "plots"},  # plots when asked to draw
+    "reports": {"errors", "materials", "kernels", "plots"},  # plots: `Report.plot`
     "doctor": {"errors"},
-    # Given a problem, the solver needs no more of one than its methods.
+    # The solver calls methods of a problem (solver/protocol.py); it does not import fem.
     "solver": {"errors", "choices", "_petsc", "linalg"},
 }
 
 #: Upward imports inside a method: `Material.report` and `Material.ufl`.
 LAZY = {"kernels/pointwise.py": {"reports", "fem.ufl_forms"}}
 
-#: Packages from outside that only some parts may import.
-OUTSIDE = {
+#: Third-party packages that only these parts may import.
+THIRD_PARTY = {
     "dolfinx": {"_dolfinx"},
     "basix": {"_dolfinx"},
     "ffcx": {"_dolfinx"},
@@ -86,7 +87,7 @@ OUTSIDE = {
     "pydantic": {"scenes"},
     "slepc4py": {"fem.eigenproblem", "fem.modes"},
 }
-#: And what some parts may not.
+#: Third-party packages that these parts may not import: they work without MPI and PETSc.
 FORBIDDEN = {
     "materials": {"mpi4py", "petsc4py", "numpy", "cffi"},
     "kernels": {"mpi4py", "petsc4py"},
@@ -101,7 +102,7 @@ FORBIDDEN = {
 
 
 def part_of(path: Path) -> str:
-    """The part that a file of the package belongs to; "" for the package itself."""
+    """Return the part that a file belongs to; "" for ``__init__`` files of the package and fem."""
     first, *rest = path.relative_to(PACKAGE).with_suffix("").parts
     if first == "fem" and rest != ["__init__"]:
         return f"fem.{rest[0]}"
@@ -109,60 +110,73 @@ def part_of(path: Path) -> str:
 
 
 def imports(path: Path) -> set[str]:
-    """Full names of all that a file imports, at its top or inside functions."""
+    """Return the full names of all that a file imports, at its top or inside functions."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative imports hide the arrows"
+            assert node.level == 0, f"{path}: expected absolute imports"
             module = node.module or ""
             found |= {f"{module}.{alias.name}" for alias in node.names}
     return found
 
 
-def own(names: set[str]) -> set[str]:
-    """The parts of the package among imported names."""
+def imported_parts(names: set[str]) -> set[str]:
+    """Return the parts of the package among imported names."""
     modules = (name.split(".")[1:] for name in names if name.startswith("fem_snh."))
     parts = {f"fem.{m[1]}" if m[0] == "fem" and len(m) > 1 else m[0] for m in modules}
     return parts & set(LAYER)
 
 
 FILES = sorted(PACKAGE.rglob("*.py"))
-each = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+every_file = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 
 
-def test_every_part_has_a_place():
+def test_every_part_has_a_layer():
     assert {part_of(path) for path in FILES} - {""} == set(LAYER)
 
 
-@each
-def test_arrows_point_down(path):
-    me = part_of(path)
-    if not me:
-        return  # the package's front door opens the parts when asked; see below
-    known = own(imports(path)) - {me} - LAZY.get(path.relative_to(PACKAGE).as_posix(), set())
-    upwards = {part for part in known if LAYER[part] >= LAYER[me] and part not in ONLY.get(me, ())}
-    assert not upwards, f"{me} must not know {sorted(upwards)}"
-    assert known <= ONLY.get(me, known), f"{me} must not know {sorted(known - ONLY[me])}"
+@every_file
+def test_imports_point_down(path):
+    part = part_of(path)
+    if not part:
+        return  # fem_snh/__init__.py imports lazily; see below
+    known = (
+        imported_parts(imports(path))
+        - {part}
+        - LAZY.get(path.relative_to(PACKAGE).as_posix(), set())
+    )
+    allowed = ALLOWED.get(part, set())
+    upwards = {other for other in known - allowed if LAYER[other] >= LAYER[part]}
+    assert not upwards, f"{part} must not import {sorted(upwards)}"
+    assert known <= ALLOWED.get(part, known), f"{part} must not import {sorted(known - allowed)}"
 
 
-@each
-def test_outside_packages_stay_where_they_belong(path):
-    me = part_of(path)
+@every_file
+def test_third_party_packages(path):
+    part = part_of(path)
     found = {name.split(".")[0] for name in imports(path)}
-    for package, homes in OUTSIDE.items():
-        assert package not in found or me in homes, f"{me} must not import {package}"
-    assert not found & FORBIDDEN.get(me, set())
+    for package, homes in THIRD_PARTY.items():
+        assert package not in found or part in homes, f"{part} must not import {package}"
+    assert not found & FORBIDDEN.get(part, set())
+
+
+@every_file
+def test_the_package_does_not_import_benchmarks(path):
+    """Benchmarks and tests import the package; it is installed without them."""
+    found = {name.split(".")[0] for name in imports(path)}
+    assert not found & {"benchmarks", "demos", "tests"}
 
 
 def loaded_after(code: str) -> set[str]:
-    """The top-level packages in memory after some code, in a Python of its own."""
+    """Return the top-level packages that a new Python process has imported after some code."""
     code += "\nimport sys\nprint(' '.join(sorted({name.split('.')[0] for name in sys.modules})))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return set(done.stdout.split())
 
 
+#: Packages that take long to import, or need MPI or a display.
 HEAVY = {
     "dolfinx",
     "petsc4py",
@@ -190,13 +204,18 @@ HEAVY = {
         ("from fem_snh import plots, render; from fem_snh.fem import elements", set()),
     ],
 )
-def test_light_things_load_nothing_heavy(code, also):
+def test_these_import_nothing_heavy(code, also):
     assert not loaded_after(code) & (HEAVY | also)
 
 
-def test_everything_is_there_when_asked_for():
+def test_lazy_names_exist():
     assert {"material", "materials", "run", "Result", "BadInput"} <= set(fem_snh.__all__)
     for name in fem_snh.__all__:
         assert getattr(fem_snh, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = fem_snh.nothing
+
+
+def test_files_that_debian_13_leaves_out_exist():
+    here = {path.stem for path in Path(__file__).parent.glob("test_*.py")}
+    assert here >= SAME_ON_EVERY_DEBIAN
