@@ -24,8 +24,8 @@ from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, petsc_options, set_up
 
-#: Seconds for which other ranks continue after an interruption, so that rank 0 can write run.json;
-#: mpirun kills all ranks one second after its own interruption.
+#: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
+#: run.json. It is longer than the second after which mpirun kills all ranks.
 _DELAY = 5.0
 
 
@@ -85,13 +85,13 @@ def run(
     Failed
         If memory is exhausted or PETSc reports an error.
     """
-    began = perf_counter()
+    start = perf_counter()
     if resume and (out is None or overwrite):
         raise BadInput("--resume: expected with --out DIR, and without --overwrite")
     scene = _load(comm, scene, overrides)
     folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
     stored = Checkpoint.read(folder, scene) if resume and folder else None
-    show = Progress(comm, progress, expected)
+    printed = Progress(comm, progress, expected)
     defaults = multigrid.smoothers(scene.material.E)
     with (
         solver.petsc_failures(),
@@ -99,19 +99,19 @@ def run(
     ):
         setup = set_up(comm, scene)
         about = describe(scene, setup.problem, setup.snes) | dict(note or {})
-        show.start(about)
+        printed.start(about)
         if stored and folder:
             stored.restore(setup.stepper)
-            show.resumed(stored.load, stored.finished)
+            printed.resumed(stored.load, stored.finished)
             if stored.finished:
                 return Result(True, "converged", stored.record, setup.problem, folder.path)
-        recorder = _recorder(about, scene, setup, folder, stored, began)
-        _solve(comm, scene, setup, recorder, show)
-        status = "converged" if setup.stepper.done else setup.stepper.failure()
-        recorder.keep(status)
+        recorder = _recorder(about, scene, setup, folder, stored, start)
+        _solve(comm, scene, setup, recorder, printed)
+        status = "converged" if setup.stepper.done else setup.stepper.failure_message()
+        recorder.save(status)
         comm.barrier()  # the files are complete before any rank returns
         path = folder.path if folder else None
-        show.end(recorder.record, path, unused())
+        printed.end(recorder.record, path, unused())
     return Result(setup.stepper.done, status, recorder.record, setup.problem, path)
 
 
@@ -128,7 +128,7 @@ def _recorder(
     setup: Setup,
     folder: Folder | None,
     stored: Checkpoint | None,
-    began: float,
+    start: float,
 ) -> Recorder:
     """Return the recorder of a run, which continues the record of a resumed one. Collective."""
     return Recorder(
@@ -137,27 +137,27 @@ def _recorder(
         folder,
         Writer(folder, scene, setup.stepper) if folder else None,
         setup.seconds,
-        began,
+        start,
         setup.processor,
         stored.record if stored else None,
     )
 
 
 def _solve(
-    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, recorder: Recorder, show: Progress
+    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, recorder: Recorder, printed: Progress
 ) -> None:
     """Solve all load steps and then for the modes, recording each. Collective."""
     with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
-        recorder.keep("running", state=True)
+        recorder.save("running", state=True)
         for step in setup.stepper:
-            show.step(step)
+            printed.step(step)
             with interrupts.postponed():
-                recorder.step(step)
+                recorder.add_step(step)
         if scene.modes and setup.stepper.done:
             prefix = f"{solver.PREFIX}modes_"
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():
-                recorder.modes(found)
+                recorder.add_modes(found)
 
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:

@@ -1,4 +1,4 @@
-"""Keeps run.json, steps.csv, the checkpoint and the fields up to date while a run goes on."""
+"""The output of a run, updated after every step: run.json, tables, checkpoint and fields."""
 
 from __future__ import annotations
 
@@ -17,13 +17,29 @@ from fem_snh.runs.stepping import Stepper
 
 
 class Recorder:
-    """Brings ``record`` up to date after every step, and writes it if there is a folder.
+    """A context that updates the content of run.json after every step and writes the output.
 
-    ``processor``: this rank's seconds of work before the first step, compilation left out.
-    ``earlier``: the record of the run that this one goes on with; its steps stay, its seconds
-    count. A context: leaving it first notes an interruption or a failure.
+    If an exception leaves the context, rank 0 writes its reason as the status. The checkpoint is
+    written before the other files, so that a step which they contain can always be resumed.
 
-    The checkpoint is written first: a step that is in it is never lost.
+    Parameters
+    ----------
+    record : dict
+        The content of run.json, updated in place.
+    stepper : Stepper
+        The load steps.
+    folder : Folder or None
+        The folder of the output; None writes nothing.
+    checkpoint : Writer or None
+        The writer of the checkpoint.
+    seconds : dict
+        Elapsed seconds of the set-up.
+    start : float
+        The value of `time.perf_counter` at the start of the run.
+    processor : float
+        This rank's processor seconds before the first step, without compilation.
+    earlier : mapping, optional
+        The record of the run that is resumed: its steps are kept and its seconds are added.
     """
 
     def __init__(
@@ -33,12 +49,12 @@ class Recorder:
         folder: Folder | None,
         checkpoint: Writer | None,
         seconds: dict[str, float],
-        began: float,
+        start: float,
         processor: float,
         earlier: Mapping[str, Any] | None = None,
     ) -> None:
         self.record, self._stepper, self._folder = record, stepper, folder
-        self._problem, self._seconds, self._began = stepper.problem, seconds, began
+        self._problem, self._seconds, self._start = stepper.problem, seconds, start
         self._checkpoint, self._processor = checkpoint, processor
         self._earlier = earlier or {}
         self._fields: Fields | None = None
@@ -57,19 +73,19 @@ class Recorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: Any, *_: Any) -> None:
-        # After an interruption the other ranks may be anywhere: nothing collective then.
+        # After an exception the ranks may be in different calls: nothing collective is possible.
         if kind is not None and self._problem.comm.rank == 0:
             status = "interrupted" if kind is KeyboardInterrupt else f"failed: {one_line(error)}"
-            with suppress(BadInput):  # the disk may be full: that is what we are told already
+            with suppress(BadInput):  # e.g. a full disk, which the exception reports
                 self._write(status)
 
-    def step(self, row: dict[str, Any]) -> None:
-        """Add a step's row; its state if it converged. Collective."""
+    def add_step(self, row: dict[str, Any]) -> None:
+        """Add a step's row and write the output, with the state if it converged. Collective."""
         self.record["steps"].append(row)
-        self.keep("running", state=row["converged"])
+        self.save("running", state=row["converged"])
 
-    def modes(self, modes: Modes) -> None:
-        """Add the eigenfrequencies, and write their shapes. Collective."""
+    def add_modes(self, modes: Modes) -> None:
+        """Add the eigenfrequencies and write the mode shapes. Collective."""
         start = perf_counter()
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
@@ -77,20 +93,30 @@ class Recorder:
             write_modes(self._folder.path / "modes.pvd", modes)
         self._output += perf_counter() - start
 
-    def keep(self, status: str, state: bool = False) -> None:
-        """Write everything as it is now, the ``state`` if asked. Collective.
+    def save(self, status: str, state: bool = False) -> None:
+        """Write the output. Collective.
 
-        BadInput on every rank if one cannot.
+        Parameters
+        ----------
+        status : str
+            The run's status: "running", "converged" or the reason of a failure.
+        state : bool
+            Write the checkpoint and the fields, too.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if a file cannot be written.
         """
         start = perf_counter()
         comm = self._problem.comm
         # ru_maxrss is in KiB.
         peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         self.record["peak_memory_mb"] = max(peak, self._earlier.get("peak_memory_mb", 0.0))
-        worked = comm.allreduce(self._processor + self._stepper.processor)
-        worked += self._earlier.get("processor_seconds", 0.0)
-        self.record["processor_seconds"] = worked
-        self._describe(status)
+        processor = comm.allreduce(self._processor + self._stepper.processor)
+        processor += self._earlier.get("processor_seconds", 0.0)
+        self.record["processor_seconds"] = processor
+        self._update(status)
         if self._checkpoint and state:
             self._checkpoint.write(self.record)
         if self._fields and state:
@@ -98,8 +124,8 @@ class Recorder:
         self._output += perf_counter() - start
         on_root(comm, self._write, status)
 
-    def _describe(self, status: str) -> None:
-        """Bring status and seconds up to date."""
+    def _update(self, status: str) -> None:
+        """Update the status and the elapsed seconds."""
         assemble = self._problem.seconds["assemble"]
         self.record["status"] = status
         self.record["converged"] = status == "converged"
@@ -107,19 +133,20 @@ class Recorder:
             "assemble": assemble,
             "solve": self._stepper.seconds - assemble,
             "output": self._output,
-            "total": perf_counter() - self._began,
+            "total": perf_counter() - self._start,
         }
         before = self._earlier.get("seconds", {})
         self.record["seconds"] = {key: v + before.get(key, 0.0) for key, v in seconds.items()}
 
     def _write(self, status: str) -> None:
+        """Update the record and write run.json and the tables. Not collective."""
         now = perf_counter()
-        self._describe(status)
+        self._update(status)
         if self._folder:
             self._folder.write(self.record)
             self._output += perf_counter() - now
 
 
 def one_line(error: BaseException) -> str:
-    """What an error says, or what it is."""
+    """Return an exception's message in one line, or its type if it has no message."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,4 +1,4 @@
-"""The load from 0 to 1: prediction, solution, halving, rollback."""
+"""Load stepping from 0 to 1: prediction, solution, rollback and halving of failed steps."""
 
 from __future__ import annotations
 
@@ -13,20 +13,43 @@ from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 
-#: A step is halved at most this many times.
-_HALVINGS = 6
+#: A failed step is halved at most this many times: 1/64 of a nominal step.
+_MAX_HALVINGS = 6
+#: Relative difference from which two step sizes differ; rounding of the load is smaller.
+_ROUNDING = 1e-12
 
 
 class Stepper:
-    """Iterates over attempted load increments, yielding a row of run.json for each.
+    """An iterator over the attempted load increments; it yields a row of run.json for each.
 
-    Every multiple of 1/steps is reached. A step that fails is rolled back and halved; after a
-    success the next one doubles again. It begins at the problem's load.
+    The first increment starts from the problem's load. Every multiple of 1/steps is reached. A
+    step that fails is rolled back and halved; after a step that converges the size doubles.
+
+    Parameters
+    ----------
+    problem : Problem
+        The discretised problem.
+    snes : PETSc.SNES
+        Its nonlinear solver.
+    steps : int
+        Number of nominal load steps.
+    predictor : str
+        Initial guess of a step: see `fem_snh.solver.Predictor`.
+    probes : Probes, optional
+        Points whose displacement is added to each row.
+    continuation : PoissonContinuation, optional
+        Solves with other Poisson's ratios, which improve the initial guess.
 
     Attributes
     ----------
-    size : of the next step; None if it goes all the way to the next multiple.
-    seconds : what the steps took; ``processor`` what this rank's processor worked for them.
+    size : float or None
+        Size of the next step; None if it ends at the next multiple of 1/steps.
+    done : bool
+        Whether load 1 is reached.
+    seconds : float
+        Elapsed seconds of the steps.
+    processor : float
+        This rank's processor seconds of the steps.
     """
 
     def __init__(
@@ -42,67 +65,67 @@ class Stepper:
         self.continuation = continuation
         self.predictor = solver.Predictor(problem, snes, predictor)
         self.size: float | None = None
-        #: Half a load is the same problem again where nothing is loaded.
-        self.parts = 2**_HALVINGS if problem.depends_on_load else 1
+        # Without loads a shorter step is the same problem: it is not tried.
+        self._max_divisions = 2**_MAX_HALVINGS if problem.depends_on_load else 1
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        problem, shortest = self.problem, 1 / (self.parts * self.steps)
+        problem, shortest = self.problem, 1 / (self._max_divisions * self.steps)
         for target in (k / self.steps for k in range(1, self.steps + 1)):
             while problem.load < target:
                 load = problem.load
                 size = self.size or target - load
-                # The last part of a halved step must end at the target to the last digit.
-                to = target if size >= (target - load) * (1 - 1e-12) else load + size
+                # A sum of halved steps differs from the target by rounding.
+                to = target if size >= (target - load) * (1 - _ROUNDING) else load + size
                 row = self._attempt(load, to)
                 if row["converged"]:
                     self.size = None if to == target else 2 * size
                 else:
                     self.size = (to - load) / 2
                 yield row
-                if not row["converged"] and (size <= shortest * 1.5 or self._hopeless):
+                if not row["converged"] and (size <= shortest * 1.5 or self._out_of_memory):
                     return
         self.done = True
 
-    def failure(self) -> str:
-        """Why it ended before load 1."""
-        where = f"stopped at load {self.problem.load:.6g}"
-        if self._hopeless:
-            return f"{where}: {self._last['reason']}"
+    def failure_message(self) -> str:
+        """Return the load at which the steps stopped before load 1, and the reason."""
+        stopped = f"stopped at load {self.problem.load:.6g}"
+        if self._out_of_memory:
+            return f"{stopped}: {self._last['reason']}"
         return (
-            f"{where}: a step of 1/{self.parts} of the nominal "
+            f"{stopped}: a step of 1/{self._max_divisions} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
 
     @property
-    def _hopeless(self) -> bool:
-        """Whether a shorter step will fail as well."""
+    def _out_of_memory(self) -> bool:
+        """Whether memory was exhausted, in which case a shorter step fails as well."""
         return solver.out_of_memory(self.snes)
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
-        """Solve at load ``to``, from ``load``; on failure the state is as it was before."""
-        problem, start, working = self.problem, perf_counter(), process_time()
-        kept, nonfinite = problem.x.copy(), problem.nonfinite
+        """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
+        problem, start, processor_start = self.problem, perf_counter(), process_time()
+        previous, nonfinite = problem.x.copy(), problem.nonfinite
         predicted = self.predictor.predict(to)
         history = self.continuation.solve(problem) if self.continuation else []
         with solver.callback_errors():
             self.snes.solve(None, problem.x)
         converged = self.snes.getConvergedReason() > 0
         history = [*history, *self.snes.getPythonContext().history]
-        residual, why = self.snes.getFunctionNorm(), solver.failure_reason(self.snes)
+        residual, reason = self.snes.getFunctionNorm(), solver.failure_reason(self.snes)
         nonfinite = problem.nonfinite - nonfinite
         if converged:
             self.predictor.accept()
         else:
-            kept.copy(problem.x)
+            previous.copy(problem.x)
             problem.set_load(load)
         self._last = {
             "load": to,
             "converged": converged,
-            "reason": why,
-            # the tangent predictor is a linear solve with a Hessian of its own
+            "reason": reason,
+            # The tangent predictor assembles a Hessian too, so it counts as an iteration.
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": predicted + sum(i.linear for i in history),
@@ -118,5 +141,5 @@ class Stepper:
         if converged and self.probes:
             self._last["probes"] = self.probes.values()
         self.seconds += perf_counter() - start
-        self.processor += process_time() - working
+        self.processor += process_time() - processor_start
         return self._last
