@@ -1,18 +1,16 @@
-"""checkpoint.npz: all that a run needs to go on from its last step, on any number of ranks.
+"""checkpoint.npz: the state from which a run is resumed on any number of ranks.
 
-Displacement and pressure are kept with the reference coordinates of their nodes, by which another
-partition finds them. What else outlives a step is the next step's size, the equilibrium that the
-predictor extrapolates from, and the number on the diagonal of prescribed rows; so on the same ranks
-a resumed run is the same to the last digit, unless a preconditioner of PETSc's remembers more (as
-GAMG does its coarse spaces).
+It holds displacement and pressure with the reference coordinates of their nodes, by which another
+partition of the mesh finds them; the size of the next step; the previous equilibrium, from which
+the predictor extrapolates; and the diagonal entry of constrained rows. On the same number of ranks
+a resumed run is therefore identical bit for bit, unless a preconditioner of PETSc keeps data from
+step to step, as GAMG keeps its coarse spaces.
 
-It is 72 bytes a node: 24 MB for a million unknowns, which rank 0 gathers and writes in some 0.2 s;
-at 23,000 unknowns it took 1 % of a step's time.
+Its size is 72 bytes per node, 24 MB for a million unknowns, which rank 0 writes in 0.2 s.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,29 +26,45 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import CHECKPOINT, Folder
+from fem_snh.runs.scene_identity import check_same, identity
 from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
 from fem_snh.scenes.schema import RENAMED
 
 Array = npt.NDArray[Any]
 
-#: Keys of a scene that say how it is solved, not what: a resumed run may have others.
-SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
-#: Seconds of steps that a loss of power may cost: to wait for the disk takes longer than many do.
-_UNSAFE = 1.0
+#: Seconds between two checkpoints that are flushed to the disk: a flush takes longer than many
+#: steps, and after a loss of power this much is computed again.
+_FLUSH_INTERVAL = 1.0
 
 
 class Writer:
-    """Writes a run's checkpoint, as often as it is told. Collective."""
+    """The writer of a run's checkpoint; its methods are collective.
+
+    Parameters
+    ----------
+    folder : Folder
+        The folder of the output.
+    scene : Scene
+        The scene, with which a resumed run is compared.
+    stepper : Stepper
+        The load steps.
+    """
 
     def __init__(self, folder: Folder, scene: Scene, stepper: Stepper) -> None:
         self._folder, self._stepper = folder, stepper
         self._scene = on_root(folder.comm, identity, scene)
         self._fields = nodal_values.fields(stepper.problem)
-        self._safe = -_UNSAFE
+        self._flushed = -_FLUSH_INTERVAL
 
     def write(self, record: dict[str, Any]) -> None:
-        """Keep the present state and ``record``. BadInput on every rank if it cannot."""
+        """Write the state and the content of run.json.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if the file cannot be written.
+        """
         problem, before = self._stepper.problem, self._stepper.predictor.before
         arrays = {}
         for name, field in self._fields.items():
@@ -68,25 +82,31 @@ class Writer:
         on_root(self._folder.comm, self._write, about, arrays)
 
     def _write(self, about: dict[str, Any], arrays: dict[str, Array]) -> None:
-        # Infinities stay, which run.json cannot have; numpy's numbers become Python's.
+        """Replace the file on rank 0."""
+        # Unlike run.json, the text keeps infinities; numpy's numbers become Python's.
         text = json.dumps(about, default=lambda v: v.item()).encode()
-        kept: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
-        late = monotonic() > self._safe + _UNSAFE
+        content: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
+        flush = monotonic() > self._flushed + _FLUSH_INTERVAL
         path = self._folder.path / CHECKPOINT
-        replace_file(path, lambda file: np.savez(file, **kept), sync=late)
-        if late:
-            self._safe = monotonic()
+        replace_file(path, lambda file: np.savez(file, **content), sync=flush)
+        if flush:
+            self._flushed = monotonic()
 
 
 @dataclass
 class Checkpoint:
-    """What a folder's checkpoint.npz holds; the arrays are on rank 0 alone.
+    """The content of a folder's checkpoint.npz; only rank 0 has the arrays.
 
     Attributes
     ----------
-    record : run.json's content, as of the last step.
-    load : of that step.
-    finished : whether there is nothing left to do.
+    folder : Folder
+        The folder of the output.
+    record : dict
+        The content of run.json after the last step.
+    load : float
+        The load of that step.
+    finished : bool
+        Whether the run reached load 1.
     """
 
     folder: Folder
@@ -98,36 +118,42 @@ class Checkpoint:
 
     @classmethod
     def read(cls, folder: Folder, scene: Scene) -> Checkpoint:
-        """Read what a run of this scene has left. Collective.
+        """Return the checkpoint of a run of this scene. Collective.
 
-        BadInput on every rank if there is nothing, or if it is another scene's.
+        Raises
+        ------
+        BadInput
+            On every rank, if there is no checkpoint or it is that of another scene.
         """
         arrays: dict[str, Array] = {}
 
         def read() -> tuple[dict[str, Any], dict[str, Any] | None]:
             about, found = load(folder.path)
-            # A checkpoint of an older version has keys that are now called otherwise.
+            # A checkpoint of an older version has the old names of keys.
             before = {RENAMED.get(key, key): value for key, value in about["scene"].items()}
-            _compare(folder.path, before, identity(scene))
+            check_same(folder.path, before, identity(scene))
             arrays.update(found)
             return about, _finished(folder.path, about["load"])
 
-        about, whole = on_root(folder.comm, read)
-        record = whole or about["record"]
-        return cls(folder, record, about["load"], whole is not None, about, arrays)
+        about, completed = on_root(folder.comm, read)
+        record = completed or about["record"]
+        return cls(folder, record, about["load"], completed is not None, about, arrays)
 
     def restore(self, stepper: Stepper) -> None:
-        """Put the state into the problem and the stepper. Collective.
+        """Set the state of the problem and of its load steps. Collective.
 
-        BadInput on every rank if the mesh is another one.
+        Raises
+        ------
+        BadInput
+            On every rank, if the mesh is not that of the checkpoint.
         """
         problem, about = stepper.problem, self._about
         before = problem.x.duplicate() if about["load_before"] is not None else None
         for name, field in nodal_values.fields(problem).items():
             order = self._order(field, name)
-            self._put(field, name, order, problem.x)
+            self._scatter(field, name, order, problem.x)
             if before is not None:
-                self._put(field, f"{name}_before", order, before)
+                self._scatter(field, f"{name}_before", order, before)
         problem.set_load(self.load)
         problem.update_functions()
         problem.elastic.set_constrained_diagonal(about["diagonal"])
@@ -136,7 +162,7 @@ class Checkpoint:
             stepper.predictor.before = (about["load_before"], before)
 
     def _order(self, field: nodal_values.NodalField, name: str) -> Array:
-        """For each node the number of its values, on rank 0."""
+        """Return, on rank 0, the index of the stored values of each node."""
         order: list[Array] = []
         on_root(
             self.folder.comm,
@@ -146,14 +172,33 @@ class Checkpoint:
         )
         return order[0] if order else np.empty(0, int)
 
-    def _put(self, field: nodal_values.NodalField, name: str, order: Array, x: PETSc.Vec) -> None:
+    def _scatter(
+        self, field: nodal_values.NodalField, name: str, order: Array, x: PETSc.Vec
+    ) -> None:
+        """Set a field's entries of ``x`` to the array ``name``. Collective."""
         field.scatter(self._arrays[name][order] if self._arrays else None, x)
 
 
 def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The description and the arrays of a run's checkpoint: "u" (n, 3), "u_nodes" (n, 3), ...
+    """Read a run's checkpoint. Not collective.
 
-    Not collective. BadInput if there is none that can be read.
+    Parameters
+    ----------
+    folder : Path
+        The folder of the output.
+
+    Returns
+    -------
+    about : dict
+        The scene, the record, the loads and the size of the next step.
+    arrays : dict
+        "u" (n, 3), the displacements; "u_nodes" (n, 3), their reference coordinates;
+        "u_before" (n, 3), the previous equilibrium; and the same for the pressure "p" (n, 1).
+
+    Raises
+    ------
+    BadInput
+        There is no checkpoint, or it cannot be read.
     """
     path = folder / CHECKPOINT
     try:
@@ -165,57 +210,15 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             f"{folder} has no {CHECKPOINT} to resume from: start without --resume"
             + (", with --overwrite" if (folder / "run.json").exists() else "")
         ) from None
-    except Exception as error:  # zipfile, zlib, numpy and json each have their own
+    except Exception as error:  # zipfile, zlib, numpy and json raise different ones
         raise BadInput(f"{path} cannot be read ({error}): start again with --overwrite") from None
     return about, arrays
 
 
 def _finished(folder: Path, load: float) -> dict[str, Any] | None:
-    """run.json of a run that came to its end."""
+    """Return the content of run.json if the run reached load 1, else None."""
     try:
         record: dict[str, Any] = json.loads((folder / "run.json").read_text())
     except (OSError, ValueError):
         return None
     return record if record.get("converged") and load == 1.0 else None
-
-
-def identity(scene: Scene) -> dict[str, Any]:
-    """Return the values that a resumed run must have in common, by dotted keys.
-
-    Of a mesh file and of a material's Python file the content counts, wherever the file is.
-    """
-    data = scene.model_dump(mode="json", exclude=set(SOLVER_KEYS))
-    if isinstance(scene.mesh, Path):
-        data["mesh"] = _digest("mesh", scene.mesh)
-    for path in scene.material.files:
-        data["material"][path.name] = _digest("material", path)
-    return _flat(data)
-
-
-def _digest(key: str, path: Path) -> str:
-    """Return a short hash of a file's content. Raises BadInput if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return "sha256 " + hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    except OSError as error:
-        raise BadInput(f"{key}: cannot read {path}: {error.strerror}") from None
-
-
-def _flat(value: Any, key: str = "") -> dict[str, Any]:
-    if isinstance(value, dict | list) and value:
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        return {k: v for name, part in items for k, v in _flat(part, f"{key}.{name}").items()}
-    return {key.removeprefix("."): value}
-
-
-def _compare(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
-    for key in dict.fromkeys([*before, *now]):
-        if before.get(key) != now.get(key):
-            raise BadInput(
-                f"cannot resume {folder}: {key} = {_said(now, key)}, but it was run with "
-                f"{_said(before, key)}; only {', '.join(SOLVER_KEYS)} and the ranks may be others"
-            )
-
-
-def _said(scene: dict[str, Any], key: str) -> str:
-    return json.dumps(scene[key]) if key in scene else "nothing"

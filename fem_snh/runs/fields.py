@@ -1,4 +1,4 @@
-"""What ParaView and PyVista read of a run: fields.pvd and modes.pvd with their pieces."""
+"""The files of a run for ParaView and PyVista: fields.pvd and modes.pvd with their pieces."""
 
 from __future__ import annotations
 
@@ -12,10 +12,20 @@ from fem_snh.fem.problem import Problem
 
 
 class Fields:
-    """Writes displacement, J, energy density and smallest eigenvalue to a .pvd. Collective.
+    """The time series fields.pvd, with the load as time. Collective.
 
-    And the pressure [Pa], if it is unknown, at the nodes of the displacement. With ``until`` it
-    goes on with what is there up to this load.
+    Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
+    the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
+    cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    problem : Problem
+        The discretised problem.
+    until : float, optional
+        For a resumed run: keep the states of an existing file up to this load.
     """
 
     def __init__(self, path: Path, problem: Problem, until: float | None = None) -> None:
@@ -31,10 +41,7 @@ class Fields:
         self._series = _dolfinx.Series(problem.comm, path, until)
 
     def write(self, problem: Problem) -> None:
-        """Append the present state, at time = load, unless it is there.
-
-        J and energy are means over each cell.
-        """
+        """Append the problem's state at its load, unless the series has this load. Collective."""
         if problem.load in self._series.times:
             return
         fields = problem.cell_fields(problem.x)
@@ -52,9 +59,17 @@ class Fields:
 
 
 def write_modes(path: Path, modes: Modes) -> None:
-    """Write the shapes to a .pvd, at times 1, 2, ..., each with the state it is about. Collective.
+    """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
-    ``mode`` [m] is scaled so that its mean square over the body's mass is ``length`` squared.
+    Each time has the mode shape ``mode`` [length] and the displacement about which the body
+    vibrates. The mean square of ``mode`` over the mass is the square of `Problem.length`.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    modes : Modes
+        The eigenfrequencies and mode shapes.
     """
     problem = modes.problem
     shape = _dolfinx.function(problem.V, "mode")

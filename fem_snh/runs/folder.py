@@ -1,4 +1,4 @@
-"""A run's folder: run.json and the tables, each old or new, never half."""
+"""The output folder of a run: run.json and the tables, each replaced as a whole."""
 
 from __future__ import annotations
 
@@ -22,20 +22,38 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.scenes import Scene
 
+#: Columns of steps.csv that every run has.
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
     "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
+#: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
+#: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
 def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
-    """run.json's content before the first step. Collective."""
+    """Return the content of run.json before the first step. Collective.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    problem : Problem
+        Its discretised problem.
+    snes : PETSc.SNES
+        Its nonlinear solver.
+
+    Returns
+    -------
+    dict
+        The scene, its material, discretisation and solver, and no steps.
+    """
     energy = problem.material.expression
     mu, lam = problem.material.lame
     solver_options = snes.getPythonContext().options
-    own = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
+    constants = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
     return {
         "scene": scene.name,
         "material": {
@@ -44,7 +62,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
             "nu": energy.nu,
             "mu_lame": mu,
             "lambda_lame": lam,
-            "parameters": own | energy.shape,
+            "parameters": constants | energy.shape,
         },
         "element": scene.element,
         "quadrature": problem.element.quadrature,
@@ -74,7 +92,23 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
 
 
 class Folder:
-    """Makes or reuses ``path``; BadInput on every rank if it cannot. Rank 0 writes. Collective."""
+    """The output folder, which is made if it does not exist; only rank 0 writes. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    path : Path
+        The folder.
+    overwrite, resume : bool
+        Accept a folder that holds a run, to replace or to continue it.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if the folder holds a run, does not exist for a resumed run, or is not
+        writable.
+    """
 
     def __init__(
         self, comm: MPI.Comm, path: Path, overwrite: bool = False, resume: bool = False
@@ -83,10 +117,11 @@ class Folder:
         on_root(comm, self._check, overwrite, resume)
 
     def _check(self, overwrite: bool, resume: bool) -> None:
+        """Make the folder and check that a file can be written in it."""
         if (self.path / "run.json").exists() and not (overwrite or resume):
             raise BadInput(
                 f"{self.path} already holds a run: give --overwrite or another --out, "
-                "or go on with it by --resume"
+                "or continue it with --resume"
             )
         if resume and not self.path.is_dir():
             raise BadInput(f"there is no folder {self.path} to resume from: start without --resume")
@@ -100,7 +135,7 @@ class Folder:
             ) from None
 
     def clear(self) -> None:
-        """Remove an earlier run's files: when the new one is ready to begin. Collective."""
+        """Remove the files of an earlier run. Collective."""
         if self.comm.rank == 0:
             for pattern in ("fields*.pvd", "fields*vtu", "modes*.pvd", "modes*vtu"):
                 for file in self.path.glob(pattern):
@@ -110,7 +145,13 @@ class Folder:
         self.comm.barrier()
 
     def write(self, record: dict[str, Any]) -> None:
-        """Write run.json and the tables; BadInput if they cannot be. Not collective."""
+        """Write run.json and the tables on rank 0. Not collective.
+
+        Raises
+        ------
+        BadInput
+            A file cannot be written.
+        """
         if self.comm.rank:
             return
         steps = [_flat(step) for step in record["steps"]]
@@ -125,7 +166,7 @@ class Folder:
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:
-    """A step as a row of the table: a column for each component of each reaction and probe."""
+    """Return a step as a table row: a column for each component of each reaction and probe."""
     row = {key: value for key, value in step.items() if key not in ("reactions", "probes")}
     for kind in ("reaction", "probe"):
         for name, vector in step.get(f"{kind}s", {}).items():
@@ -134,6 +175,7 @@ def _flat(step: dict[str, Any]) -> dict[str, Any]:
 
 
 def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
+    """Return rows as CSV text."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -142,7 +184,7 @@ def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no infinity or NaN: they become null; numpy numbers become Python's."""
+    """Return a value for JSON: numpy numbers become Python's; infinity and NaN become null."""
     if isinstance(value, dict):
         return {key: _plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple):
@@ -153,6 +195,7 @@ def _plain(value: Any) -> Any:
 
 
 def _version() -> str:
+    """Return the version of the installed package."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: they end a run cleanly, and never in the middle of its output."""
+"""Handlers of SIGINT (Ctrl-C) and SIGTERM, which end a run without cutting its output short."""
 
 from __future__ import annotations
 
@@ -10,48 +10,57 @@ from typing import Any
 
 
 class Interrupts:
-    """KeyboardInterrupt on SIGINT, whoever had taken it, and on SIGTERM, which mpirun sends.
+    """A context in which SIGINT and SIGTERM raise KeyboardInterrupt.
 
-    With ``delay`` [s] it comes that much later. For ranks other than the first: as long as they
-    go on, the first one's calls to MPI return, and it can say how the run ended. (mpirun, told to
-    end, sends SIGTERM to all ranks, and SIGKILL a second later.)
+    The previous handlers are restored at its end. In a thread other than the main thread, Python
+    allows no handlers, so the context does nothing there.
 
-    A context. Inside `postponed` the interruption waits for the end of the block. (A signal mask
-    would not do: another thread of the process may be the one to receive the signal.)
+    Parameters
+    ----------
+    delay : float
+        Seconds between the signal and the exception. Ranks other than 0 use it: while they
+        continue, the MPI calls of rank 0 return, and rank 0 can write the status of the run.
+
+    Notes
+    -----
+    mpirun sends SIGTERM to all ranks when it is interrupted, and SIGKILL a second later.
+
+    `postponed` does not use a signal mask, as another thread of the process may receive the signal.
     """
 
     def __init__(self, delay: float = 0.0) -> None:
         self._delay = delay
-        self._waits = self._came = False
-        self._before: dict[signal.Signals, Any] = {}
+        self._postponed = self._received = False
+        self._previous: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
         signals = [signal.SIGINT, signal.SIGTERM, *([signal.SIGALRM] if self._delay else [])]
-        if threading.current_thread() is threading.main_thread():  # no other may set handlers
-            self._before = {each: signal.signal(each, self._interrupt) for each in signals}
+        if threading.current_thread() is threading.main_thread():
+            self._previous = {number: signal.signal(number, self._interrupt) for number in signals}
         return self
 
     def __exit__(self, *_: Any) -> None:
         if self._delay:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for each, handler in self._before.items():
-            signal.signal(each, handler)
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
 
     def _interrupt(self, number: int, _: Any) -> None:
+        """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt."""
         if self._delay and number != signal.SIGALRM:
             signal.setitimer(signal.ITIMER_REAL, self._delay)
             return
-        self._came = True
-        if not self._waits:
+        self._received = True
+        if not self._postponed:
             raise KeyboardInterrupt
 
     @contextmanager
     def postponed(self) -> Iterator[None]:
-        """Put interruptions off until the end of the block."""
-        self._waits = True
+        """Postpone an interruption until the end of this context."""
+        self._postponed = True
         try:
             yield
         finally:
-            self._waits = False
-        if self._came:
+            self._postponed = False
+        if self._received:
             raise KeyboardInterrupt

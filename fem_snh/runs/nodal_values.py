@@ -1,4 +1,7 @@
-"""A vector as values at coordinates, which any other partition of the mesh can read."""
+"""Nodal values of the unknown fields, gathered on rank 0 with their reference coordinates.
+
+By the coordinates, a run on another partition of the mesh assigns the values to its own nodes.
+"""
 
 from __future__ import annotations
 
@@ -17,39 +20,66 @@ from fem_snh.fem.problem import Problem
 
 Array = npt.NDArray[Any]
 
-#: Nodes are the same if they are this near, in parts of the body's extent.
-_NEAR = 1e-9
+#: Largest distance between coordinates of the same node, relative to the body's extent. Partitions
+#: compute coordinates that differ by rounding; different nodes are much farther apart.
+_TOLERANCE = 1e-9
 
 
 class NodalField:
-    """One unknown field of a problem: ``size`` values at each node. Collective.
+    """The values of one unknown field at its nodes; its methods are collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    V : dolfinx.fem.FunctionSpace
+        The field's space.
+    first : int
+        Index of the field's first entry in each rank's block of the vector.
+    size : int
+        Number of components at each node.
 
     Attributes
     ----------
-    nodes : (n, 3) reference coordinates of all ranks' nodes, on rank 0; (0, 3) on the others.
+    nodes : (n, 3) array
+        Reference coordinates [length] of all nodes on rank 0; (0, 3) on the other ranks.
     """
 
     def __init__(self, comm: MPI.Comm, V: Any, first: int, size: int) -> None:
-        """``first``: where the field begins in each rank's part of the vector."""
         owned = _dolfinx.num_nodes(V)[0]
         self._comm, self._size = comm, size
-        self._mine = slice(first, first + size * owned)
+        self._owned = slice(first, first + size * owned)
         self._counts = np.array(comm.allgather(owned))
-        self.nodes = self._gathered(V.tabulate_dof_coordinates()[:owned])
+        self.nodes = self._gather(V.tabulate_dof_coordinates()[:owned])
 
     def gather(self, x: PETSc.Vec) -> Array:
-        """(n, size) on rank 0, in the order of `nodes`; (0, size) on the others."""
-        return self._gathered(x.array_r[self._mine].reshape(-1, self._size))
+        """Return the values of a vector. Collective.
+
+        Returns
+        -------
+        (n, size) array
+            On rank 0, in the order of `nodes`; (0, size) on the other ranks.
+        """
+        return self._gather(x.array_r[self._owned].reshape(-1, self._size))
 
     def scatter(self, values: Array | None, x: PETSc.Vec) -> None:
-        """Put ``values`` (n, size) of rank 0, in the order of `nodes`, into x."""
-        mine = np.empty(self._mine.stop - self._mine.start)
+        """Set the entries of a vector. Collective.
+
+        Parameters
+        ----------
+        values : (n, size) array or None
+            The values in the order of `nodes`; only rank 0 needs them.
+        x : PETSc.Vec
+            The vector.
+        """
+        owned = np.empty(self._owned.stop - self._owned.start)
         counts = self._counts * self._size
         sent = None if self._comm.rank else [np.ascontiguousarray(values), counts]
-        self._comm.Scatterv(sent, mine, root=0)
-        x.array[self._mine] = mine
+        self._comm.Scatterv(sent, owned, root=0)
+        x.array[self._owned] = owned
 
-    def _gathered(self, values: Array) -> Array:
+    def _gather(self, values: Array) -> Array:
+        """Return the rows of all ranks on rank 0, and no rows on the other ranks."""
         columns = values.shape[1]
         whole = np.empty((self._counts.sum() if self._comm.rank == 0 else 0, columns))
         received = None if self._comm.rank else [whole, self._counts * columns]
@@ -58,7 +88,7 @@ class NodalField:
 
 
 def fields(problem: Problem) -> dict[str, NodalField]:
-    """ "u" and, where it is unknown, the pressure "p". Collective."""
+    """Return the fields "u" and, in a mixed formulation, the pressure "p". Collective."""
     comm, owned = problem.comm, _dolfinx.num_nodes(problem.V)[0]
     found = {"u": NodalField(comm, problem.V, 0, 3)}
     if problem.saddle_point:
@@ -67,18 +97,34 @@ def fields(problem: Problem) -> dict[str, NodalField]:
 
 
 def match_nodes(nodes: Array, others: Array) -> Array:
-    """For each of ``nodes`` (n, 3) the number of the one of ``others`` (n, 3) at its place.
+    """Return the indices into ``others`` of the nodes with the same coordinates.
 
-    BadInput if they are not the same nodes, whatever their order.
+    Parameters
+    ----------
+    nodes, others : (n, 3) array
+        Reference coordinates [length] of the same nodes in two orders.
+
+    Returns
+    -------
+    (n,) array of int
+
+    Raises
+    ------
+    BadInput
+        The nodes are not the same, or two nodes have the same coordinates.
     """
     if len(nodes) != len(others):
         raise BadInput(f"another mesh: it has {len(nodes)} nodes, the checkpoint {len(others)}")
-    if np.array_equal(nodes, others):  # the same ranks; also where two nodes are at one place
+    if np.array_equal(nodes, others):  # the same partition, even with coincident nodes
         return np.arange(len(nodes))
-    far = _NEAR * float(np.ptp(others, axis=0).max())
-    found = cKDTree(others).query(nodes, distance_upper_bound=far)[1]
-    if lost := np.count_nonzero(found == len(others)):
-        raise BadInput(f"another mesh: {lost} of its {len(nodes)} nodes are not in the checkpoint")
+    distance = _TOLERANCE * float(np.ptp(others, axis=0).max())
+    found = cKDTree(others).query(nodes, distance_upper_bound=distance)[1]
+    if missing := np.count_nonzero(found == len(others)):
+        raise BadInput(
+            f"another mesh: {missing} of its {len(nodes)} nodes are not in the checkpoint"
+        )
     if len(np.unique(found)) < len(found):
-        raise BadInput("some nodes are at one place: only the same number of ranks can go on")
+        raise BadInput(
+            "some nodes have the same coordinates: expected the same number of ranks as before"
+        )
     return np.asarray(found)

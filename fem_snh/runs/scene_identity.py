@@ -1,0 +1,59 @@
+"""Compare the scene of a resumed run with the scene of its checkpoint."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Scene
+
+#: Keys of a scene that concern the solver: a resumed run may have other values.
+SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
+
+
+def identity(scene: Scene) -> dict[str, Any]:
+    """Return the values that must not change when a run is resumed, by dotted keys.
+
+    A mesh file and a material's Python file are compared by their content, not by their path.
+    """
+    data = scene.model_dump(mode="json", exclude=set(SOLVER_KEYS))
+    if isinstance(scene.mesh, Path):
+        data["mesh"] = _digest("mesh", scene.mesh)
+    for path in scene.material.files:
+        data["material"][path.name] = _digest("material", path)
+    return _flat(data)
+
+
+def _digest(key: str, path: Path) -> str:
+    """Return a short hash of a file's content. Raises BadInput if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return "sha256 " + hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    except OSError as error:
+        raise BadInput(f"{key}: cannot read {path}: {error.strerror}") from None
+
+
+def _flat(value: Any, key: str = "") -> dict[str, Any]:
+    """Return nested tables as one table with dotted keys."""
+    if isinstance(value, dict | list) and value:
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        return {k: v for name, part in items for k, v in _flat(part, f"{key}.{name}").items()}
+    return {key.removeprefix("."): value}
+
+
+def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Raise BadInput for the first key whose value is not that of the checkpoint."""
+    for key in dict.fromkeys([*before, *now]):
+        if before.get(key) != now.get(key):
+            raise BadInput(
+                f"cannot resume {folder}: {key} = {_text(now, key)}: expected {_text(before, key)} "
+                f"as before; only {', '.join(SOLVER_KEYS)} and the number of ranks may change"
+            )
+
+
+def _text(scene: dict[str, Any], key: str) -> str:
+    """Return a key's value as text, or "no value"."""
+    return json.dumps(scene[key]) if key in scene else "no value"
