@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
+from fem_snh.fem.elements import MAX_QUADRATURE_DEGREE
 from fem_snh.scenes._validation import Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
@@ -15,8 +16,6 @@ INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
 #: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
 MAX_CELLS = 10_000
-#: basix has Xiao-Gimbutas rules up to this degree; a hexahedron has 16^3 points then.
-MAX_QUADRATURE = 30
 #: run.json has a row of some 500 bytes for each step: 0.5 GB.
 MAX_STEPS = 1_000_000
 
@@ -25,7 +24,7 @@ Number = Annotated[Finite, Expect("a finite number")]
 Positive = Annotated[Finite, Field(gt=0), Expect("a number > 0")]
 NonNegative = Annotated[Finite, Field(ge=0), Expect("a number >= 0")]
 Cells = Annotated[int, Whole(1, MAX_CELLS)]
-Degree = Annotated[int, Whole(1, MAX_QUADRATURE)]
+Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 Steps = Annotated[int, Whole(1, MAX_STEPS)]
 Count = Annotated[int, Whole(1, INT32_MAX)]
 Seed = Annotated[int, Whole(0, INT64_MAX)]

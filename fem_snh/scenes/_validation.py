@@ -90,6 +90,7 @@ _EXPECTED = {
     "model_type": "expected a table",
     "float_type": "expected a number",
     "int_type": "expected a whole number",
+    "string_type": "expected a text",
 }
 #: Tags by which pydantic distinguishes the two kinds of a scene's ``mesh``; no user wrote them.
 _TAGS = ("built-in", "file")

@@ -43,7 +43,7 @@ __all__ = [
 #: Old names of a scene's keys, and their new ones.
 RENAMED = {"soften": "nu_continuation"}
 
-#: The words that some keys accept.
+#: The values of keys that accept one of several words.
 WORDS = {
     "element": tuple(ELEMENTS),
     "hessian": HESSIANS,

@@ -1,1 +1,1 @@
-"""The scenes of the package, one a file: a module with a function of the same name."""
+"""Built-in scenes: each module has a function of the same name that returns a Scene."""

@@ -9,13 +9,20 @@ MU, LAM = 1.61148, 499.92568
 def block(cells: int = 8, pressure: float = 3.0) -> Scene:
     """A nearly incompressible block of 100 x 100 x 50 mm, pressed on a quarter of its top.
 
-    A quarter of it is modelled, by symmetry. In N and mm: E in MPa. The bottom keeps its z, the
-    top its x and y, so that the pressure stays vertical. Schröder et al. 2021, "A selection of
-    benchmark problems in solid mechanics and applied mathematics", section 3.
+    By symmetry, a quarter of the block is modelled. Units are N and mm, so E is in MPa. The bottom
+    is constrained in z, the top in x and y, so that the pressure stays vertical.
 
-    Args:
-        cells: along each edge of the quarter, an even number.
-        pressure: on the middle of the top, 50 x 50 mm [MPa].
+    Parameters
+    ----------
+    cells : int
+        Cells along each edge of the quarter, an even number.
+    pressure : float
+        Pressure on the middle of the top, 50 x 50 mm [MPa].
+
+    References
+    ----------
+    Schröder et al. 2021, "A selection of benchmark problems in solid mechanics and applied
+    mathematics", section 3.
     """
     return Scene(
         name="block",

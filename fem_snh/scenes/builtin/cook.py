@@ -6,13 +6,16 @@ from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Scene, 
 def cook(cells: int = 16, force: float = 100.0) -> Scene:
     """Cook's membrane in plane strain, nearly incompressible: a clamped panel sheared at its end.
 
-    In N and mm: E in MPa. As in Elguedj et al. 2008; with ``force=1 --E 1.0985 --nu 0.3`` the
-    compressible one of deal.II's code gallery. The thickness of 1 mm is one layer of cells whose
-    faces keep their z.
+    Units are N and mm, so E is in MPa. The panel is 1 mm thick: one layer of cells whose faces are
+    constrained in z. The defaults are those of Elguedj et al. 2008; ``force = 1``, ``E = 1.0985``
+    and ``nu = 0.3`` give the compressible membrane of deal.II's code gallery.
 
-    Args:
-        cells: along each side.
-        force: total shear on the right edge [N].
+    Parameters
+    ----------
+    cells : int
+        Cells along each side.
+    force : float
+        Total shear force on the right edge [N].
     """
     return Scene(
         name="cook",

@@ -1,4 +1,4 @@
-"""A cube pressed flat, or worse, and let go."""
+"""A cube that is released from a collapsed or an inverted state."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene, Start
 
-#: What stays of each direction.
+#: Stretches in x, y and z of the initial state.
 STRETCHES: dict[str, tuple[float, float, float]] = {
     "plane": (1, 1, 0),
     "line": (1, 0, 0),
@@ -23,17 +23,22 @@ def crush(
     noise: NonNegativeFloat = 0.0,
     seed: NonNegativeInt = 0,
 ) -> Scene:
-    """A unit cube, every element of it pressed to a plane, a line or a point, or turned inside out.
+    """A unit cube released from a plane, a line, a point or an inverted state.
 
-    A corner stays, the next one on the x axis, the next in the plane z = 0: what the body needs to
-    be somewhere, and nothing that a crushed one must resist. So the deformation gradient is the
-    same everywhere, and no support holds it. The body may come back turned by half about an axis.
+    One corner is fixed, a second one stays on the x axis and a third one in the plane z = 0. These
+    conditions remove the rigid motions and cause no stress, so the initial deformation gradient is
+    the same everywhere. The body may return to rest rotated by half a turn about an axis.
 
-    Args:
-        cells: hexahedra along an edge (tetrahedra: each cut into several).
-        to: "plane", "line", "point" or "inverted".
-        noise: by how much every node is moved from there at random [length].
-        seed: of the random numbers.
+    Parameters
+    ----------
+    cells : int
+        Hexahedra along an edge; tetrahedra divide each of them into several.
+    to : {"plane", "line", "point", "inverted"}
+        The initial state.
+    noise : float
+        Largest random displacement added to each component [length].
+    seed : int
+        Seed of the random numbers.
     """
     x, y, z = STRETCHES[to]
     return Scene(

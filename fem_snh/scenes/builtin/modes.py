@@ -1,4 +1,4 @@
-"""The eigenfrequencies of a cantilever: what Chen & Barbič's Figure 1 compares at nu = 0.2."""
+"""The eigenfrequencies of a cantilever, which Chen & Barbič's Figure 1 compares at nu = 0.2."""
 
 from pydantic import PositiveFloat
 
@@ -8,16 +8,21 @@ from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Modes, Scene
 def modes(
     cells: int = 6, aspect: PositiveFloat = 4.0, count: int = 6, density: PositiveFloat = 1000.0
 ) -> Scene:
-    """A round bar of diameter 1 m, its left end held, at rest: its lowest eigenfrequencies.
+    """The lowest eigenfrequencies of a clamped round bar of diameter 1 m, at rest.
 
-    Materials of the same E and nu have the same ones, whatever their energies: stiffness is
-    normalised at rest.
+    Materials of the same E and nu have the same eigenfrequencies, as their stiffness at rest is the
+    same.
 
-    Args:
-        cells: along the diameter, 3 or more.
-        aspect: length over diameter.
-        count: how many modes, the lowest.
-        density: of its mass [kg/m^3].
+    Parameters
+    ----------
+    cells : int
+        Cells along the diameter, 3 or more.
+    aspect : float
+        Length over diameter.
+    count : int
+        Number of modes, from the lowest.
+    density : float
+        Mass per reference volume [kg/m^3].
     """
     return Scene(
         name="modes",

@@ -6,14 +6,17 @@ from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Scene
 
 
 def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:
-    """A cube of 1 m held at two opposite faces and pulled apart: the force against the distance.
+    """A cube of 1 m pulled apart at two opposite faces: the force as a function of the distance.
 
-    The total force [N] on the right face is in each step's "reactions". The figure is for several
-    ``alpha``: ``--set material.alpha=1.5``. It states neither E nor nu.
+    Each step's "reactions" have the total force [N] on the right face. The figure has curves for
+    several nonlinearities ``alpha`` (``--set material.alpha=1.5``), and states neither E nor nu.
 
-    Args:
-        cells: hexahedra along an edge (tetrahedra: each cut into several).
-        stretch: the distance between the two faces at load 1 [m].
+    Parameters
+    ----------
+    cells : int
+        Hexahedra along an edge; tetrahedra divide each of them into several.
+    stretch : float
+        Distance between the two faces at load 1 [m].
     """
     return Scene(
         name="pull",

@@ -1,4 +1,4 @@
-"""The scrambled cube of the paper's Figure 3."""
+"""The scrambled cube of Smith et al. 2018, Figure 3."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ from pydantic import NonNegativeInt, PositiveFloat
 
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene, Start
 
-#: No plane through them, so no mirror image of the cube and no turned one fits.
+#: Four corners that are not in a plane: they exclude a rotated or mirrored cube as a solution.
 CORNERS = ("000", "110", "101", "011")
 
 
 def scramble(cells: int = 10, seed: NonNegativeInt = 0, scatter: PositiveFloat = 2.0) -> Scene:
-    """A unit cube whose vertices begin anywhere in a cube of twice its volume, and go home.
+    """A unit cube that is released with its vertices at random in a cube of twice its volume.
 
-    Four corners are pinned, every other one of the eight; the paper does not say which.
+    Four of the eight corners are fixed, no two of them on an edge; Smith et al. 2018 do not state
+    which.
 
-    Args:
-        cells: hexahedra along an edge (tetrahedra: each cut into several).
-        seed: of the random numbers.
-        scatter: the volume in which the vertices begin.
+    Parameters
+    ----------
+    cells : int
+        Hexahedra along an edge; tetrahedra divide each of them into several.
+    seed : int
+        Seed of the random numbers.
+    scatter : float
+        Volume in which the vertices are placed, relative to that of the body.
     """
     return Scene(
         name="scramble",
@@ -29,7 +34,7 @@ def scramble(cells: int = 10, seed: NonNegativeInt = 0, scatter: PositiveFloat =
         hold=[Hold(group=f"corner_{corner}") for corner in CORNERS],
         start=Start(scatter=scatter, seed=seed),
         predictor="none",
-        # At rest to 1e-6 of the side: a residual of 1e-7 alone leaves up to 1e-5 in soft modes.
+        # Displacements below 1e-6 of the side: a residual of 1e-7 leaves up to 1e-5 in soft modes.
         petsc={"snes_scaled_tol": 1e-9, "snes_max_it": 1000},
         load_name="release",
     )

@@ -1,4 +1,4 @@
-"""The stretched cylinder of the paper's Figure 6."""
+"""The stretched cylinder of Smith et al. 2018, Figure 6."""
 
 from pydantic import PositiveFloat
 
@@ -6,12 +6,17 @@ from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, S
 
 
 def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat = 1.0) -> Scene:
-    """A cylinder of diameter 1, both ends held, stretched to 3.4 times its length in 12 steps.
+    """A cylinder of diameter 1, clamped at both ends, stretched to 3.4 times its length.
 
-    Args:
-        cells: along the diameter, 3 or more; 71 is the scale of the paper (302,247 hexahedra).
-        stretch: length at load 1 over length at rest.
-        aspect: length at rest over diameter.
+    Parameters
+    ----------
+    cells : int
+        Cells along the diameter, 3 or more; 71 gives the resolution of Smith et al. 2018 (302,247
+        hexahedra).
+    stretch : float
+        Length at load 1 over length at rest.
+    aspect : float
+        Length at rest over diameter.
     """
     return Scene(
         name="stretch",
@@ -27,7 +32,7 @@ def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat
             Probe(name="axis", point=(aspect / 4, 0, 0)),
             Probe(name="inside", point=(aspect / 2, 0.25, 0.25)),
         ],
-        # Looser linear solves are a little cheaper, but then ranks differ by a Newton step.
+        # With looser linear solves, the number of Newton iterations depends on the number of ranks.
         petsc={"snes_forcing_max": 5e-3},
         load_name="stretch",
         load_range=(1, stretch),

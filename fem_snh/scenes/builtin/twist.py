@@ -1,4 +1,4 @@
-"""The twisted cube of the paper's Figure 9."""
+"""The twisted cube of Smith et al. 2018, Figure 9."""
 
 from math import pi
 
@@ -6,11 +6,14 @@ from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, R
 
 
 def twist(cells: int = 15, angle: float = pi) -> Scene:
-    """A unit cube: the bottom held, the top turned by two quarter turns, one in each step.
+    """A unit cube, fixed at the bottom, whose top is turned by a quarter turn in each of two steps.
 
-    Args:
-        cells: hexahedra along an edge (tetrahedra: each cut into several).
-        angle: of the top at load 1 [rad], about the vertical axis through the centre.
+    Parameters
+    ----------
+    cells : int
+        Hexahedra along an edge; tetrahedra divide each of them into several.
+    angle : float
+        Rotation of the top at load 1 [rad], about the vertical axis through the centre.
     """
     return Scene(
         name="twist",
@@ -33,7 +36,7 @@ def twist(cells: int = 15, angle: float = pi) -> Scene:
             Probe(name="inside", point=(0.75, 0.5, 0.75)),
         ],
         predictor="none",  # the response to a quarter turn is not linear
-        # Looser linear solves are cheaper, but rounding then decides how inverted cells unfold.
+        # With looser linear solves, rounding decides how inverted cells unfold.
         petsc={"snes_forcing_max": 5e-3},
         load_name="angle",
         load_range=(0, angle),
