@@ -1,4 +1,4 @@
-"""The packages, which pyproject.toml cannot say: those found and the gmsh sources, mapped in."""
+"""The list of packages. pyproject.toml cannot map the folder meshes/ to fem_snh.meshes as well."""
 
 from setuptools import find_packages, setup
 

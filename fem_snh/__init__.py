@@ -1,15 +1,15 @@
 """Stable Neo-Hookean flesh simulation in FEniCSx.
 
     >>> import fem_snh
-    >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)  # at any F (..., 3, 3)
-    >>> m.hessian(F, filter="clamp")  # (..., 9, 9), never indefinite
-    >>> print(m.report())  # what this energy is like
-    >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # under MPI, too
+    >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+    >>> m.hessian(F, filter="clamp")  # F (..., 3, 3) -> (..., 9, 9), positive semidefinite
+    >>> print(m.report())  # stability, admissible region, stress curves
+    >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # also under mpirun
 
-One way through: `materials` (an energy, written once) -> `kernels` (its C, eight points at a time)
--> `forms` (its UFL) -> `problem` (mesh, element, conditions) -> `solver` (projected Newton, a
-PETSc SNES) -> `runs` (load steps, output) -> `studies`, `cli`. Beside it, `reports` (what an energy
-is like) and `modes` (eigenfrequencies).
+Each subpackage uses those before it: `materials` (symbolic energies), `kernels` (their generated
+C), `linalg` (linear solvers), `scenes` (experiments), `fem` (mesh, elements, assembly), `solver`
+(projected Newton, a PETSc SNES), `runs` (load steps, output), `plots` and `render` (figures),
+`studies` (parameter studies), `reports` (properties of materials), `cli` (the program fem-snh).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BadInput", "Result", "material", "materials", "run"]
 
-# Loaded when first asked for: a typing mistake on the command line need not wait for dolfinx.
-_WHERE = {"material": "kernels.pointwise", "run": "runs", "Result": "runs"}
+#: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
+_MODULES = {"material": "kernels.pointwise", "run": "runs", "Result": "runs"}
 
 
 def __getattr__(name: str) -> Any:
@@ -33,6 +33,6 @@ def __getattr__(name: str) -> Any:
 
     if name == "materials":
         return import_module(f"{__name__}.materials")
-    if name in _WHERE:
-        return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+    if name in _MODULES:
+        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""``python -m fem_snh`` is the program ``fem-snh``."""
+"""Run the program ``fem-snh`` as ``python -m fem_snh``."""
 
 import sys
 
