@@ -192,7 +192,7 @@ def test_a_crushed_body_has_the_same_deformation_everywhere(to: str) -> None:
 
 
 @mpi
-def test_softened_steps_end_in_the_same_state(comm: MPI.Comm) -> None:
+def test_steps_with_nu_continuation_end_in_the_same_state(comm: MPI.Comm) -> None:
     """Where there is only one; and the iterations of both materials are counted."""
     given = {"cells": 3, "angle": 0.8, "steps": 2, "comm": comm, "progress": False}
     plain = fem_snh.run("twist", **given)

@@ -104,11 +104,11 @@ def _continuation_cases(elements: Sequence[str]) -> Iterator[Case]:
     settings: dict[str, dict[str, Any]] = {
         "point-tight": {"to": "point", "nu": 0.3, **tight},
         "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **tight},
-        "point-softened": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **tight},
+        "point-continuation": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **tight},
         "line-barrier": {"to": "line", "nu": 0.49, "material.barrier": True},
-        "line-softened": {"to": "line", "nu": 0.49, "nu_continuation": [0.3]},
-        "inverted-softened": {"to": "inverted", "nu": 0.49, "nu_continuation": [0.3]},
-        "inverted-softened-exact": {
+        "line-continuation": {"to": "line", "nu": 0.49, "nu_continuation": [0.3]},
+        "inverted-continuation": {"to": "inverted", "nu": 0.49, "nu_continuation": [0.3]},
+        "inverted-continuation-exact": {
             "to": "inverted",
             "nu": 0.49,
             "nu_continuation": [0.3],
@@ -183,7 +183,7 @@ def _frequency(record: Record) -> float:
 def tables(rows: pd.DataFrame) -> str:
     """Return a line for each state, noise, nu, Hessian and criterion."""
     state = rows["point"].str.extract(r"(plane|line|point|inverted)")[0]
-    kind = rows["point"].str.extract(r"(exact|disturbed|tight|barrier|softened)")[0]
+    kind = rows["point"].str.extract(r"(exact|disturbed|tight|barrier|continuation)")[0]
     groups = rows.assign(state=state, kind=kind).groupby(
         ["state", "kind", "nu", "hessian", "globalization", "criterion"], sort=False
     )

@@ -110,7 +110,7 @@ def _case(
         "nu_continuation": nu_continuation,
     }
     point = f"loads-{name}-nu{nu:g}-{element}-{cells}-{policy}" + (
-        "-softened" if nu_continuation else ""
+        "-continuation" if nu_continuation else ""
     )
     return scene_case(scene, point, criterion, check, required=required and not own, **full, **own)
 
@@ -131,7 +131,7 @@ def tables(rows: pd.DataFrame) -> str:
     lines = [
         [
             row["point"].removeprefix("loads-").partition("-nu")[0] + f", {row['cells']:g}^3"
-            + (", softened" if row["point"].endswith("softened") else ""),
+            + (", continuation" if row["point"].endswith("continuation") else ""),
             f"{row['nu']:g}", row["element"], row["hessian"], row["globalization"],
             row["reason"] or row["status"],
             *(_number(row[key], ",.0f") for key in ("newton", "clamped", "linear")),

@@ -44,7 +44,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         some = [_case(element, 4, nu, 0, **own) for element in ELEMENTS for nu in (0.3, 0.499)]
         return [*some, _case("Q1", 4, 0.45, 0, "adaptive", **own)]
     sizes = {SMALL: seeds, LARGE: max(1, seeds // 10)}
-    softened = [
+    continued = [
         _case(element, cells, nu, seed, **own)
         for cells, count in sizes.items()
         for element in ELEMENTS
@@ -59,7 +59,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
         for seed in range(max(1, seeds // 50))
         if policy != "exact"  # its first direction is uphill
     ]
-    return softened + plain
+    return continued + plain
 
 
 def _case(element: str, cells: int, nu: float, seed: int, plain: str = "", **own: Any) -> Case:
