@@ -41,10 +41,13 @@ def rows(
 
     Parameters
     ----------
-    cells : along the edge; default: `CELLS` of each element.
-    material : "all" gives one row per material on the first element, relative to
-        stable_neo_hookean; otherwise there is one row per element, relative to FFCx.
-    repeat : assemblies of each kind.
+    cells
+        Along the edge; default: `CELLS` of each element.
+    material
+        "all" gives one row per material on the first element, relative to stable_neo_hookean;
+        otherwise there is one row per element, relative to FFCx.
+    repeat
+        Assemblies of each kind.
     """
     chosen = split_list(elements)
     if material == "all":

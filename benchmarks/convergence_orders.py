@@ -27,7 +27,8 @@ def rows(
 
     Parameters
     ----------
-    shear, swell : see `Manufactured`; swell = 0 is the same displacement at every nu, with J = 1.
+    shear, swell
+        See `Manufactured`; swell = 0 is the same displacement at every nu, with J = 1.
 
     Yields
     ------

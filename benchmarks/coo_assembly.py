@@ -85,9 +85,12 @@ def rows(
 
     Parameters
     ----------
-    cells : along the edge; default: those of the benchmark ``assembly``.
-    material : name of the material.
-    repeat : assemblies of each kind.
+    cells
+        Along the edge; default: those of the benchmark ``assembly``.
+    material
+        Name of the material.
+    repeat
+        Assemblies of each kind.
     """
     for name in split_list(elements):
         yield measure(name, cells or CELLS.get(name, 8), material, repeat)

@@ -168,7 +168,8 @@ def rows(samples: int = 30, points: int = 2000, seed: int = 0, write: str = "") 
     Parameters
     ----------
     samples, points : number of stretches for the errors and for the timings.
-    write : a page whose table is replaced by these rows: docs/results/eigensolver.md.
+    write
+        A page whose table is replaced by these rows: docs/results/eigensolver.md.
 
     Yields
     ------

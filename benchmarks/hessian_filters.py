@@ -47,9 +47,11 @@ def rows(
 
     Parameters
     ----------
-    cells : along an edge, for elements of degree 2; those of degree 1 have twice as many.
-    noise : size of the random displacement of every node that is the initial guess, in cell sizes;
-        it inverts cells.
+    cells
+        Along an edge, for elements of degree 2; those of degree 1 have twice as many.
+    noise
+        Size of the random displacement of every node that is the initial guess, in cell sizes; it
+        inverts cells.
 
     Yields
     ------

@@ -28,9 +28,12 @@ def rows(
 
     Parameters
     ----------
-    cells : meshes; the second one is used for the other nu.
-    tolerance : relative tolerance of every linear solve.
-    most : largest number of cells for direct solves.
+    cells
+        Meshes; the second one is used for the other nu.
+    tolerance
+        Relative tolerance of every linear solve.
+    most
+        Largest number of cells for direct solves.
 
     Yields
     ------

@@ -131,9 +131,12 @@ class Manufactured:
 
     Parameters
     ----------
-    shear : amplitude of the waves; 0.1 gives stretches from 0.7 to 1.4.
-    swell : size of the change of volume, in units of mu/lam.
-    bend : distance by which inner nodes of the mesh are moved.
+    shear
+        Amplitude of the waves; 0.1 gives stretches from 0.7 to 1.4.
+    swell
+        Size of the change of volume, in units of mu/lam.
+    bend
+        Distance by which inner nodes of the mesh are moved.
     """
 
     def __init__(

@@ -112,13 +112,18 @@ def rows(
     Parameters
     ----------
     hessians : H (with line search), H+trust_region, or "ratio": see `Ratio`.
-    lbfgs : limits on the L-BFGS iterations after each Newton iteration.
-    seeds : random initial displacements of size ``noise`` (a length; the default is that of
-        rounding errors).
-    tolerance : of the residual, in E V^(2/3).
-    most : limit on the Newton iterations.
-    factors : use incomplete Cholesky factors, the preconditioner of the trust region, for every
-        policy; L-BFGS iterations need a good preconditioner.
+    lbfgs
+        Limits on the L-BFGS iterations after each Newton iteration.
+    seeds
+        Random initial displacements of size ``noise`` (a length; the default is that of rounding
+        errors).
+    tolerance
+        Tolerance of the residual, in E V^(2/3).
+    most
+        Limit on the Newton iterations.
+    factors
+        Use incomplete Cholesky factors, the preconditioner of the trust region, for every policy;
+        L-BFGS iterations need a good preconditioner.
 
     Yields
     ------

@@ -59,8 +59,10 @@ def rows(
 
     Parameters
     ----------
-    cells, steps : of every scene; 0 for those of `SCENES`.
-    hessian : "clamp" or "abs": the other policies give matrices that CG rejects by design.
+    cells, steps
+        Cells along an edge and steps of every scene; 0 for those of `SCENES`.
+    hessian
+        "clamp" or "abs": the other policies give matrices that CG rejects by design.
     repeat : number of runs; ``seconds`` is the median of the time in the solver.
 
     Yields

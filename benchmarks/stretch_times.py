@@ -51,8 +51,10 @@ def rows(
 
     Parameters
     ----------
-    cells : along the diameter: 20, 25, 40 and 72 give 2e4, 4e4, 1.6e5 and 9.8e5 unknowns.
-    timeout, memory : limits of a run [s], [GiB].
+    cells
+        Along the diameter: 20, 25, 40 and 72 give 2e4, 4e4, 1.6e5 and 9.8e5 unknowns.
+    timeout, memory
+        Limits of a run [s], [GiB].
 
     Yields
     ------

@@ -30,7 +30,8 @@ def rows(
 
     Parameters
     ----------
-    tolerance : relative tolerance of linear solves; 0: the forcing term of Newton's method.
+    tolerance
+        Relative tolerance of linear solves; 0: the forcing term of Newton's method.
 
     Yields
     ------

@@ -26,8 +26,10 @@ def rows(
 
     Parameters
     ----------
-    steps : equal angles to half a turn.
-    most : limit on the Newton iterations of a step.
+    steps
+        Equal angles to half a turn.
+    most
+        Limit on the Newton iterations of a step.
 
     Yields
     ------

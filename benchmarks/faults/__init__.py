@@ -45,7 +45,8 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
     Parameters
     ----------
     only : comma list of names of `FAULTS`; default: all.
-    write : a page whose table is replaced by these rows: docs/results/extremes_tables.md.
+    write
+        A page whose table is replaced by these rows: docs/results/extremes_tables.md.
 
     Yields
     ------

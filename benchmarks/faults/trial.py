@@ -33,8 +33,10 @@ class Trial:
 
     Attributes
     ----------
-    folder : where the logs are written.
-    seconds : total time of its runs so far.
+    folder
+        Where the logs are written.
+    seconds
+        Total time of its runs so far.
     """
 
     folder: Path
@@ -53,8 +55,10 @@ class Trial:
 
         Parameters
         ----------
-        petsc : further PETSc options.
-        module : the module to run, which takes the arguments of fem-snh.
+        petsc
+            Further PETSc options.
+        module
+            The module to run, which takes the arguments of fem-snh.
         """
         self._logs.append(self.folder / f"log{len(self._logs)}.txt")
         arguments = ["run", *SCENE, "--out", str(self.out), *(["--resume"] if resume else [])]

@@ -33,7 +33,8 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
     Parameters
     ----------
     only : comma list of names of `GROUPS`; default: all.
-    write : a page whose table is replaced by these rows.
+    write
+        A page whose table is replaced by these rows.
 
     Raises
     ------

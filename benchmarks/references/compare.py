@@ -37,8 +37,10 @@ def compare(
     Parameters
     ----------
     ours : None if the run did not converge; the row is then not ok.
-    limit : on the difference [%]; None: the value is only shown.
-    note : for the page, in place of "ok".
+    limit
+        On the difference [%]; None: the value is only shown.
+    note
+        For the page, in place of "ok".
     """
     difference = None if ours is None else 100 * (ours / published - 1)
     within = difference is not None and (limit is None or abs(difference) <= limit)

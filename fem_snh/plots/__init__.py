@@ -24,10 +24,13 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
 
     Parameters
     ----------
-    paths : folders of runs, or one CSV file or folder of a study.
-    out : the picture; default: history.png in the folder of a single run, comparison.png above
+    paths
+        Folders of runs, or one CSV file or folder of a study.
+    out
+        The picture; default: history.png in the folder of a single run, comparison.png above
         several, and the name of the CSV file with .png.
-    newton : add a panel with the Newton iterations per step.
+    newton
+        Add a panel with the Newton iterations per step.
 
     Raises
     ------

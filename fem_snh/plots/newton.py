@@ -20,8 +20,10 @@ def newton_figure(table: pd.DataFrame, path: Path) -> Figure:
 
     Parameters
     ----------
-    table : the rows of an extremes.csv.
-    path : of the table, for messages.
+    table
+        The rows of an extremes.csv.
+    path
+        Path of the table, for messages.
 
     Raises
     ------

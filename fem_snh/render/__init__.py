@@ -58,11 +58,15 @@ def main(
 
     Parameters
     ----------
-    folder : of the run.
-    out : default: ``folder/<field>.png``.
-    loads : in 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
+    folder
+        Folder of the run.
+    out
+        Default: ``folder/<field>.png``.
+    loads
+        In 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
     field : one of `FIELDS`.
-    modes : draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
+    modes
+        Draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
 
     Raises
     ------

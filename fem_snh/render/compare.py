@@ -20,9 +20,12 @@ def main(
 
     Parameters
     ----------
-    folders : of the runs, one panel each.
-    load : in 0..1; default: the last one that each run has stored.
-    labels : of the panels, before load and volume; default: the names of the materials.
+    folders
+        Folders of the runs, one panel each.
+    load
+        In 0..1; default: the last one that each run has stored.
+    labels
+        Labels of the panels, before load and volume; default: the names of the materials.
     field : one of `fem_snh.render.FIELDS`.
 
     Raises

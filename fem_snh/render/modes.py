@@ -21,9 +21,12 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
 
     Parameters
     ----------
-    folder : of the run.
-    out : default: ``folder/modes.png``.
-    numbers : of the modes, from 1; default: the first six that deform the body.
+    folder
+        Folder of the run.
+    out
+        Default: ``folder/modes.png``.
+    numbers
+        Numbers of the modes, from 1; default: the first six that deform the body.
 
     Raises
     ------

@@ -37,14 +37,22 @@ class Batch:
 
     Parameters
     ----------
-    out : the folder.
-    name : of the study: its files are NAME.json, NAME.csv, NAME.png.
-    definition : what all rows of the table have in common.
-    columns : of the table.
-    success : the column that tells whether a point need not be run again by ``retry``.
-    retry : run again the points of earlier calls that failed.
-    overwrite : delete an earlier study in ``out``.
-    report : called with one line per point.
+    out
+        The folder.
+    name
+        Name of the study: its files are NAME.json, NAME.csv, NAME.png.
+    definition
+        What all rows of the table have in common.
+    columns
+        Columns of the table.
+    success
+        The column that tells whether a point need not be run again by ``retry``.
+    retry
+        Run again the points of earlier calls that failed.
+    overwrite
+        Delete an earlier study in ``out``.
+    report
+        Called with one line per point.
 
     Raises
     ------

@@ -17,10 +17,13 @@ class Limits:
 
     Parameters
     ----------
-    jobs : points at a time.
+    jobs
+        Points at a time.
     ranks : MPI ranks of each point.
-    timeout : seconds after which a point is given up; None: never.
-    memory : resident memory above which a point is given up [GiB]; None: no limit.
+    timeout
+        Seconds after which a point is given up; None: never.
+    memory
+        Resident memory above which a point is given up [GiB]; None: no limit.
 
     Raises
     ------
@@ -51,17 +54,24 @@ class Point(ABC):
 
     Parameters
     ----------
-    timeout : of this point, in place of the one in `Limits`.
-    after : name of a point that must have ended before this one starts: a coarser mesh.
-    growth : lower bound of the time of this point over that of ``after``. If the product exceeds
-        the timeout, or ``after`` reached a limit itself, this point is skipped.
-    columns : further columns of its row, whatever its result.
+    timeout
+        Timeout of this point, in place of the one in `Limits`.
+    after
+        Name of a point that must have ended before this one starts: a coarser mesh.
+    growth
+        Lower bound of the time of this point over that of ``after``. If the product exceeds the
+        timeout, or ``after`` reached a limit itself, this point is skipped.
+    columns
+        Further columns of its row, whatever its result.
 
     Attributes
     ----------
-    module : the module that is run.
-    parallel : whether it is started on several ranks.
-    record : the file that it writes into its folder.
+    module
+        The module that is run.
+    parallel
+        Whether it is started on several ranks.
+    record
+        The file that it writes into its folder.
     """
 
     timeout: float | None = None
@@ -87,7 +97,10 @@ class Point(ABC):
 
         Parameters
         ----------
-        record : the record that it wrote; empty if there is none.
-        log : its output.
-        code : its exit code.
+        record
+            The record that it wrote; empty if there is none.
+        log
+            Its output.
+        code
+            Its exit code.
         """

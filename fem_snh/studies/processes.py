@@ -76,17 +76,23 @@ class Child:
 
     Parameters
     ----------
-    command : the command and its arguments.
+    command
+        The command and its arguments.
     log : file for its standard output and error.
-    timeout : seconds after which it is ended.
-    memory : resident memory of all its processes together above which it is ended [GiB]. Unlike an
+    timeout
+        Seconds after which it is ended.
+    memory
+        Resident memory of all its processes together above which it is ended [GiB]. Unlike an
         rlimit this holds for the ranks that mpirun starts, and for their sum.
-    variables : environment variables in addition to those of `environment`.
+    variables
+        Environment variables in addition to those of `environment`.
 
     Attributes
     ----------
-    limit_reached : the limit that ended it, as text; empty if none did.
-    seconds : running time so far, or until its end was noticed.
+    limit_reached
+        The limit that ended it, as text; empty if none did.
+    seconds
+        Running time so far, or until its end was noticed.
     """
 
     def __init__(

@@ -22,9 +22,12 @@ class ScenePoint(Point):
 
     Parameters
     ----------
-    name : of the scene, or its .toml file.
-    values : keyword arguments of `fem_snh.scenes.load`.
-    scene : the scene loaded with these values.
+    name
+        Name of the scene, or its .toml file.
+    values
+        Keyword arguments of `fem_snh.scenes.load`.
+    scene
+        The scene loaded with these values.
     petsc : PETSc options, without the dash.
     """
 

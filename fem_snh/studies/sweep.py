@@ -47,17 +47,26 @@ def sweep(
 
     Parameters
     ----------
-    scene : a name or a .toml file.
-    out : the folder; a sweep that it holds is continued.
-    axes : a list of values (or one value) for each key of `fem_snh.scenes.load`.
-    jobs : points at a time.
+    scene
+        A name or a .toml file.
+    out
+        The folder; a sweep that it holds is continued.
+    axes
+        A list of values (or one value) for each key of `fem_snh.scenes.load`.
+    jobs
+        Points at a time.
     ranks : MPI ranks of each point.
-    timeout : seconds after which a point is given up.
-    memory : resident memory above which a point is given up [GiB].
-    retry : run again the points of earlier calls that failed.
-    overwrite : delete an earlier sweep in ``out``.
+    timeout
+        Seconds after which a point is given up.
+    memory
+        Resident memory above which a point is given up [GiB].
+    retry
+        Run again the points of earlier calls that failed.
+    overwrite
+        Delete an earlier sweep in ``out``.
     petsc : PETSc options of every point, without the dash.
-    report : called with one line per point.
+    report
+        Called with one line per point.
 
     Returns
     -------

@@ -26,8 +26,10 @@ class Table:
 
     Parameters
     ----------
-    path : the file; rows that it holds already are kept.
-    columns : names of the columns; ``point`` is the key.
+    path
+        The file; rows that it holds already are kept.
+    columns
+        Names of the columns; ``point`` is the key.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -83,9 +85,12 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
 
     Parameters
     ----------
-    record : its run.json; empty if there is none.
-    log : its output.
-    code : its exit code.
+    record
+        Its run.json; empty if there is none.
+    log
+        Its output.
+    code
+        Its exit code.
     """
     steps = record.get("steps", [])
     converged = [step for step in steps if step.get("converged")]

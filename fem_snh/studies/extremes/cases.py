@@ -45,10 +45,14 @@ class Case:
 
     Parameters
     ----------
-    name : of its folder: unique, with its family first.
-    point : what is run.
-    check : evaluates its acceptance criterion.
-    required : whether the study fails if this case fails.
+    name
+        Name of its folder: unique, with its family first.
+    point
+        What is run.
+    check
+        Evaluates its acceptance criterion.
+    required
+        Whether the study fails if this case fails.
     """
 
     name: str

@@ -30,9 +30,12 @@ def text(table: pd.DataFrame, out: Path, links: str = "") -> str:
 
     Parameters
     ----------
-    table : the rows of extremes.csv.
-    out : the study's folder, for the pictures.
-    links : prefix of the links to the files of that folder.
+    table
+        The rows of extremes.csv.
+    out
+        The study's folder, for the pictures.
+    links
+        Prefix of the links to the files of that folder.
     """
     parts = [_head(table)]
     if (out / "extremes.png").exists():

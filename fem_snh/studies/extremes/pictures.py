@@ -18,9 +18,12 @@ class Picture:
 
     Parameters
     ----------
-    path : of the file, in the study's folder.
-    caption : the text below it.
-    draw : draws the file; raises BadInput if it cannot.
+    path
+        Path of the file, in the study's folder.
+    caption
+        The text below it.
+    draw
+        Draws the file; raises BadInput if it cannot.
     """
 
     path: Path

@@ -29,7 +29,8 @@ class Outcome:
     Attributes
     ----------
     table : one row per case.
-    aggregate : criteria of several cases together: {criterion: why it fails, or ""}.
+    aggregate
+        Criteria of several cases together: {criterion: why it fails, or ""}.
     """
 
     table: pd.DataFrame
@@ -63,15 +64,22 @@ def extremes(
 
     Parameters
     ----------
-    out : the folder; a study that it holds is continued.
-    only : families; default: all.
-    quick : a few small cases of each family, in minutes.
-    seeds : scrambles of each small cube.
-    material : name of a material, or ``FILE.py:NAME`` for one of your own. Its pointwise errors
-        must be within their bounds; its runs may fail, as the theory of the page is that of Stable
+    out
+        The folder; a study that it holds is continued.
+    only
+        Families; default: all.
+    quick
+        A few small cases of each family, in minutes.
+    seeds
+        Scrambles of each small cube.
+    material
+        Name of a material, or ``FILE.py:NAME`` for one of your own. Its pointwise errors must be
+        within their bounds; its runs may fail, as the theory of the page is that of Stable
         Neo-Hookean. Default: every built-in material pointwise, Stable Neo-Hookean in the runs.
-    report : called with one line per case, and with the path of the page.
-    limits : jobs, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
+    report
+        Called with one line per case, and with the path of the page.
+    limits
+        Jobs, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
     Raises
     ------

@@ -24,11 +24,15 @@ class Chosen:
 
     Parameters
     ----------
-    table : name of the table.
+    table
+        Name of the table.
     nu : Poisson's ratio of the measurement.
-    choice : its settings.
-    error : upper bound of the relative error of the displacement.
-    cpu : processor time [s].
+    choice
+        Its settings.
+    error
+        Upper bound of the relative error of the displacement.
+    cpu
+        Processor time [s].
     """
 
     table: str
@@ -87,8 +91,10 @@ def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) ->
 
     Parameters
     ----------
-    accuracy : relative error of the displacement.
-    table : an advice.csv or tradeoff.csv; None: that of the built-in scene.
+    accuracy
+        Relative error of the displacement.
+    table
+        An advice.csv or tradeoff.csv; None: that of the built-in scene.
 
     Raises
     ------

@@ -49,13 +49,19 @@ class Plan:
     Parameters
     ----------
     nus : Poisson's ratios.
-    elements : names; at nu = 1/2 only Taylor-Hood elements are run.
-    resolutions : cells or mesh files of each element, from coarse to fine.
-    base : default settings of every element: hessian, solver, forcing, ...
-    solver : default solver of displacement and Taylor-Hood elements, if ``base`` has none.
-    vary : knobs that are varied.
+    elements
+        Names; at nu = 1/2 only Taylor-Hood elements are run.
+    resolutions
+        Cells or mesh files of each element, from coarse to fine.
+    base
+        Default settings of every element: hessian, solver, forcing, ...
+    solver
+        Default solver of displacement and Taylor-Hood elements, if ``base`` has none.
+    vary
+        Knobs that are varied.
     vary_at : Poisson's ratios at which they are varied; None: all.
-    full : run every combination of those knobs on every mesh, instead of one at a time on one mesh.
+    full
+        Run every combination of those knobs on every mesh, instead of one at a time on one mesh.
     """
 
     nus: Sequence[float]

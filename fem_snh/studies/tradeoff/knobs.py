@@ -51,15 +51,24 @@ class Choice:
 
     Parameters
     ----------
-    element : a name of `fem_snh.fem.elements`.
-    cells : of a built-in geometry; None for a mesh file.
-    mesh : the mesh file; empty for a built-in geometry.
-    hessian : exact, clamp, abs or adaptive.
-    solver : a name of `SOLVERS`; default: the first one of the element.
-    forcing : largest relative tolerance of a linear solve, -snes_forcing_max.
-    tolerance : of the residual, -snes_scaled_tol.
-    eigensolver : for the scaling block of the Hessian.
-    steps : load steps; None: those of the scene.
+    element
+        A name of `fem_snh.fem.elements`.
+    cells
+        Cells of a built-in geometry; None for a mesh file.
+    mesh
+        The mesh file; empty for a built-in geometry.
+    hessian
+        Exact, clamp, abs or adaptive.
+    solver
+        A name of `SOLVERS`; default: the first one of the element.
+    forcing
+        Largest relative tolerance of a linear solve, -snes_forcing_max.
+    tolerance
+        Tolerance of the residual, -snes_scaled_tol.
+    eigensolver
+        For the scaling block of the Hessian.
+    steps
+        Load steps; None: those of the scene.
 
     Raises
     ------

@@ -36,11 +36,16 @@ class Reference:
     Parameters
     ----------
     value : (n,) components.
-    error : estimated error, relative to the norm of the value.
-    step : difference of the value to that of the finest mesh, relative.
-    element, finest : the element and its finest mesh.
-    order : observed order of convergence; NaN if the differences do not decrease.
-    checked : the other element that it was compared with; "" without one.
+    error
+        Estimated error, relative to the norm of the value.
+    step
+        Difference of the value to that of the finest mesh, relative.
+    element, finest
+        The element and its finest mesh.
+    order
+        Observed order of convergence; NaN if the differences do not decrease.
+    checked
+        The other element that it was compared with; "" without one.
     """
 
     value: Vector

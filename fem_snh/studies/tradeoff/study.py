@@ -55,20 +55,30 @@ def tradeoff(
 
     Parameters
     ----------
-    scene : a name or a .toml file.
-    out : the folder; a study that it holds is continued.
+    scene
+        A name or a .toml file.
+    out
+        The folder; a study that it holds is continued.
     nus : Poisson's ratios; default: that of the scene.
-    elements : names; default: all that the meshes allow.
-    meshes : cells or mesh files for every element, coarse to fine; default: those of the scene.
-    base : other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver) and of
-        the number of load steps.
-    vary : the knobs that are varied.
+    elements
+        Names; default: all that the meshes allow.
+    meshes
+        Cells or mesh files for every element, coarse to fine; default: those of the scene.
+    base
+        Other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver) and of the
+        number of load steps.
+    vary
+        The knobs that are varied.
     vary_at : Poisson's ratios at which they are varied; None: all.
-    full : run every combination of the knobs on every mesh, instead of one at a time on one mesh.
-    overrides : other values of the scene, as for `fem_snh.scenes.load`.
+    full
+        Run every combination of the knobs on every mesh, instead of one at a time on one mesh.
+    overrides
+        Other values of the scene, as for `fem_snh.scenes.load`.
     petsc : PETSc options of every point; they take precedence over the knobs.
-    report : called with one line per point and per reference.
-    limits : jobs, ranks, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
+    report
+        Called with one line per point and per reference.
+    limits
+        Jobs, ranks, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
     Returns
     -------
