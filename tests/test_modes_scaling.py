@@ -50,10 +50,10 @@ def rest_stiffness(name, E, nu):
 
 
 def test_normalised_materials_have_one_stiffness_at_rest():
-    """Chen & Barbič's Figure 1: SNH and corotational at nu = 0.2, right and as it is often done.
+    """Chen & Barbič, Figure 1: normalised and misread constants at nu = 0.2.
 
-    Naively SNH gets the Lame constants in the places of its own mu and lambda, of which it makes
-    lambda_lame = lambda - mu (their Table 1): another E, and a nu below 0.
+    If the Lame constants are taken for mu and lambda of Stable Neo-Hookean, then lambda_lame is
+    lambda - mu (their Table 1): another Young's modulus, and Poisson's ratio is negative.
     """
     mine, theirs = (rest_stiffness(m, 1.0, 0.2) for m in ("stable_neo_hookean", "corotational"))
     assert abs(mine - theirs).max() <= 1e-10 * abs(theirs).max()
