@@ -91,7 +91,7 @@ def test_a_choice_that_there_is_not(wrong: dict[str, Any], told: str) -> None:
         ("cook --vary speed", "knob = 'speed': expected one of"),
         ("cook --nu many", "--nu many: expected numbers"),
         ("cook --cells 8,4", "--cells 8,4: expected whole numbers from coarse to fine"),
-        ("cook --cells 4 --meshes a.msh", "one or the other"),
+        ("cook --cells 4 --meshes a.msh", "--cells and --meshes: expected one of the two"),
         ("pull", "has no probe"),
         ("cook --solver magic", "solver = 'magic': expected one of"),
         ("cook --hessian magic", "hessian = 'magic': expected one of"),
@@ -110,7 +110,7 @@ def test_bad_input(
     "words, told",
     [
         ("pull --accuracy 1%", "there is no table for pull, only for"),
-        ("cook --accuracy-table a.csv", "without --accuracy"),
+        ("cook --accuracy-table a.csv", "--accuracy-table: expected with --accuracy"),
         ("cook --accuracy 1% --accuracy-table none.csv", "cannot be read"),
         ("cook --accuracy 1% --accuracy-table setup.py", "has no column"),
     ],

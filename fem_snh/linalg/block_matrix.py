@@ -55,7 +55,7 @@ class SymmetricBlockMatrix:
         upper_start = np.concatenate([[0], np.cumsum(np.bincount(row[above], minlength=self.rows))])
         floats = 3 * _padded(3 * np.diff(upper_start))
         upper_offset = np.concatenate([[0], np.cumsum(floats)])
-        arrays = {
+        arrays: dict[str, Array] = {
             "upper_start": upper_start.astype(np.int32),
             "upper_column": indices[above].astype(np.int32),
             "upper_offset": upper_offset.astype(np.int64),

@@ -33,6 +33,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
 from fem_snh.errors import BadInput, on_root
@@ -97,7 +98,10 @@ class SSORSystem:
             self.deflation = Deflation(
                 self.comm, self._matrix, *patterns, self._halo, coordinates, subdomains
             )
-        self._vectors = {key: np.zeros(3 * self._matrix.rows, np.float32) for key in "xrzptwq"}
+        size = 3 * self._matrix.rows
+        self._vectors: dict[str, npt.NDArray[Any]] = {
+            key: np.zeros(size, np.float32) for key in "xrzptwq"
+        }
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
         self._vectors["ghosts"] = self._halo.ghosts if self._halo else self._x
         self._pointers = {key: self._matrix.pointer(v) for key, v in self._vectors.items()}

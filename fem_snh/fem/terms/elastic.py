@@ -110,7 +110,7 @@ class Elastic:
         """Return the C struct that tells the cell loops where element matrices are added."""
         strides, positions = self._block_matrix.row_strides, self._block_matrix.block_positions
         free = np.where(constrained, 0.0, 1.0)
-        constrained_cells = constrained[cell_nodes].any(axis=(1, 2)).astype(np.uint8)
+        constrained_cells: Array = np.any(constrained[cell_nodes], axis=(1, 2)).astype(np.uint8)
         # The struct has pointers to these arrays, which must live as long.
         self._target_arrays = (*strides, positions, free, constrained_cells)
         return self.loops.target(strides, positions, free, constrained_cells)
