@@ -99,7 +99,7 @@ class SSORSystem:
                 self.comm, self._matrix, *patterns, self._halo, coordinates, subdomains
             )
         size = 3 * self._matrix.rows
-        self._vectors: dict[str, npt.NDArray[Any]] = {
+        self._vectors: dict[str, npt.NDArray[np.float32]] = {
             key: np.zeros(size, np.float32) for key in "xrzptwq"
         }
         self._x, self._r, self._t = (self._vectors[key] for key in "xrt")
