@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fem_snh.studies.tradeoff.knobs import KNOBS
 from fem_snh.studies.tradeoff.reference import (
     LOCKING_FREE,
     Reference,
@@ -127,8 +126,3 @@ def error_bound(row: Mapping[str, Any], name: str = "displacement") -> float:
     error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
     shift = float(row["shift"])
     return max(error + (shift if shift == shift else 0.0), floor)
-
-
-def is_default(choice: Mapping[str, Any], default: Mapping[str, Any]) -> bool:
-    """Return whether every setting is that of the default."""
-    return all(choice[knob] == default[knob] for knob in KNOBS)
