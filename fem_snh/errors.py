@@ -1,7 +1,8 @@
 """The exceptions a user sees, the form of their messages, and how every rank raises the same one.
 
 A message has one line: ``<key> = <value>: expected <what is accepted> (did you mean 'x'?)``.
-`bad_value`, `unknown_name` and `choose` write it.
+`bad_value`, `unknown_name`, `check_whole` and `choose` write it. Every part of the package may
+raise these exceptions; the command line prints the message and returns the exit code.
 """
 
 from __future__ import annotations
@@ -82,6 +83,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> BadInput:
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"
     return BadInput(f"unknown {kind} '{name}': expected {listed}{nearest(name, known)}")
+
+
+def check_whole(key: str, value: object, lowest: int, highest: int) -> None:
+    """Raise `bad_value`'s BadInput unless ``value`` is a whole number in [lowest, highest]."""
+    if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
+        raise bad_value(key, value, f"a whole number from {lowest} to {highest}")
 
 
 def choose(key: str, word: str, known: Iterable[str]) -> str:

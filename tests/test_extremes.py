@@ -214,8 +214,8 @@ def test_what_fails_is_exit_code_1(
     ("words", "told"),
     [
         ("--only scrambel", "family = 'scrambel': expected one of ... (did you mean 'scramble'?)"),
-        ("--seeds 0", "seeds = 0: expected a whole number, 1 or more"),
-        ("--seeds many", "seeds = many"),
+        ("--seeds 0", "seeds = 0: expected a whole number from 1 to 10000"),
+        ("--seeds many", "seeds = 'many': expected a whole number from 1 to 10000"),
         ("--jobs 0", "jobs = 0"),
         ("--timeout soon", "timeout = soon"),
         ("--quik", "unknown option '--quik': expected one of ... (did you mean '--quick'?)"),

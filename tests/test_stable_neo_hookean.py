@@ -39,7 +39,7 @@ snh = pytest.mark.parametrize("m", [made("stable_neo_hookean", nu, barrier=b) fo
 @snh
 def test_stable_neo_hookean_is_inversion_rest_and_reflection_stable(m):
     four = stability.inversion(m, minima(m)), stability.reflection(m), stability.rest(m)
-    assert [s.verdict for s in four] == ["holds"] * 3, four
+    assert [s.verdict for s in four] == ["passed"] * 3, four
     assert four[1].numbers == pytest.approx(dict.fromkeys(four[1].numbers, 0), abs=1e-13)
     assert four[2].numbers == pytest.approx(dict.fromkeys(four[2].numbers, 0), abs=1e-14)
 
@@ -64,7 +64,7 @@ def test_crushed_to_a_line_there_is_no_force_and_a_way_out(m):
     expected = mu / 2 - (lam + 0.75 * mu) if barrier else mu - (lam + mu)
     assert found["line curvature"] * m.expression.E == pytest.approx(expected)
     if m.expression.nu > 0 or barrier:
-        assert expected < 0 and "line" not in stability.degeneracy(m).why
+        assert expected < 0 and "line" not in stability.degeneracy(m).reason
 
 
 @snh
@@ -76,10 +76,10 @@ def test_crushed_to_a_point(m):
     found = stability.degeneracy(m)
     if m.expression.shape["barrier"]:
         assert np.all(np.abs(values) <= 1e-15 * mu)
-        assert found.verdict == "holds"
+        assert found.verdict == "passed"
     else:
         assert values == pytest.approx(mu)
-        assert found.verdict == "fails" and found.why.endswith("point")
+        assert found.verdict == "failed" and found.reason.endswith("point")
         # It attracts below the smaller positive root of mu s + lam s^2 (s^3 - 1 - mu/lam).
         roots = np.roots([lam, 0, 0, -(lam + mu), mu])
         root = min(r.real for r in roots if abs(r.imag) < 1e-12 and r.real > 0)
@@ -149,6 +149,6 @@ def test_the_stress_under_uniform_scaling_has_that_threshold(factor, minima):
 def test_the_search_finds_the_threshold_too(factor, alone):
     found = minima(barrier_with(threshold() * factor))
     assert found.rest and (len(found.spurious) == 0) == alone
-    assert stability.lone(found).verdict == ("holds" if alone else "fails")
+    assert stability.unique_minimum(found).verdict == ("passed" if alone else "failed")
     if not alone:
         assert np.ptp(found.spurious[0]) < 1e-3 and 0 < found.spurious[0, 0] < 1

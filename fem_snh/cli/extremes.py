@@ -7,8 +7,6 @@ from pathlib import Path
 from fem_snh.cli import study_options
 from fem_snh.cli.options import Parser, value
 
-#: Largest --seeds: each takes seconds, so the study takes about a day.
-MAX_SEEDS = 10_000
 #: Defaults: cases that run at a time, and the limits of each [s, GiB].
 JOBS, TIMEOUT, MEMORY = 2, 900.0, 3.0
 
@@ -51,7 +49,6 @@ def extremes(argv: list[str]) -> int:
     """Run the cases; return 0 if all required criteria are met, else 1."""
     parser = extremes_parser()
     args = parser.parse(argv)
-    study_options.check_highest("seeds", args.seeds, MAX_SEEDS)
     study_options.prepare_process("extremes")
 
     from fem_snh.studies.extremes.study import extremes as study

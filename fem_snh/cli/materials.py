@@ -181,7 +181,7 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
         table.add_row(
             row["name"] + (f"\n({row['note']})" if row["note"] else ""),
             *(f"{row[key]:.4g}" for key in ("mu_lame", "lambda_lame")),
-            *(_verdict(row[key], row[f"{key}_why"]) for key in four),
+            *(_verdict(row[key], row[f"{key}_reason"]) for key in four),
             row["minima"],
             row["domain"],
             "yes" if row["stretches"] else "no",
@@ -195,4 +195,4 @@ def _verdict(verdict: str, reason: str) -> str:
     """Return the text of a table cell."""
     if verdict == "not applicable":
         return "n/a"
-    return verdict if verdict == "holds" else f"fails: {reason}"
+    return verdict if verdict == "passed" else f"failed: {reason}"

@@ -9,10 +9,7 @@ from typing import Any
 
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, value
 from fem_snh.cli.run import scene_list
-from fem_snh.errors import BadInput, bad_value
-
-#: Largest --jobs and --ranks: more than the cores of any single machine.
-MAX_PROCESSES = 4096
+from fem_snh.errors import BadInput
 
 
 def parser(command: str, description: str) -> Parser:
@@ -70,16 +67,8 @@ def axes(args: argparse.Namespace) -> dict[str, list[Any]]:
 
 def limits(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_limits` as keyword arguments of a study."""
-    for key in ("jobs", "ranks"):
-        check_highest(key, getattr(args, key), MAX_PROCESSES)
     names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
     return {name: getattr(args, name) for name in names}
-
-
-def check_highest(key: str, number: Any, highest: int) -> None:
-    """Raise `BadInput` for a whole number above ``highest``; the studies check the rest."""
-    if isinstance(number, int) and number > highest:
-        raise bad_value(key, number, f"a whole number from 1 to {highest}")
 
 
 def comma_list(key: str, text: str) -> list[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import fill
+from textwrap import fill, shorten
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,10 @@ MEANINGS = (
     "scaling eigenvalues ≥ 0",
     "all nine eigenvalues ≥ 0",
 )
-_VERDICTS = {"holds": COLOURS[2], "fails": COLOURS[1], "not applicable": "0.45"}
+#: Characters of a reason that fit into its panel.
+_LONGEST_REASON = 62
+#: Colour of each verdict of `fem_snh.reports.stability`.
+_VERDICTS = {"passed": COLOURS[2], "failed": COLOURS[1], "not applicable": "0.45"}
 _LABELS = {
     "uniaxial": ("stretch", r"$P_{00}/E$"),
     "equibiaxial": ("stretch", r"$P_{00}/E$"),
@@ -157,16 +160,18 @@ def _verdicts(ax: Axes, report: Any) -> None:
     ax.set_axis_off()
     ax.set_title("stability", fontsize=11)
     y = 0.97
-    for s in (*report.stabilities, report.lone):
+    for s in (*report.stabilities, report.unique_minimum):
         ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)
         ax.text(
             0.36, y, s.verdict, fontsize=10, va="top", weight="bold", transform=ax.transAxes,
             color=_VERDICTS[s.verdict],
         )  # fmt: skip
-        why = s.why if len(s.why) <= 62 else s.why[:59] + "..."
-        ax.text(0.0, y - 0.065, why, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes)
+        reason = shorten(s.reason, _LONGEST_REASON, placeholder="...")
+        ax.text(
+            0.0, y - 0.065, reason, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes
+        )
         y -= 0.145
     mu, lam = report.mu_lame / report.E, report.lambda_lame / report.E
-    stress = report.rest_stress / report.E if report.rest.verdict == "fails" else 0.0
+    stress = report.rest_stress / report.E if report.rest.verdict == "failed" else 0.0
     numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest {stress:.3g} E"
     ax.text(0.0, y - 0.02, numbers, fontsize=9, va="top", transform=ax.transAxes)

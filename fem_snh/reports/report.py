@@ -40,7 +40,7 @@ class Report:
         True if energy and stress need the singular values of F.
     inversion, reflection, rest, degeneracy : Stability
         The four stability properties of Smith et al. 2018.
-    lone, minima : Stability, Minima
+    unique_minimum, minima : Stability, Minima
         Whether the rest state is the only minimum, and all minima that were found.
     curves : tuple of Curve
         Uniaxial, equibiaxial, simple shear and volumetric stress curves.
@@ -65,7 +65,7 @@ class Report:
     reflection: Stability
     rest: Stability
     degeneracy: Stability
-    lone: Stability
+    unique_minimum: Stability
     minima: Minima
     curves: tuple[Curve, ...]
     drucker: tuple[Interval, ...]
@@ -109,7 +109,7 @@ def report(m: Material) -> Report:
         reflection=stability.reflection(m),
         rest=stability.rest(m),
         degeneracy=stability.degeneracy(m),
-        lone=stability.lone(found),
+        unique_minimum=stability.unique_minimum(found),
         minima=found,
         curves=tests,
         drucker=drucker.intervals(m, tests),
@@ -134,7 +134,7 @@ def _lines(r: Report) -> list[str]:
         "",
         "Stability (numbers in units of E):",
     ]
-    for s in (*r.stabilities, r.lone):
+    for s in (*r.stabilities, r.unique_minimum):
         lines.append(f"  {s.name:<13}  {s}")
         numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
         lines += [f"  {'':<13}  {numbers}"] if numbers else []

@@ -24,7 +24,8 @@ from fem_snh.reports.evaluate import Array, diagonal, eigenvalues, inside, stres
 from fem_snh.reports.minima import Minima
 from fem_snh.reports.signed_stretches import Signed
 
-HOLDS, FAILS, NOT_APPLICABLE = "holds", "fails", "not applicable"
+#: The verdicts on a property.
+PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
 
 #: The two other stretches of an element whose third stretch is moved through 0.
 PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
@@ -49,24 +50,24 @@ class Stability:
     name : str
         The property.
     verdict : str
-        "holds", "fails" or "not applicable".
-    why : str
-        The reason of a failure.
+        "passed", "failed" or "not applicable".
+    reason : str
+        The reason of a verdict that is not "passed"; for the minima, what was found.
     numbers : dict
         The numbers behind the verdict; stresses in units of E.
     """
 
     name: str
     verdict: str
-    why: str = ""
+    reason: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return self.verdict + (f": {self.why}" if self.why else "")
+        return self.verdict + (f": {self.reason}" if self.reason else "")
 
 
 def _verdict(name: str, faults: list[str], numbers: dict[str, float]) -> Stability:
-    return Stability(name, FAILS if faults else HOLDS, "; ".join(faults), numbers)
+    return Stability(name, FAILED if faults else PASSED, "; ".join(faults), numbers)
 
 
 # --- inversion -----------------------------------------------------------------------------------
@@ -88,7 +89,7 @@ def inversion(m: Material, minima: Minima) -> Stability:
     if not finite.all():
         turned = [0, 2, 3, 4, 5]  # two negative stretches are a rotation
         where = "some inverted states" if finite[turned].any() else "J <= 0"
-        return Stability("inversion", FAILS, f"infinite for {where}", numbers)
+        return Stability("inversion", FAILED, f"infinite for {where}", numbers)
     force, inverted = restoring(m), sum(s[2] < -1e-6 for s in minima.stretches)
     numbers |= {
         "growth": growth(m), "force": force / m.expression.E, "inverted minima": float(inverted)
@@ -127,7 +128,7 @@ def growth(m: Material) -> float:
     return float(ratio.max()) if np.isfinite(ratio).all() else float("inf")
 
 
-def lone(found: Minima) -> Stability:
+def unique_minimum(found: Minima) -> Stability:
     """Evaluate whether the rest state is the only minimum.
 
     Numbers: ``spurious`` minima, ``collapsed`` and ``lost`` starts of the search.
@@ -139,7 +140,7 @@ def lone(found: Minima) -> Stability:
     }
     strays = found.collapsed or found.lost > found.starts // 50
     alone = found.rest and not (len(found.spurious) or strays)
-    return Stability("minima", HOLDS if alone else FAILS, str(found), numbers)
+    return Stability("minima", PASSED if alone else FAILED, str(found), numbers)
 
 
 # --- reflection ----------------------------------------------------------------------------------

@@ -13,11 +13,11 @@ from fem_snh.reports import stability
 from fem_snh.reports.minima import minima
 from fem_snh.reports.report import domain
 
-#: The columns in order; the columns ``*_why`` give the reason why a stability does not hold.
+#: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
 COLUMNS = (
     "name", "nu", "mu_lame", "lambda_lame",
     "inversion", "reflection", "rest", "degeneracy",
-    "inversion_why", "reflection_why", "rest_why", "degeneracy_why",
+    "inversion_reason", "reflection_reason", "rest_reason", "degeneracy_reason",
     "minima", "domain", "stretches", "note",
 )  # fmt: skip
 
@@ -71,7 +71,7 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
     return (
         {"name": name, "nu": nu, "mu_lame": mu, "lambda_lame": lam}
         | {s.name: s.verdict for s in four}
-        | {f"{s.name}_why": s.why for s in four}
+        | {f"{s.name}_reason": s.reason for s in four}
         | {
             "minima": str(found),
             "domain": domain(tuple(map(str, m.expression.domain))),

@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, check_whole
+
+#: Largest number of points at a time, and of ranks: more than the cores of any single machine.
+MAX_PROCESSES = 4096
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Limits:
     Raises
     ------
     BadInput
-        For a value that is not positive.
+        For a value outside its range.
     """
 
     jobs: int = 1
@@ -38,9 +41,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for key in ("jobs", "ranks"):
-            count = getattr(self, key)
-            if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-                raise BadInput(f"{key} = {count}: expected a whole number, 1 or more")
+            check_whole(key, getattr(self, key), 1, MAX_PROCESSES)
         for key, unit in {"timeout": "seconds", "memory": "GiB"}.items():
             limit = getattr(self, key)
             number = isinstance(limit, int | float) and not isinstance(limit, bool)

@@ -15,11 +15,14 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import check_whole, choose
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.extremes import FAMILIES, page
 from fem_snh.studies.extremes.cases import COLUMNS, PASS, Case
 from fem_snh.studies.point import Limits
+
+#: Largest number of scrambled cubes: each takes seconds, so the study takes about a day.
+MAX_SEEDS = 10_000
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Outcome:
     ----------
     table : one row per case.
     aggregate
-        Criteria of several cases together: {criterion: why it fails, or ""}.
+        Criteria of several cases together: {criterion: the reason of a failure, or ""}.
     """
 
     table: pd.DataFrame
@@ -38,7 +41,7 @@ class Outcome:
 
     @property
     def failures(self) -> dict[str, str]:
-        """What is expected to pass and fails, with the reason."""
+        """Return the cases and criteria that are expected to pass and fail, with the reasons."""
         failed = self.table[(self.table["expected"] == PASS) & ~self.table["passed"]]
         return dict(zip(failed["point"], failed["reason"], strict=True)) | {
             criterion: reason for criterion, reason in self.aggregate.items() if reason
@@ -88,8 +91,7 @@ def extremes(
     """
     for family in only:
         choose("family", family, FAMILIES)
-    if not isinstance(seeds, int) or isinstance(seeds, bool) or seeds < 1:
-        raise BadInput(f"seeds = {seeds}: expected a whole number, 1 or more")
+    check_whole("seeds", seeds, 1, MAX_SEEDS)
     flags = {key: limits.pop(key, False) for key in ("retry", "overwrite")}
     families = [import_module(f"{__package__}.{family}") for family in only or FAMILIES]
     chosen: list[list[Case]] = [family.cases(quick, seeds, material) for family in families]
