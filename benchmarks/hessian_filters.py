@@ -14,8 +14,8 @@ from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh.errors import choose
 from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS, element
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.scenes import Hold, Move, Rotate
@@ -96,7 +96,7 @@ def solve(
     kind = ELEMENTS[choose("element", name, ELEMENTS)]
     body = mesh.generate(MPI.COMM_SELF, "cube", kind.cell, cells=cells)
     snh = material("stable_neo_hookean", E=1.0, nu=nu)
-    p = Problem(
+    p = create_problem(
         body, kind, snh, hold=[Hold(group="left")], move=[CASES[choose("case", case, CASES)]]
     )
     n = p.u.x.array.size

@@ -25,6 +25,7 @@ import ufl
 from fem_snh import _dolfinx, solver
 from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import Element
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
@@ -108,6 +109,11 @@ class Load:
     """The potential -f . u of the virtual work of a stress field, as an energy term."""
 
     name = "load"
+    has_energy = True
+    depends_on_load = False
+
+    def set_load(self, load: float) -> None:
+        """Do nothing: the load is constant."""
 
     def __init__(self, V: Any, P: Any) -> None:
         self._force = _dolfinx.create_vector(V)
@@ -155,7 +161,7 @@ class Manufactured:
         self.shear, self.swell = shear, 0.0 if isinf(lam) else swell * mu / lam
         faces = [_Boundary(face, axes, self._displacement) for face, axes in FACES.items()]
         body = bent_cube(comm, element.cell, cells, bend)
-        self.problem = Problem(body, element, solid, move=faces)
+        self.problem = create_problem(body, element, solid, move=faces)
         numbers = {"shear": shear, "swell": self.swell, "mu": mu, "lam": 0.0, "volume": 0.0}
         if isinf(lam):
             numbers["push"] = mu / 2
@@ -181,11 +187,11 @@ class Manufactured:
 
     def _exact(self) -> Any:
         c = self._constants
-        X = _dolfinx.coordinates(self.problem.mesh.domain)
+        X = _dolfinx.coordinates(self.problem.domain)
         return ufl.as_vector(exact(X, ufl.sin, c["shear"], c["swell"]))
 
     def _wave(self) -> Any:
-        X = _dolfinx.coordinates(self.problem.mesh.domain)
+        X = _dolfinx.coordinates(self.problem.domain)
         return self._constants["push"] * ufl.sin(2 * X[0] - X[1] + 3 * X[2])
 
     def pressure(self) -> Any:

@@ -18,6 +18,7 @@ from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.errors import choose
 from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
@@ -155,7 +156,7 @@ def create(case: str, nu: float, cells: int) -> Problem:
     source, sizes, conditions, _ = CASES[choose("case", case, CASES)]
     body = mesh.generate(MPI.COMM_WORLD, source, "hexahedron", cells=cells, **sizes)
     snh = material("stable_neo_hookean", E=1.0, nu=nu)
-    return Problem(body, ELEMENTS["Q1"], snh, **conditions)
+    return create_problem(body, ELEMENTS["Q1"], snh, **conditions)
 
 
 def solve(

@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks import Row, split_list
 from benchmarks.manufactured import bent_cube
 from benchmarks.quadrature import dense, spurious_modes
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS, Element, element
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.materials.volume_split import BOUNDS
@@ -67,7 +67,7 @@ def split_at(bound: float | None) -> Iterator[None]:
 def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     """Return the smallest eigenvalue of the stiffness without pressures, in a uniaxial state."""
     chosen = material("stable_neo_hookean", E=1.0, nu=nu, barrier=False)
-    p = Problem(
+    p = create_problem(
         bent_cube(MPI.COMM_SELF, kind.cell, 2, 0.0),
         kind,
         chosen,

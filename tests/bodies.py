@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from fem_snh import _dolfinx
 from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
@@ -110,7 +111,7 @@ def problem(
     **conditions: Any,
 ) -> Problem:
     """A problem of an element and of one of MATERIALS."""
-    return Problem(body, ELEMENTS[element], material(E=E, **MATERIALS[law]), **conditions)
+    return create_problem(body, ELEMENTS[element], material(E=E, **MATERIALS[law]), **conditions)
 
 
 def put(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None) -> Any:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import pytest
 
 from fem_snh.fem import elements
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 
@@ -48,7 +48,7 @@ THEORY = {
 def problem(body, element, nu, quadrature=None, E=1.0, **conditions):
     """Of the energy of eq. 13, whatever nu."""
     law = material("stable_neo_hookean", E=E, nu=nu, barrier=False)
-    return Problem(body, elements.element(element, quadrature), law, **conditions)
+    return create_problem(body, elements.element(element, quadrature), law, **conditions)
 
 
 def poissons(*values):

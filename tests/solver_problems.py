@@ -10,8 +10,8 @@ import numpy as np
 from bodies import Condition, Hold, cube, problem, put, wave
 
 from fem_snh import solver
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 #: The trust region, entered where the filtered steps make little progress.
@@ -68,7 +68,7 @@ def solve(p, predictor="none", hessian="adaptive", globalization="linesearch"):
 
 def half_turn(comm, cells, noise=0.0):
     """Return the twist of Smith et al. 2018 by half a turn, nu = 0.3: it has many equilibria."""
-    p = Problem(
+    p = create_problem(
         cube(comm, "hexahedron", cells),
         ELEMENTS["Q1"],
         material("stable_neo_hookean", nu=0.3),

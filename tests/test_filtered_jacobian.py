@@ -66,11 +66,11 @@ def by_hand(p, element: Element, clamp):
     """sum over points of weight B^T H B, with H clamped by numpy's eigh; one rank."""
     points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
     basis = _dolfinx.tabulate(p.V, points)
-    geometry = _dolfinx.tabulate_geometry(p.mesh.domain, points)
-    x = _dolfinx.geometry_x(p.mesh.domain)
+    geometry = _dolfinx.tabulate_geometry(p.domain, points)
+    x = _dolfinx.geometry_x(p.domain)
     u = p.x.array.reshape(-1, 3)
     A, worst = np.zeros((p.dofs, p.dofs)), np.inf
-    cells = zip(_dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.mesh.domain), strict=True)
+    cells = zip(_dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.domain), strict=True)
     for nodes, corners in cells:
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         for q, weight in enumerate(weights):

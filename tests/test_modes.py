@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.fem import eigenproblem, modes
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.mesh import generate
-from fem_snh.fem.problem import Problem
 from fem_snh.fem.terms import mass_matrix
 
 mpi = pytest.mark.mpi
@@ -119,7 +119,9 @@ def test_a_slender_beam(comm, element, nu, bound):
     # The coarsest cylinder has a square section.
     body = generate(comm, "cylinder", ELEMENTS[element].cell, cells=3, radius=0.5**0.5, length=20)
     law = fem_snh.material("neo_hookean", E=E, nu=nu)
-    found = modes.lowest(Problem(body, ELEMENTS[element], law, hold=[Hold("left")]), density, 4)
+    found = modes.lowest(
+        create_problem(body, ELEMENTS[element], law, hold=[Hold("left")]), density, 4
+    )
     unit = np.sqrt(E / 12 / density) / length**2 / (2 * np.pi)
     expected = np.repeat(timoshenko(length, nu, 2), 2) * unit
     assert found.frequencies == pytest.approx(expected, rel=bound)

@@ -10,8 +10,8 @@ from bodies import Hold, cube, dense, problem
 
 import fem_snh
 from fem_snh.fem import modes
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.scenes import Geometry
 
 mpi = pytest.mark.mpi
@@ -42,7 +42,7 @@ def test_frequencies_scale_as_the_square_root_of_E_over_density_over_length(comm
 
 def rest_stiffness(name, E, nu):
     law = fem_snh.material(name, E=E, nu=nu)
-    p = Problem(
+    p = create_problem(
         cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, hold=[Hold("left")]
     )
     p.jacobian(p.x, "exact")

@@ -21,8 +21,8 @@ from bodies import (
 
 from fem_snh import _dolfinx, solver
 from fem_snh.errors import BadInput
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 mpi = pytest.mark.mpi
@@ -143,7 +143,7 @@ def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
 def test_without_an_energy_there_are_forces(comm):
     """Stresses that are no gradient balance all the same, and do so in an unmoved body."""
     law = material("filtered_neo_hookean", nu=0.3)
-    p = Problem(
+    p = create_problem(
         cube(comm, "hexahedron", 2, 0.05),
         ELEMENTS["Q1"],
         law,
@@ -197,7 +197,7 @@ def test_prescribed_values_are_exact_and_follow_the_load(comm, element):
 def test_what_does_not_fit_is_bad_input_on_every_rank(comm):
     body = cube(comm, "hexahedron", 1)
     with pytest.raises(BadInput, match="element = 'P1': expected an element with hexahedron cells"):
-        Problem(body, ELEMENTS["P1"], material("neo_hookean"))
+        create_problem(body, ELEMENTS["P1"], material("neo_hookean"))
     with pytest.raises(BadInput, match=r"no physical group 'topp'.*did you mean 'top'"):
         problem(body, "Q1", hold=[Hold("topp")])
     with pytest.raises(

@@ -13,8 +13,8 @@ from solver_problems import TRUST, half_turn, options, solve, twist
 from fem_snh import scenes, solver
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, RenamedKey
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.solver.options import OPTIONS
 
@@ -43,7 +43,7 @@ def note(comm):
 )
 def test_default_globalization_depends_on_the_problem(comm, element, name, expected):
     law = material(name, nu=0.4)
-    p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], law, hold=[Hold("left")])
+    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], law, hold=[Hold("left")])
     assert solver.default_globalization(p) == expected
     assert choices(solver.create(p)) == {"hessian": "adaptive", "globalization": expected}
 

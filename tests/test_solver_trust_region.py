@@ -17,8 +17,8 @@ from solver_problems import (
 from fem_snh import solver
 from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import run
 from fem_snh.solver.trust_region import TrustRegion
@@ -128,7 +128,7 @@ def test_trust_region_needs_a_minimisation_problem(comm, reason):
     name, element = "stable_neo_hookean", "Q2Q1"
     if reason == "without an energy":
         name, element = "filtered_neo_hookean", "Q1"
-    p = Problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
+    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], material(name, nu=0.4))
     with pytest.raises(BadInput, match=f"globalization = 'trust_region'.*{reason}"):
         solver.create(p, **TRUST)
     with (

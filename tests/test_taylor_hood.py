@@ -17,8 +17,8 @@ from volume_energies import (
 )
 
 from fem_snh import _dolfinx
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 # --- Taylor-Hood, derived by UFL -----------------------------------------------------------------
@@ -38,7 +38,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, law, nu):
     kind = replace(kind, quadrature={"tetrahedron": 2, "hexahedron": 5}[kind.cell])
     body = cube(comm, kind.cell, 2, 0.05)
     keywords = volume.keywords | {"nu": nu, "barrier": "barrier" in law}
-    p = put(Problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
+    p = put(create_problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
     r = p.x.duplicate()
     energy = p.energy(p.x)
     p.gradient(p.x, r)

@@ -53,10 +53,10 @@ def cells(p):
     kind = p.element
     points, weights = _dolfinx.quadrature(kind.cell, kind.quadrature)
     basis = _dolfinx.tabulate(p.V, points)
-    geometry = _dolfinx.tabulate_geometry(p.mesh.domain, points)
-    x, u = _dolfinx.geometry_x(p.mesh.domain), p.u.x.array.reshape(-1, 3)
+    geometry = _dolfinx.tabulate_geometry(p.domain, points)
+    x, u = _dolfinx.geometry_x(p.domain), p.u.x.array.reshape(-1, 3)
     for nodes, corners in zip(
-        _dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.mesh.domain), strict=True
+        _dolfinx.node_dofs(p.V), _dolfinx.geometry_dofs(p.domain), strict=True
     ):
         T = [x[corners].T @ g for g in geometry]
         G = [b @ np.linalg.inv(t) for b, t in zip(basis, T, strict=True)]

@@ -11,8 +11,8 @@ import ufl
 from bodies import Hold, wave
 
 from fem_snh import _dolfinx
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 
 mpi = pytest.mark.mpi
@@ -84,7 +84,9 @@ def moduli(p):
 
 
 def problem(body, element, law, **conditions):
-    return Problem(body, ELEMENTS[element], material(E=1.0, **LAWS[law].keywords), **conditions)
+    return create_problem(
+        body, ELEMENTS[element], material(E=1.0, **LAWS[law].keywords), **conditions
+    )
 
 
 def put(p, field, push=0.0):

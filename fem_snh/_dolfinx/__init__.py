@@ -31,6 +31,7 @@ from fem_snh._dolfinx.meshes import (
     gmsh_permutation,
     input_cells,
     input_vertices,
+    num_cells,
     num_exterior_facets,
     num_owned,
     reference_corners,
@@ -61,7 +62,7 @@ __all__ = [
     "constant", "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
     "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global", "locate",
-    "locate_dofs", "newton_solver", "node_dofs", "num_exterior_facets", "num_nodes", "num_owned",
-    "petsc_vec", "prescribed", "quadrature", "reference_corners", "surface_measure", "tabulate",
-    "tabulate_geometry", "tabulate_values", "version",
+    "locate_dofs", "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes",
+    "num_owned", "petsc_vec", "prescribed", "quadrature", "reference_corners", "surface_measure",
+    "tabulate", "tabulate_geometry", "tabulate_values", "version",
 ]  # fmt: skip

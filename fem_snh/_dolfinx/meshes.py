@@ -62,6 +62,11 @@ def num_owned(domain: Any, dim: int = 3) -> int:
     return int(domain.topology.index_map(dim).size_local)
 
 
+def num_cells(domain: Any) -> int:
+    """Return the number of cells on all ranks."""
+    return int(domain.topology.index_map(3).size_global)
+
+
 def input_cells(domain: Any) -> Array:
     """Return the row of each local cell in the input of `create_mesh`, (local cells,)."""
     return np.asarray(domain.topology.original_cell_index)

@@ -37,8 +37,29 @@ class Motion(Constraint, Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
+class Dirichlet(Protocol):
+    """The constrained dofs of a displacement space and their values.
+
+    Attributes
+    ----------
+    constrained : (local nodes, 3) bool
+        Which components of which nodes, ghosts included, are constrained.
+    dofs : (n,) int
+        The constrained dofs this rank owns, as indices into a vector's local array.
+    depends_on_load : bool
+        Whether any value depends on the load.
+    """
+
+    constrained: Array
+    dofs: Array
+    depends_on_load: bool
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to their values at this load."""
+
+
 class DirichletConditions:
-    """The constrained dofs of a displacement space and their values. Collective.
+    """Dirichlet conditions on physical groups: see `Dirichlet`. Collective.
 
     Parameters
     ----------
@@ -58,7 +79,7 @@ class DirichletConditions:
         Which components of which nodes, ghosts included, are constrained.
     dofs : (n,) int
         The constrained dofs this rank owns, as indices into a vector's local array.
-    follow_load : bool
+    depends_on_load : bool
         Whether any value depends on the load.
 
     Raises
@@ -81,7 +102,7 @@ class DirichletConditions:
             nodes = nodes[nodes < owned]
             self._moved.append((nodes, axes, motion, coordinates[nodes]))
         self.dofs = np.flatnonzero(self.constrained[:owned])
-        self.follow_load = bool(self._moved)
+        self.depends_on_load = bool(self._moved)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
         """Mark a condition's components as constrained; return its local nodes and components."""

@@ -1,4 +1,4 @@
-"""A boundary value problem: mesh, element, material, energy terms and boundary conditions."""
+"""A boundary value problem: unknowns, element, materials, energy terms, Dirichlet conditions."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from petsc4py import PETSc
 
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.errors import BadInput, bad_value, choose
-from fem_snh.fem import mesh as meshes
-from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
+from fem_snh.errors import choose
+from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions, body_measures
-from fem_snh.fem.mesh import Mesh
+from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
+from fem_snh.fem.regions import Region
 from fem_snh.fem.taylor_hood import SaddlePoint
-from fem_snh.fem.terms import Elastic, Term, Traction
-from fem_snh.fem.terms.traction import SurfaceLoad
-from fem_snh.fem.unknowns import DisplacementPressure, create_unknowns
+from fem_snh.fem.terms import Elastic, Term
+from fem_snh.fem.unknowns import Displacement, DisplacementPressure
 from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
@@ -49,28 +49,29 @@ class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
 
     With a Taylor-Hood element: find displacement and pressure at a saddle point of the energy.
+    `fem_snh.fem.create_problem` builds the problem of a scene.
 
     Parameters
     ----------
-    mesh : Mesh
-        The body in its reference configuration.
+    unknowns : Displacement
+        The displacement, or displacement and pressure.
     element : Element
-        The finite element; its cell must be the mesh's.
-    material : Material
-        The material of the whole body.
-    hold : sequence of Constraint, optional
-        Components of the displacement that are zero on physical groups.
-    move : sequence of Motion, optional
-        Components of the displacement that follow the load on physical groups.
-    traction : sequence of SurfaceLoad, optional
-        Dead loads on physical groups of surfaces.
-    reactions : sequence of str or int, optional
-        Physical groups whose reaction forces `reactions` returns.
+        Quadrature and volume treatment; it must fit the unknowns.
+    regions : sequence of Region
+        The materials and the cells that each of them fills.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    terms : sequence of Term, optional
+        The energy terms and forces beside the elastic energy.
+    reactions : Reactions, optional
+        The groups whose reaction forces `reactions` returns.
     eigensolver : str, optional
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
 
     Attributes
     ----------
+    domain : dolfinx Mesh
+        The mesh.
     V, u : dolfinx function space and Function
         The displacement's space; the displacement [m] that was evaluated last, ghosts included.
     x : PETSc.Vec
@@ -80,11 +81,11 @@ class Problem:
     saddle_point : SaddlePoint or None
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms : list of Term
-        The energy terms.
+        All terms, the elastic energy first.
     constrained_dofs : (n,) int
         The constrained dofs this rank owns, as indices into the local part of ``x``.
     load : float
-        The load parameter, 0 to 1; see `set_load`.
+        The load parameter, 0 to 1.
     length : float
         V^(1/3) [m], V the reference volume.
     force_scale : float
@@ -97,36 +98,32 @@ class Problem:
     Raises
     ------
     BadInput
-        On every rank, if mesh, element, material and physical groups do not fit together.
+        On every rank, if the element does not support a material.
     """
 
     def __init__(
         self,
-        mesh: Mesh,
+        unknowns: Displacement,
         element: Element,
-        material: Material,
-        *,
-        hold: Sequence[Constraint] = (),
-        move: Sequence[Motion] = (),
-        traction: Sequence[SurfaceLoad] = (),
-        reactions: Sequence[str | int] = (),
+        regions: Sequence[Region],
+        dirichlet: Dirichlet,
+        terms: Sequence[Term] = (),
+        reactions: Reactions | None = None,
         eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
-        if mesh.cell != element.cell:
-            accepted = f"an element with {mesh.cell} cells, like the mesh; it has {element.cell}s"
-            raise bad_value("element", element.name, accepted)
-        self.mesh, self.element, self.material = mesh, element, material
+        self._unknowns, self.element, self.regions = unknowns, element, list(regions)
+        self._dirichlet, self._reactions = dirichlet, reactions
         self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
-        self.comm = mesh.domain.comm
-        self.length = meshes.volume(mesh.domain) ** (1 / 3)
+        self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
+        self.domain = self.V.mesh
+        self.comm = self.domain.comm
+        self.length = volume(self.domain) ** (1 / 3)
+        material = regions[0].material
         self.force_scale = material.expression.E * self.length**2
         self.load, self.nonfinite = 0.0, 0
 
-        unknowns = self._unknowns = create_unknowns(mesh, element)
-        self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
-        self._dirichlet = DirichletConditions(self.V, mesh, hold, move)
-        self.constrained_dofs = self._dirichlet.dofs
-        constrained = self._dirichlet.constrained
+        self.constrained_dofs = dirichlet.dofs
+        constrained = dirichlet.constrained
         self.saddle_point: SaddlePoint | None = None
         if isinstance(unknowns, DisplacementPressure):
             scale = material.expression.E / self.length
@@ -139,15 +136,23 @@ class Problem:
         if not self.saddle_point:
             free = ~constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
-        self._traction = Traction(self.V, mesh, traction) if traction else None
-        self.terms: list[Term] = [self.elastic, *([self._traction] if self._traction else [])]
-        self._reactions = Reactions(self.V, mesh, reactions)
+        self.terms: list[Term] = [self.elastic, *terms]
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
 
     @property
+    def num_cells(self) -> int:
+        """Cells on all ranks."""
+        return _dolfinx.num_cells(self.domain)
+
+    @property
+    def material(self) -> Material:
+        """The body's material."""
+        return self.regions[0].material
+
+    @property
     def has_energy(self) -> bool:
-        """Whether the material's stress is the gradient of an energy."""
-        return self.material.expression.has_energy
+        """Whether all terms are energies: their residual is a gradient."""
+        return all(term.has_energy for term in self.terms)
 
     @property
     def coordinates(self) -> Array:
@@ -161,34 +166,29 @@ class Problem:
 
     @property
     def depends_on_load(self) -> bool:
-        """Whether a boundary value or a traction depends on the load."""
-        return bool(self._dirichlet.follow_load or self._traction)
+        """Whether a boundary value or a term depends on the load."""
+        return self._dirichlet.depends_on_load or any(term.depends_on_load for term in self.terms)
 
     def set_load(self, load: float) -> None:
-        """Set the load parameter, 0 to 1, of boundary values and tractions."""
+        """Set the load parameter, 0 to 1, of boundary values and terms."""
         self.load = load
-        if self._traction:
-            self._traction.load = load
+        for term in self.terms:
+            term.set_load(load)
 
     def prescribe(self, x: PETSc.Vec) -> None:
         """Set the constrained entries of ``x`` to their values at the present load."""
         self._dirichlet.set_values(x, self.load)
 
     def update_functions(self) -> None:
-        """Update the displacement ``u``, and the pressure, from ``x``. Collective."""
+        """Update ``u``, and the pressure, from ``x``. Collective."""
         self._unknowns.split(self.x)
 
     @_timed
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy of all terms [J]; +inf outside the material's domain. Collective.
 
-        Raises
-        ------
-        BadInput
-            If the material has a stress but no energy.
+        It raises BadInput if a term has no energy.
         """
-        if not self.has_energy:
-            raise BadInput(f"material '{self.material.name}' has no energy, only a stress")
         u, p = self._unknowns.split(x)
         energy = sum(term.energy(u, p) for term in self.terms)
         self.nonfinite += not isfinite(energy)
@@ -230,7 +230,7 @@ class Problem:
 
         The sum of dE/du over the group's nodes: the force that the constraint exerts on the body.
         """
-        if not self._reactions.groups:
+        if self._reactions is None:
             return {}
         r = self.x.duplicate()
         self.gradient(x, r)

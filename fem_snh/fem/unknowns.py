@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -15,28 +16,29 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.fem.elements import Element
-from fem_snh.fem.mesh import Mesh
 
 
 class Displacement:
     """The displacement is the only unknown: ``x`` is the ghosted vector of the function ``u``.
 
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m], of a Lagrange space with 3 components.
+
     Attributes
     ----------
     V : dolfinx function space
         The displacement's space.
-    u : dolfinx Function
-        The displacement [m].
     x : PETSc.Vec
         The solver's vector.
     num_owned_nodes : int
         Displacement nodes this rank owns.
     """
 
-    def __init__(self, mesh: Mesh, element: Element) -> None:
-        self.V = _dolfinx.function_space(mesh.domain, element.degree, (3,))
-        self.u = _dolfinx.function(self.V, "displacement")
-        self.x = _dolfinx.petsc_vec(self.u)
+    def __init__(self, u: Any) -> None:
+        self.u, self.V = u, u.function_space
+        self.x = _dolfinx.petsc_vec(u)
         self.num_owned_nodes = _dolfinx.num_nodes(self.V)[0]
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
@@ -61,6 +63,13 @@ class DisplacementPressure(Displacement):
     The unknown in ``x`` is the pressure divided by E/L [Pa/m]: a length, like the displacement, so
     that both parts of the residual are forces.
 
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    pressure_degree : int
+        Degree of the pressure's Lagrange space.
+
     Attributes
     ----------
     Q : dolfinx function space
@@ -71,15 +80,16 @@ class DisplacementPressure(Displacement):
         {"u": IS, "p": IS}, the global dofs of each field on this rank.
     """
 
-    def __init__(self, mesh: Mesh, element: Element) -> None:
-        super().__init__(mesh, element)
-        self.Q = _dolfinx.function_space(mesh.domain, element.pressure_degree)
+    def __init__(self, u: Any, pressure_degree: int) -> None:
+        super().__init__(u)
+        domain = self.V.mesh
+        self.Q = _dolfinx.function_space(domain, pressure_degree)
         self.p = _dolfinx.function(self.Q, "pressure")
         self.pressure = _dolfinx.petsc_vec(self.p)
         self._r_u, self._r_p = (_dolfinx.create_vector(space) for space in (self.V, self.Q))
         self._num_u = 3 * self.num_owned_nodes
         num_p = _dolfinx.num_nodes(self.Q)[0]
-        comm = mesh.domain.comm
+        comm = domain.comm
         self.x = PETSc.Vec().createMPI((self._num_u + num_p, None), comm=comm)
         first = self.x.getOwnershipRange()[0]
         u = PETSc.IS().createStride(self._num_u, first, 1, comm=comm)
@@ -110,10 +120,11 @@ class DisplacementPressure(Displacement):
         return np.asarray(x.array[self._num_u :])
 
 
-def create_unknowns(mesh: Mesh, element: Element) -> Displacement:
-    """Return the unknowns of an element on a mesh."""
-    unknowns = DisplacementPressure if element.volume == "pressure" else Displacement
-    return unknowns(mesh, element)
+def create_unknowns(u: Any, element: Element) -> Displacement:
+    """Return the unknowns of an element: the displacement ``u``, and a pressure if it has one."""
+    if not element.pressure_degree:
+        return Displacement(u)
+    return DisplacementPressure(u, element.pressure_degree)
 
 
 def _zero(vector: PETSc.Vec) -> None:

@@ -29,14 +29,14 @@ class Fields:
     """
 
     def __init__(self, path: Path, problem: Problem, until: float | None = None) -> None:
-        constant = _dolfinx.function_space(problem.mesh.domain, 0, family="DG")
+        constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         names = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
         self._nodal = [problem.u]
         if problem.saddle_point:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
-            scalars = _dolfinx.function_space(problem.mesh.domain, problem.element.degree)
+            scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
             self._nodal.append(_dolfinx.function(scalars, "pressure"))
         self._series = _dolfinx.Series(problem.comm, path, until)
 

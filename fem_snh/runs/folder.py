@@ -70,7 +70,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "globalization": solver_options["snes_globalization"],
         "eigensolver": problem.eigensolver,
         "terms": [term.name for term in problem.terms],
-        "cells": problem.mesh.num_cells,
+        "cells": problem.num_cells,
         "dofs": problem.dofs,
         "ranks": problem.comm.size,
         "load_name": scene.load_name,

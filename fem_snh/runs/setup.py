@@ -16,6 +16,7 @@ from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
 from fem_snh.fem import elements, modes
 from fem_snh.fem import mesh as meshes
+from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.initial_state import set_initial_state
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
@@ -94,7 +95,7 @@ def make_problem(
 ) -> Problem:
     """Return the scene's problem with a Poisson's ratio. Collective."""
     chosen = scene.material
-    return Problem(
+    return create_problem(
         mesh,
         element,
         material(chosen.name, chosen.E, nu, **chosen.parameters),

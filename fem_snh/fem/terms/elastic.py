@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS, FILTERS
-from fem_snh.errors import choose, on_root
+from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
+from fem_snh.fem.element_tables import element_tables
 from fem_snh.fem.elements import Element
 from fem_snh.fem.numbering import MixedDofMap, dof_map
 from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
+from fem_snh.kernels.cell_loops import CellLoops, cell_loops_source
 from fem_snh.kernels.element_energy import element_energy
 from fem_snh.kernels.pointwise import Material
 
@@ -62,6 +63,8 @@ class Elastic:
         The compiled loops over this rank's cells.
     element_energy : ElementEnergy
         The energy density, with the volume term apart where the element treats it separately.
+    has_energy : bool
+        False for a material that is defined by a stress.
     jit_seconds : float
         Time spent generating and compiling C.
     shape : tuple of int
@@ -74,6 +77,7 @@ class Elastic:
     """
 
     name = "elastic"
+    depends_on_load = False
 
     def __init__(
         self,
@@ -88,6 +92,8 @@ class Elastic:
         tables = element_tables(V, element, Q, pressure_scale)
         start = perf_counter()
         self.element_energy = element_energy(material.expression, element.volume)
+        self.has_energy = material.expression.has_energy
+        self._material_name = material.name
         source = cell_loops_source(self.element_energy, tables)
         library = on_root(self._comm, build.library, source)
         self.jit_seconds = perf_counter() - start
@@ -115,8 +121,19 @@ class Elastic:
         self._target_arrays = (*strides, positions, free, constrained_cells)
         return self.loops.target(strides, positions, free, constrained_cells)
 
+    def set_load(self, load: float) -> None:
+        """Do nothing: the elastic energy does not depend on the load."""
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy [J]; +inf where u is outside the energy's domain. Collective."""
+        """Return the energy [J]; +inf where u is outside the energy's domain. Collective.
+
+        Raises
+        ------
+        BadInput
+            If the material is defined by a stress and has no energy.
+        """
+        if not self.has_energy:
+            raise BadInput(f"material '{self._material_name}' has no energy, only a stress")
         local = self.loops.energy(_local(u), _if_any(_local, p))
         return float(self._comm.allreduce(local, op=MPI.SUM))
 
@@ -193,30 +210,6 @@ class Elastic:
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
         return self.loops.fields(_local(u), _if_any(_local, p))
-
-
-def element_tables(
-    V: Any, element: Element, Q: Any = None, pressure_scale: float = 1.0
-) -> ElementTables:
-    """Return basis, geometry and quadrature of ``element`` on this rank's cells of V.
-
-    With a pressure space Q, its basis functions are multiplied by ``pressure_scale``.
-    """
-    domain = V.mesh
-    points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
-    tables = (
-        _dolfinx.node_dofs(V),
-        _dolfinx.geometry_dofs(domain),
-        _dolfinx.geometry_x(domain),
-        _dolfinx.tabulate(V, points),
-        _dolfinx.tabulate_geometry(domain, points),
-        weights,
-        element.volume,
-    )
-    if Q is None:
-        return ElementTables(*tables)
-    basis = pressure_scale * _dolfinx.tabulate_values(Q, points)
-    return ElementTables(*tables, _dolfinx.node_dofs(Q), basis)
 
 
 def _local(vector: PETSc.Vec) -> Array:

@@ -19,6 +19,17 @@ class Term(Protocol):
     def name(self) -> str:
         """The term's name in run.json."""
 
+    @property
+    def has_energy(self) -> bool:
+        """Whether the term's forces are the gradient of its energy."""
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether the term depends on the load parameter."""
+
+    def set_load(self, load: float) -> None:
+        """Set the load parameter."""
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None) -> float:
         """Return the term's energy [J], summed over the ranks. Collective."""
 

@@ -40,11 +40,6 @@ class Traction:
     loads : iterable of SurfaceLoad
         The tractions t_i [Pa] on the surfaces Gamma_i.
 
-    Attributes
-    ----------
-    load : float
-        The load parameter lambda, 0 to 1.
-
     Raises
     ------
     BadInput
@@ -52,9 +47,10 @@ class Traction:
     """
 
     name = "traction"
+    has_energy = depends_on_load = True
 
     def __init__(self, V: Any, mesh: Mesh, loads: Iterable[SurfaceLoad]) -> None:
-        self.load = 0.0
+        self._load = 0.0
         self._force = _dolfinx.create_vector(V)
         test = ufl.TestFunction(V)
         part = self._force.duplicate()
@@ -68,12 +64,16 @@ class Traction:
             _dolfinx.assemble_vector(part, _dolfinx.form(integral))
             self._force.axpy(1.0, part)
 
+    def set_load(self, load: float) -> None:
+        """Set the load parameter lambda."""
+        self._load = load
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return -load * f . u [J], f the integral of the tractions. Collective."""
-        return -self.load * float(self._force.dot(u))
+        return -self._load * float(self._force.dot(u))
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Subtract load * f [N] from the owned entries of ``r_u``."""
-        r_u.array[:] -= self.load * self._force.array_r
+        r_u.array[:] -= self._load * self._force.array_r

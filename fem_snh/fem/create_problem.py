@@ -1,0 +1,76 @@
+"""The problem of a scene: a gmsh mesh with conditions on its physical groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.choices import EIGENSOLVERS
+from fem_snh.errors import bad_value
+from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
+from fem_snh.fem.elements import Element
+from fem_snh.fem.measures import Reactions
+from fem_snh.fem.mesh import Mesh
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import Region
+from fem_snh.fem.terms import Traction
+from fem_snh.fem.terms.traction import SurfaceLoad
+from fem_snh.fem.unknowns import create_unknowns
+from fem_snh.kernels.pointwise import Material
+
+
+def create_problem(
+    mesh: Mesh,
+    element: Element,
+    material: Material,
+    *,
+    hold: Sequence[Constraint] = (),
+    move: Sequence[Motion] = (),
+    traction: Sequence[SurfaceLoad] = (),
+    reactions: Sequence[str | int] = (),
+    eigensolver: str = EIGENSOLVERS[0],
+) -> Problem:
+    """Return a problem whose conditions name physical groups of its mesh. Collective.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The body in its reference configuration.
+    element : Element
+        The finite element; its cell must be the mesh's.
+    material : Material
+        The material of the whole body.
+    hold : sequence of Constraint, optional
+        Components of the displacement that are zero on physical groups.
+    move : sequence of Motion, optional
+        Components of the displacement that follow the load on physical groups.
+    traction : sequence of SurfaceLoad, optional
+        Dead loads on physical groups of surfaces.
+    reactions : sequence of str or int, optional
+        Physical groups whose reaction forces `Problem.reactions` returns.
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if mesh, element, material and physical groups do not fit together.
+    """
+    if mesh.cell != element.cell:
+        accepted = f"an element with {mesh.cell} cells, like the mesh; it has {element.cell}s"
+        raise bad_value("element", element.name, accepted)
+    domain = mesh.domain
+    V = _dolfinx.function_space(domain, element.degree, (3,))
+    unknowns = create_unknowns(_dolfinx.function(V, "displacement"), element)
+    cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
+    return Problem(
+        unknowns,
+        element,
+        [Region(material, cells)],
+        DirichletConditions(V, mesh, hold, move),
+        [Traction(V, mesh, traction)] if traction else [],
+        Reactions(V, mesh, reactions) if reactions else None,
+        eigensolver,
+    )
