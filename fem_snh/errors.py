@@ -134,19 +134,21 @@ def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:
     return result
 
 
-def on_every(comm: Any, function: Callable[..., None], *args: Any) -> None:
-    """Call a function on every rank; if one rank fails, all raise. Collective.
+def on_every(comm: Any, function: Callable[..., T], *args: Any) -> T:
+    """Return the result of a call on each rank; if one rank fails, all raise. Collective.
 
     Raises
     ------
     BadInput
         On every rank, with the message of the lowest rank that raised a BadInput or an OSError.
     """
+    result: T
     message = None
     try:
-        function(*args)
+        result = function(*args)
     except (BadInput, OSError) as error:
         message = str(error)
     failed = [found for found in comm.allgather(message) if found is not None]
     if failed:
         raise BadInput(failed[0])
+    return result

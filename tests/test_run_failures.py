@@ -12,6 +12,7 @@ import pytest
 from bodies import PRESS
 from running import record, rows, solve
 
+from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 
 mpi = pytest.mark.mpi
@@ -102,3 +103,11 @@ def test_an_interrupted_run_leaves_its_record(tmp_path, ranks, name):
         assert errors.strip() == "fem-snh: error: interrupted; what was computed is kept"
         pvd = (tmp_path / "fields.pvd").read_text()
         assert pvd.count("<DataSet") == len(found["steps"]) + 1 and "</VTKFile>" in pvd
+
+
+@mpi
+def test_input_that_one_rank_rejects_is_rejected_on_every_rank(comm):
+    """A file that only some ranks can read, as without a network file system, does not hang."""
+    last = comm.rank == comm.size - 1
+    with pytest.raises(BadInput, match="element = 'Q7': expected one of"):
+        solve("twist", cells=2, element="Q7" if last else "Q1")

@@ -98,6 +98,8 @@ def test_any_table_gives_a_scene_or_one_line(table: dict[str, Any]) -> None:
         ("start.seed", HUGE, f"start.seed = {HUGE}: expected a whole number from 0 to "),
         ("hold.0.group", HUGE, f"hold.0.group = {HUGE}: expected the name of a physical group, or"),
         ("petsc.snes_max_it", HUGE, "expected a table of numbers (whole ones of 32 bits)"),
+        ("petsc.snes_max_it", str(HUGE), "expected a table of numbers (whole ones of 32 bits)"),
+        ("petsc.a", "1, -2147483648", "expected a table of numbers (whole ones of 32 bits)"),
         ("petsc", {"-": 1}, "expected the name of a PETSc option"),
         ("mesh.parameters.cells", 10**400, "mesh.parameters = "),
         ("mesh", "a\0.msh", "mesh = 'a\\x00.msh': expected a gmsh file"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
-from fem_snh.errors import BadInput, RenamedKey
+from fem_snh.errors import BadInput, RenamedKey, on_every
 from fem_snh.fem import modes
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
@@ -116,10 +117,11 @@ def run(
 
 
 def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
-    """Load the scene on every rank; only rank 0 issues the note of a renamed key."""
+    """Load the scene on every rank; only rank 0 issues the note of a renamed key. Collective."""
     silent = catch_warnings(action="ignore", category=RenamedKey)
     with silent if comm.rank else nullcontext():
-        return scenes.load(scene, **overrides)
+        # Files may differ from rank to rank: the scene, and the functions that it refers to.
+        return on_every(comm, partial(scenes.load, scene, **overrides))
 
 
 def _recorder(

@@ -11,6 +11,7 @@ from fem_snh.scenes._validation import Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
 INT32_MAX = 2**31 - 1
+_DIGITS = len(str(INT32_MAX))
 #: Largest whole number that TOML promises to hold (TOML 1.0, "Integer").
 INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
@@ -53,10 +54,22 @@ def _check_float(value: object) -> object:
     return value
 
 
+def _check_text(value: object) -> object:
+    """Reject texts with a whole number outside 32 bits: PETSc would read other bits of it."""
+    if isinstance(value, str):
+        for item in value.split(","):
+            # int() itself refuses more than 4300 digits.
+            digits = item.strip().lstrip("+-").lstrip("0")
+            if digits.isdecimal() and (len(digits) > _DIGITS or int(digits) > INT32_MAX):
+                raise ValueError
+    return value
+
+
+#: A value of a PETSc option, from a scene or, as text, from the command line.
 Option = (
     Annotated[bool, Field(strict=True)]
     | Annotated[int, Field(strict=True, ge=-INT32_MAX, le=INT32_MAX)]
     | Annotated[Finite, BeforeValidator(_check_float)]
-    | str
+    | Annotated[str, BeforeValidator(_check_text)]
     | None
 )
