@@ -52,18 +52,20 @@ def test_view_shows_the_solver_and_its_options(comm, capfd):
 
 
 @mpi
-def test_python_monitors_and_history(comm):
+def test_python_monitors_updates_and_history(comm):
     p = twist(comm)
     snes = solver.create(p)
     snes.setConvergenceHistory()
-    seen = []
+    seen, updated = [], []
     snes.setMonitor(lambda snes, its, norm: seen.append((its, norm)))
+    snes.setUpdate(lambda snes, its, found: found.append((its, len(seen))), (updated,))
     solver.Predictor(p, snes, "none").predict(1.0)
     snes.solve(None, p.x)
     norms, _ = snes.getConvergenceHistory()
     its = snes.getIterationNumber()
     assert [i for i, _ in seen] == list(range(its + 1))
     assert list(norms) == [n for _, n in seen] and len(norms) == its + 1
+    assert updated == [(i, i + 1) for i in range(its)]  # once in an iteration, after the monitor
     history = snes.getPythonContext().history
     assert [i.residual for i in history] == list(norms[:-1])
 

@@ -15,18 +15,16 @@ CONVERGED_STEPS = 3
 def run_with_intervention(intervene: Callable[[Any], None]) -> None:
     """Run ``python -m fem_snh`` and call ``intervene(snes)`` in step `CONVERGED_STEPS` + 1.
 
-    The call follows the convergence test of the first Newton iteration; in a monitor PETSc locks
-    the solution vector, so that it could not be changed.
+    The call precedes the second Newton iteration; in a monitor PETSc locks the solution vector, so
+    that it could not be changed.
     """
-    solves, original_test = 0, ProjectedNewton._test_convergence
+    solves = 0
 
-    def test(self: ProjectedNewton, snes: Any, its: int, *arguments: Any) -> bool:
+    def update(snes: Any, its: int) -> None:
         nonlocal solves
-        converged = original_test(self, snes, its, *arguments)
         solves += its == 0
         if (solves, its) == (CONVERGED_STEPS + 1, 1):
             intervene(snes)
-        return converged
 
-    ProjectedNewton._test_convergence = test  # type: ignore[assignment,method-assign]
+    ProjectedNewton.update = update
     runpy.run_module("fem_snh", run_name="__main__")

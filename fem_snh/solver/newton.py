@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
+from typing import ClassVar
 
 from petsc4py import PETSc
 
@@ -63,6 +64,9 @@ class ProjectedNewton:
 
     #: The class of the search directions: benchmarks compare others.
     search_direction: type[SearchDirection] = SearchDirection
+    #: Called as ``update(snes, iteration)`` at the start of every iteration of every SNES that has
+    #: no function of its own from ``SNES.setUpdate``. Programs that inject faults set it.
+    update: ClassVar[Callable[[PETSc.SNES, int], None] | None] = None
 
     def __init__(
         self,
@@ -132,6 +136,7 @@ class ProjectedNewton:
                 return
             if its == max_it:
                 break
+            self._call_update(snes, its)
             forcing.update(norm)
             step = globalization.step(state, d, trial)
             self.history.append(
@@ -208,6 +213,14 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
+
+    def _call_update(self, snes: PETSc.SNES, its: int) -> None:
+        """Call the function of ``SNES.setUpdate``, as PETSc's own types do; else `update`."""
+        if given := snes.getUpdate():
+            function, arguments, keywords = given
+            function(snes, its, *arguments, **keywords)
+        elif update := type(self).update:
+            update(snes, its)
 
 
 def _plain(value: options.Value) -> str:
