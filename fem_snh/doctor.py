@@ -18,7 +18,7 @@ from importlib import import_module
 
 from fem_snh.errors import BadInput
 
-SETUP = "run `make setup`, then .venv/bin/fem-snh"
+SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
 #: What a solve imports; pictures and sweeps ask for theirs when they need them.
 NEEDED = "numpy scipy sympy cffi pydantic rich mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
 #: What pip installs (pyproject.toml), besides pyvista, which has a row of its own.

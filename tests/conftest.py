@@ -56,7 +56,7 @@ SAME_ON_EVERY_DEBIAN = frozenset(
     f"test_{name}"
     for name in (
         "arrows bench bench_elements constants demos docs eigen3 eigensystem energy_families "
-        "extremes faults generated_energies install own_material_mistakes plots "
+        "extremes faults generated_energies own_material_mistakes plots "
         "pointwise_extremes pointwise_oracle published_energies readme references reports "
         "scene_mistakes scene_moves scene_parameters scene_schema smith_materials smith_properties "
         "stable_neo_hookean stress_curves svd sweep theory tradeoff tradeoff_advice "
