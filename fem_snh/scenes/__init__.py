@@ -14,20 +14,25 @@ from __future__ import annotations
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
 from fem_snh.scenes.schema import (
+    Amplitude,
+    Cavity,
     Geometry,
+    Gravity,
     Hold,
     MaterialChoice,
     Modes,
     Move,
+    Pressure,
     Probe,
     Rotate,
     Scene,
+    Spring,
     Start,
     Traction,
 )
 
 __all__ = [
-    "GROUP", "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
-    "Start", "Traction", "describe", "function", "load", "names", "own_parameters", "read_toml",
-    "validate",
+    "GROUP", "Amplitude", "Cavity", "Geometry", "Gravity", "Hold", "MaterialChoice", "Modes",
+    "Move", "Pressure", "Probe", "Rotate", "Scene", "Spring", "Start", "Traction", "describe",
+    "function", "load", "names", "own_parameters", "read_toml", "validate",
 ]  # fmt: skip

@@ -1,13 +1,18 @@
-"""Tables of a scene that load a body: boundary conditions, dead loads, and the initial state."""
+"""Tables of a scene that prescribe displacements: boundary conditions and the initial state."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.scenes._tables import TABLE, TableName
 from fem_snh.scenes._types import (
+    Axis,
     Components,
     GroupKey,
     Matrix,
@@ -37,11 +42,16 @@ class Hold(Table):
 
 
 class Rotate(Table):
-    """A rotation about an axis, right-handed, in proportion to the load."""
+    """A rotation about an axis, right-handed, in proportion to the amplitude."""
 
     axis: Vector = Field(description="Direction of the axis; its length does not matter.")
-    angle: Number = Field(description="Angle at load 1 [rad].")
+    angle: Number = Field(description="Angle at amplitude 1 [rad].")
     through: Vector = Field(default=(0.0, 0.0, 0.0), description="A point of the axis [length].")
+    table: TableName | None = Field(
+        default=None,
+        description="Name of the [[table]] that is the rotation's amplitude; "
+        "default: the amplitude of the motion.",
+    )
 
     @field_validator("axis")
     @classmethod
@@ -56,10 +66,12 @@ class Move(Table):
 
     group: GroupKey = Field(description=_GROUP)
     translate: Vector | None = Field(
-        default=None, description="Displacement at load 1 [length]; it is proportional to the load."
+        default=None,
+        description="Displacement at amplitude 1 [length]; it is proportional to the amplitude.",
     )
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
+    table: TableName | None = Field(default=None, description=TABLE)
 
     @model_validator(mode="after")
     def _check_motion(self) -> Move:
@@ -67,17 +79,19 @@ class Move(Table):
             raise BadInput("missing key 'translate' or 'rotate': expected one of them, or both")
         return self
 
-    def displacement(self, X: Array, load: float) -> Array:
-        r"""Return the prescribed displacements at a load.
+    def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
+        r"""Return the prescribed displacements at an amplitude.
 
-        .. math:: u(X) = R(\lambda\varphi)(X - c) + c - X + \lambda t
+        .. math:: u(X) = R(\lambda_r\varphi)(X - c) + c - X + \lambda t
 
         Parameters
         ----------
         X : (n, 3) array
             Reference coordinates [length].
-        load : float
-            The load :math:`\lambda`, from 0 to 1.
+        amplitude : float
+            The amplitude :math:`\lambda` of the motion; without tables the load, from 0 to 1.
+        turn : float, optional
+            The amplitude :math:`\lambda_r` of the rotation, if it has one of its own.
 
         Returns
         -------
@@ -90,17 +104,41 @@ class Move(Table):
 
             axis = np.asarray(self.rotate.axis) / np.linalg.norm(self.rotate.axis)
             arm = X - np.asarray(self.rotate.through)
-            u += Rotation.from_rotvec(load * self.rotate.angle * axis).apply(arm) - arm
+            angle = (amplitude if turn is None else turn) * self.rotate.angle
+            u += Rotation.from_rotvec(angle * axis).apply(arm) - arm
         if self.translate is not None:
-            u += load * np.asarray(self.translate)
+            u += amplitude * np.asarray(self.translate)
         return u
 
 
-class Traction(Table):
-    """A dead load on a surface, in proportion to the load."""
+@dataclass(frozen=True)
+class Motion:
+    """A `Move` with its amplitudes, as functions of the load.
 
-    group: GroupKey = Field(description="Physical group of surfaces, by name or number.")
-    vector: Vector = Field(description="Force per reference area at load 1 [Pa].")
+    Attributes
+    ----------
+    move : Move
+    amplitude, turn : callable
+        Amplitudes of the motion and of its rotation.
+    """
+
+    move: Move
+    amplitude: Callable[[float], float]
+    turn: Callable[[float], float]
+
+    @property
+    def group(self) -> str | int:
+        """Name or number of the physical group."""
+        return self.move.group
+
+    @property
+    def components(self) -> tuple[Axis, ...]:
+        """The prescribed components."""
+        return self.move.components
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the (n, 3) displacements of reference points X (n, 3) at a load."""
+        return self.move.displacement(X, self.amplitude(load), self.turn(load))
 
 
 class Start(Table):

@@ -19,9 +19,11 @@ from fem_snh.choices import (
 )
 from fem_snh.errors import BadInput, bad_value, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.scenes._conditions import Hold, Move, Rotate, Start, Traction
+from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start
+from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction
 from fem_snh.scenes._material import MaterialChoice
 from fem_snh.scenes._outputs import Geometry, Mesh, Modes, Probe
+from fem_snh.scenes._tables import Amplitude, amplitude, check_names, check_references
 from fem_snh.scenes._types import (
     MAX_CELLS,
     Cells,
@@ -36,8 +38,8 @@ from fem_snh.scenes._types import (
 from fem_snh.scenes._validation import Expect, Table
 
 __all__ = [
-    "RENAMED", "Geometry", "Hold", "MaterialChoice", "Modes", "Move", "Probe", "Rotate", "Scene",
-    "Start", "Traction",
+    "RENAMED", "Amplitude", "Cavity", "Geometry", "Gravity", "Hold", "MaterialChoice", "Modes",
+    "Motion", "Move", "Pressure", "Probe", "Rotate", "Scene", "Spring", "Start", "Traction",
 ]  # fmt: skip
 
 #: Old names of a scene's keys, and their new ones.
@@ -101,6 +103,11 @@ class Scene(Table):
     hold: list[Hold] = Field(default=[], description="Groups that do not move.")
     move: list[Move] = Field(default=[], description="Groups that move with the load.")
     traction: list[Traction] = Field(default=[], description="Dead loads on surfaces.")
+    gravity: Gravity | None = Field(default=None, description="The weight of the body.")
+    pressure: list[Pressure] = Field(default=[], description="Follower loads on surfaces.")
+    spring: list[Spring] = Field(default=[], description="Elastic foundations of surfaces.")
+    cavity: list[Cavity] = Field(default=[], description="Fluids of prescribed volume.")
+    table: list[Amplitude] = Field(default=[], description="Amplitudes of loads and motions.")
     start: Start | None = Field(
         default=None, description="Initial displacement; it needs predictor = 'none'."
     )
@@ -164,6 +171,12 @@ class Scene(Table):
                 raise bad_value("name", name, "a different name for each probe")
         return probes
 
+    @field_validator("table")
+    @classmethod
+    def _check_tables(cls, tables: list[Amplitude]) -> list[Amplitude]:
+        check_names(tables)
+        return tables
+
     @field_validator("petsc")
     @classmethod
     def _remove_dashes(cls, options: dict[str, Any]) -> dict[str, Any]:
@@ -172,6 +185,21 @@ class Scene(Table):
             if not key.strip("-").strip():
                 raise bad_value("petsc", options, "the name of a PETSc option for each value")
         return {key.lstrip("-"): value for key, value in options.items()}
+
+    @property
+    def motions(self) -> list[Motion]:
+        """The motions of ``move`` with their amplitudes."""
+        found = []
+        for move in self.move:
+            motion = amplitude(self.table, move.table)
+            turn = amplitude(self.table, move.rotate.table if move.rotate else None, motion)
+            found.append(Motion(move, motion, turn))
+        return found
+
+    @model_validator(mode="after")
+    def _check_amplitudes(self) -> Scene:
+        check_references(self.table, dict(self))
+        return self
 
     @model_validator(mode="after")
     def _check_mesh(self) -> Scene:

@@ -1,0 +1,89 @@
+"""Amplitudes of a scene's loads and motions, as functions of the load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from fem_snh.errors import bad_value, choose
+from fem_snh.scenes._types import Text
+from fem_snh.scenes._validation import Expect, Finite, Table
+
+_POINTS = "a list of [load, value], two or more, the loads ascending"
+
+Points = Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=2), Expect(_POINTS)]
+
+#: The key of a load or a motion that names a table.
+TableName = Annotated[str, Field(min_length=1), Expect("the name of a [[table]]")]
+TABLE = "Name of the [[table]] that is its amplitude; default: the load itself."
+
+
+class Amplitude(Table):
+    """A factor of loads and motions that name it: linear between points, constant beyond them."""
+
+    name: Text = Field(description="Name by which loads and motions refer to it.")
+    points: Points = Field(description="Points [load, value] of the piecewise linear function.")
+
+    @field_validator("points")
+    @classmethod
+    def _check_ascending(cls, points: tuple[tuple[float, float], ...]) -> Any:
+        loads = [load for load, _ in points]
+        if any(b <= a for a, b in pairwise(loads)):
+            raise bad_value("points", [list(point) for point in points], _POINTS)
+        return points
+
+    def value(self, load: float) -> float:
+        """Return the factor at a load."""
+        loads, values = zip(*self.points, strict=True)
+        return float(np.interp(load, loads, values))
+
+
+def check_names(tables: Sequence[Amplitude]) -> None:
+    """Raise BadInput if two tables have one name."""
+    names = [table.name for table in tables]
+    for name in names:
+        if names.count(name) > 1:
+            raise bad_value("name", name, "a different name for each table")
+
+
+def check_references(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
+    """Raise BadInput for a load or a motion that names a table which the scene does not have.
+
+    Parameters
+    ----------
+    tables : sequence of Amplitude
+    scene : mapping
+        The scene's keys and their values: tables, or lists of them.
+    """
+    known = [table.name for table in tables]
+    for key, name in _references(scene):
+        if not known:
+            raise bad_value(key, name, "the name of a [[table]]; the scene has none")
+        choose(key, name, known)
+
+
+def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str]]:
+    """Return the dotted keys and the names of all tables that are referred to."""
+    for key, value in tables.items():
+        here = f"{path}{key}"
+        if key == "table" and path:
+            if value is not None:
+                yield here, value
+        elif isinstance(value, Table):
+            yield from _references(dict(value), f"{here}.")
+        elif isinstance(value, list):
+            numbered = {str(i): v for i, v in enumerate(value) if isinstance(v, Table)}
+            yield from _references(numbered, f"{here}.")
+
+
+def amplitude(
+    tables: Sequence[Amplitude], name: str | None, default: Callable[[float], float] = float
+) -> Callable[[float], float]:
+    """Return the function of the load that a key ``table`` names; ``default`` without a name."""
+    if name is None:
+        return default
+    return next(table for table in tables if table.name == name).value
