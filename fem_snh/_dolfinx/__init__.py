@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import dolfinx
 
+from fem_snh._dolfinx.element_kernels import integrals, kernel_arguments, pack
 from fem_snh._dolfinx.forms import (
+    add_vector,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
@@ -58,11 +60,12 @@ from fem_snh._dolfinx.spaces import (
 version: str = dolfinx.__version__
 
 __all__ = [
-    "Series", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box", "cell_name",
-    "constant", "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form",
-    "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
-    "gmsh_permutation", "input_cells", "input_vertices", "interpolate", "local_to_global", "locate",
-    "locate_dofs", "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes",
-    "num_owned", "petsc_vec", "prescribed", "quadrature", "reference_corners", "surface_measure",
-    "tabulate", "tabulate_geometry", "tabulate_values", "version",
+    "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box",
+    "cell_name", "constant", "coordinates", "create_matrix", "create_mesh", "create_vector",
+    "degree", "form", "function", "function_space", "geometry_degree", "geometry_dofs",
+    "geometry_x", "gmsh_permutation", "input_cells", "input_vertices", "integrals", "interpolate",
+    "kernel_arguments", "local_to_global", "locate", "locate_dofs", "newton_solver", "node_dofs",
+    "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed",
+    "quadrature", "reference_corners", "surface_measure", "tabulate", "tabulate_geometry",
+    "tabulate_values", "version",
 ]  # fmt: skip

@@ -80,6 +80,11 @@ def assemble_vector(vector: PETSc.Vec, compiled: Any) -> None:
     vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
 
 
+def add_vector(vector: PETSc.Vec, compiled: Any) -> None:
+    """Add a linear form to all entries of a ghosted vector, ghosts included."""
+    fem_petsc.assemble_vector(vector, compiled)
+
+
 def create_matrix(compiled: Any) -> PETSc.Mat:
     """Return an AIJ matrix with the sparsity pattern of a bilinear form."""
     return fem_petsc.create_matrix(compiled)

@@ -1,0 +1,83 @@
+"""Element kernels of a compiled form: FFCx's functions, and the data that they are called with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cffi
+import numpy as np
+from dolfinx import cpp, fem
+
+_ffi = cffi.FFI()
+_TYPES = fem.IntegralType if hasattr(fem, "IntegralType") else cpp.fem.IntegralType
+#: Kinds of integrals that have element matrices of one cell.
+_KINDS = ("cell", "exterior_facet")
+
+
+@dataclass(frozen=True)
+class Integral:
+    """One integral of a compiled form on this rank.
+
+    Attributes
+    ----------
+    kernel : int
+        Address of FFCx's ``tabulate_tensor``.
+    entities : (n,) or (n, 2) int32
+        Cells of this rank, or its cells and their local numbers of exterior facets.
+    key : tuple
+        Of the integral's coefficients in `pack`.
+    """
+
+    kernel: int
+    entities: np.ndarray
+    key: tuple[Any, int]
+
+
+def integrals(compiled: Any) -> list[Integral]:
+    """Return the integrals over cells and exterior facets of a compiled form."""
+    form = _cpp(compiled)
+    found = []
+    for name in _KINDS:
+        kind = getattr(_TYPES, name)
+        for i, (number, integral) in enumerate(_ufcx_integrals(compiled.ufcx_form, kind.value)):
+            # By subdomain id up to 0.9, by index since 0.10.
+            which = number if hasattr(form, "integral_ids") else i
+            entities = np.ascontiguousarray(form.domains(kind, which), np.int32)
+            kernel = int(_ffi.cast("uintptr_t", integral.tabulate_tensor_float64))
+            found.append(Integral(kernel, entities, (kind, which)))
+    return found
+
+
+def kernel_arguments(compiled: Any) -> int:
+    """Return the number of arguments of the form's element kernels: 6 up to 0.9, then 7."""
+    for name in _KINDS:
+        kind = getattr(_TYPES, name)
+        for _, integral in _ufcx_integrals(compiled.ufcx_form, kind.value):
+            return len(_ffi.typeof(integral.tabulate_tensor_float64).item.args)
+    return 0
+
+
+def pack(compiled: Any) -> tuple[np.ndarray, dict[tuple[Any, int], np.ndarray]]:
+    """Return the present values of a form's constants, and of its coefficients by `Integral.key`.
+
+    Coefficients have one row for each of an integral's entities.
+    """
+    form = _cpp(compiled)
+    constants = np.ascontiguousarray(cpp.fem.pack_constants(form))
+    packed = cpp.fem.pack_coefficients(form)
+    return constants, {key: np.ascontiguousarray(rows) for key, rows in packed.items()}
+
+
+def _cpp(compiled: Any) -> Any:
+    """The C++ form; in 0.5 the Python form is derived from it."""
+    return getattr(compiled, "_cpp_object", compiled)
+
+
+def _ufcx_integrals(ufcx: Any, kind: int) -> list[tuple[int, Any]]:
+    """Return (subdomain id, ufcx_integral) of the integrals of one kind."""
+    if hasattr(ufcx, "form_integrals"):  # since 0.7
+        first, last = ufcx.form_integral_offsets[kind], ufcx.form_integral_offsets[kind + 1]
+        return [(ufcx.form_integral_ids[k], ufcx.form_integrals[k]) for k in range(first, last)]
+    ids, found = ufcx.integral_ids(kind), ufcx.integrals(kind)
+    return [(ids[k], found[k]) for k in range(ufcx.num_integrals(kind))]

@@ -1,0 +1,163 @@
+"""Element matrices of UFL forms: FFCx's kernels called entity by entity, and filtered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.kernels import build
+from fem_snh.kernels.codegen.source import header
+
+Array = npt.NDArray[Any]
+
+_API = "form_cells_api.h"
+#: An eigenvalue above minus this part of the largest entry counts as zero: rounding of the rigid
+#: motions' eigenvalues is about 1e-15, that of the linear solver in single precision 1e-7.
+SHIFT = 1e-10
+#: Bytes of a batch of element matrices, which then stay in the cache between the steps.
+_BATCH = 2**20
+
+
+def form_cells_source(kernel_arguments: int) -> str:
+    """Return the C source of the loops, for kernels with this number of arguments (6 or 7)."""
+    custom = kernel_arguments == 7  # FFCx's kernels have a pointer to custom data since 0.10
+    return "\n".join(
+        [
+            "#include <math.h>",
+            "#include <string.h>",
+            f"#define CUSTOM_DATA_TYPE {', void *' if custom else ''}",
+            f"#define CUSTOM_DATA {', 0' if custom else ''}",
+            *map(header, (_API, "form_cells.h")),
+        ]
+    )
+
+
+def filter_matrices(K: Array, filter: str) -> Array:
+    """Return symmetric matrices (m, n, n) with negative eigenvalues filtered.
+
+    Parameters
+    ----------
+    K : (m, n, n) array
+        Symmetric matrices; those that are not finite are returned as they are.
+    filter : {"clamp", "abs"}
+        What becomes of a negative eigenvalue: 0, or its absolute value.
+    """
+    finite = np.isfinite(K).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(K[finite])
+    kept = np.maximum(values, 0.0) if filter == "clamp" else np.abs(values)
+    filtered = K.copy()
+    filtered[finite] = (vectors * kept[:, None]) @ vectors.transpose(0, 2, 1)
+    return filtered
+
+
+class Integral(NamedTuple):
+    """One integral of a bilinear form, with the present values of its coefficients.
+
+    Attributes
+    ----------
+    kernel : int
+        Address of FFCx's ``tabulate_tensor``.
+    entities : (n,) or (n, 2) int32
+        Cells, or cells and their local numbers of exterior facets.
+    coefficients : (n, k)
+        Values for each entity.
+    constants : (l,)
+        Values of the constants.
+    """
+
+    kernel: int
+    entities: Array
+    coefficients: Array
+    constants: Array
+
+
+class FormCells:
+    """Element matrices of bilinear forms of a displacement on one rank's cells.
+
+    Parameters
+    ----------
+    path : Path
+        The library compiled from `form_cells_source`.
+    nodes : int
+        Displacement nodes of each cell, 3 components each.
+    geometry : (cells, geometry nodes per cell) int32
+        Geometry nodes.
+    x : (geometry nodes, 3)
+        Reference coordinates [m].
+    """
+
+    def __init__(self, path: Path, nodes: int, geometry: Array, x: Array) -> None:
+        self._ffi, self._lib = build.load(path, header(_API))
+        # The struct holds pointers: the arrays must live as long.
+        self._geometry = np.ascontiguousarray(geometry, np.int32)
+        self._x = np.ascontiguousarray(x, np.float64)
+        self._cells = self._ffi.new("FormCells *")
+        self._cells.nodes, self._cells.geometry_nodes = nodes, geometry.shape[1]
+        self._cells.geometry, self._cells.x = map(self._pointer, (self._geometry, self._x))
+        dofs = 3 * nodes
+        batch = max(1, _BATCH // (8 * dofs**2))
+        self._matrices, self._work = np.empty((batch, dofs, dofs)), np.empty((dofs, dofs))
+        self._indefinite = np.empty(batch, np.int32)
+
+    def matrices(self, integral: Integral, filter: str) -> Iterator[tuple[Array, Array, int]]:
+        """Yield, batch after batch, the symmetric parts of an integral's element matrices.
+
+        Parameters
+        ----------
+        integral : Integral
+            The integral.
+        filter : {"exact", "clamp", "abs"}
+            What becomes of a matrix's negative eigenvalues.
+
+        Yields
+        ------
+        cells : (m,) int32
+            The cell of each matrix.
+        matrices : (m, 3 nodes, 3 nodes) array
+            Overwritten by the next batch.
+        filtered : int
+            How many of them were not positive semidefinite; 0 with "exact".
+        """
+        for cells, count, _ in self._batches(integral):
+            filtered = 0 if filter == "exact" else self._filter(count, filter)
+            yield cells, self._matrices[:count], filtered
+
+    def asymmetry(self, integral: Integral) -> float:
+        """Return the largest ``|K - K^T|`` over the largest ``|K|`` of any entity's matrix."""
+        return max((asymmetry for _, _, asymmetry in self._batches(integral)), default=0.0)
+
+    def _filter(self, count: int, filter: str) -> int:
+        """Filter the first ``count`` matrices in place; return how many are indefinite."""
+        matrices, work, numbers = map(
+            self._pointer, (self._matrices, self._work, self._indefinite)
+        )
+        found = self._lib.find_indefinite(len(self._work), count, matrices, SHIFT, work, numbers)
+        indefinite = self._indefinite[:found]
+        if found:
+            self._matrices[indefinite] = filter_matrices(self._matrices[indefinite], filter)
+        return int(found)
+
+    def _batches(self, integral: Integral) -> Iterator[tuple[Array, int, float]]:
+        """Tabulate batch after batch; yield its cells, their number and the asymmetry."""
+        entities = integral.entities
+        cells = entities.reshape(len(entities), -1)[:, 0]
+        struct = self._ffi.new("FormIntegral *")
+        struct.kernel = self._ffi.cast("void *", integral.kernel)
+        struct.width, struct.entities = entities.ndim, self._pointer(entities)
+        struct.num_coefficients = integral.coefficients.shape[1]
+        struct.coefficients = self._pointer(integral.coefficients)
+        struct.constants = self._pointer(integral.constants)
+        matrices, batch = self._pointer(self._matrices), len(self._matrices)
+        for start in range(0, len(cells), batch):
+            count = min(batch, len(cells) - start)
+            asymmetry = self._lib.tabulate_entities(self._cells, struct, start, count, matrices)
+            yield cells[start : start + count], count, asymmetry
+
+    def _pointer(self, array: Array) -> Any:
+        """A C pointer to the memory of ``array``, which the caller keeps alive."""
+        kind = {"float64": "double *", "int32": "int *"}[array.dtype.name]
+        return self._ffi.cast(kind, array.ctypes.data)

@@ -1,0 +1,28 @@
+/* The C interface of the loops over FFCx's element kernels. The C compiler and cffi read this one file. */
+
+/* The cells that this rank owns. */
+typedef struct {
+  int nodes;              /* displacement nodes per cell, 3 components each */
+  int geometry_nodes;     /* geometry nodes per cell */
+  const int *geometry;    /* [cells][geometry_nodes] */
+  const double *x;        /* [.][3] reference coordinates of the geometry nodes [m] */
+} FormCells;
+
+/* One integral of a bilinear form. */
+typedef struct {
+  void *kernel;               /* FFCx's tabulate_tensor */
+  int width;                  /* 1: over cells; 2: over exterior facets */
+  const int *entities;        /* [entities][width] cell, and local number of the facet */
+  int num_coefficients;       /* values per entity */
+  const double *coefficients; /* [entities][num_coefficients] */
+  const double *constants;
+} FormIntegral;
+
+/* K[count][3 nodes][3 nodes] = the symmetric parts of the element matrices of entities start, start + 1, ... Returns the
+ * largest |K - K^T| over the largest |K| of any entity. */
+double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, double *K);
+
+/* Write the numbers of those of `count` symmetric n x n matrices that are not positive semidefinite, NaN included, to
+ * `indefinite`, and return how many there are. An eigenvalue above -shift times the largest entry counts as zero.
+ * `work` has n * n entries. */
+int find_indefinite(int n, int count, const double *K, double shift, double *work, int *indefinite);
