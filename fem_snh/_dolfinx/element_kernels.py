@@ -35,7 +35,7 @@ class Integral:
 
 
 def integrals(compiled: Any) -> list[Integral]:
-    """Return the integrals over cells and exterior facets of a compiled form."""
+    """Return the integrals over cells and exterior facets, without those that have none here."""
     form = _cpp(compiled)
     found = []
     for name in _KINDS:
@@ -45,7 +45,8 @@ def integrals(compiled: Any) -> list[Integral]:
             which = number if hasattr(form, "integral_ids") else i
             entities = np.ascontiguousarray(form.domains(kind, which), np.int32)
             kernel = int(_ffi.cast("uintptr_t", integral.tabulate_tensor_float64))
-            found.append(Integral(kernel, entities, (kind, which)))
+            if len(entities):
+                found.append(Integral(kernel, entities, (kind, which)))
     return found
 
 
@@ -54,7 +55,7 @@ def kernel_arguments(compiled: Any) -> int:
     for name in _KINDS:
         kind = getattr(_TYPES, name)
         for _, integral in _ufcx_integrals(compiled.ufcx_form, kind.value):
-            return len(_ffi.typeof(integral.tabulate_tensor_float64).item.args)
+            return len(_ffi.typeof(integral.tabulate_tensor_float64).args)
     return 0
 
 

@@ -97,7 +97,8 @@ class FormCells:
         self._x = np.ascontiguousarray(x, np.float64)
         self._cells = self._ffi.new("FormCells *")
         self._cells.nodes, self._cells.geometry_nodes = nodes, geometry.shape[1]
-        self._cells.geometry, self._cells.x = map(self._pointer, (self._geometry, self._x))
+        self._cells.geometry = self._pointer(self._geometry)
+        self._cells.x = self._pointer(self._x)
         dofs = 3 * nodes
         batch = max(1, _BATCH // (8 * dofs**2))
         self._matrices, self._work = np.empty((batch, dofs, dofs)), np.empty((dofs, dofs))
@@ -132,9 +133,8 @@ class FormCells:
 
     def _filter(self, count: int, filter: str) -> int:
         """Filter the first ``count`` matrices in place; return how many are indefinite."""
-        matrices, work, numbers = map(
-            self._pointer, (self._matrices, self._work, self._indefinite)
-        )
+        arrays = (self._matrices, self._work, self._indefinite)
+        matrices, work, numbers = [self._pointer(array) for array in arrays]
         found = self._lib.find_indefinite(len(self._work), count, matrices, SHIFT, work, numbers)
         indefinite = self._indefinite[:found]
         if found:
@@ -144,7 +144,7 @@ class FormCells:
     def _batches(self, integral: Integral) -> Iterator[tuple[Array, int, float]]:
         """Tabulate batch after batch; yield its cells, their number and the asymmetry."""
         entities = integral.entities
-        cells = entities.reshape(len(entities), -1)[:, 0]
+        cells = entities if entities.ndim == 1 else entities[:, 0]
         struct = self._ffi.new("FormIntegral *")
         struct.kernel = self._ffi.cast("void *", integral.kernel)
         struct.width, struct.entities = entities.ndim, self._pointer(entities)

@@ -8,5 +8,6 @@ from fem_snh.fem.terms.elastic import Elastic
 from fem_snh.fem.terms.mass import mass_matrix
 from fem_snh.fem.terms.term import Term
 from fem_snh.fem.terms.traction import Traction
+from fem_snh.fem.terms.ufl_term import UFLTerm
 
-__all__ = ["Elastic", "Term", "Traction", "mass_matrix"]
+__all__ = ["Elastic", "Term", "Traction", "UFLTerm", "mass_matrix"]

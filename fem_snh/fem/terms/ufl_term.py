@@ -22,7 +22,6 @@ from ufl.algorithms import expand_derivatives
 from fem_snh import _dolfinx
 from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose, on_root
-from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.kernels import build
 from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
 
@@ -102,7 +101,7 @@ class UFLTerm:
         self._cells = None if self._hessian is None else self._form_cells()
         if energy is None and self._cells and self._is_linear_and_symmetric(hessian):
             # u . R(u) has the quadratic part twice and the linear part once.
-            energy = _at_u(residual, self._u) - _at_u(hessian, self._u) / 2
+            energy = _at_u(residual, self._u) - 0.5 * _at_u(hessian, self._u)
         self.has_energy = energy is not None or self._hessian is None
         self._residual = _dolfinx.form(residual)
         self._energy = None if energy is None or self._force else _dolfinx.form(energy)
@@ -142,9 +141,7 @@ class UFLTerm:
             self._set_displacement(u)
             _dolfinx.add_vector(r_u, self._residual)
 
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
+    def add_hessian(self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: Any) -> int:
         """Add the filtered Hessian [N/m] to a matrix that is open for adding.
 
         Parameters
@@ -154,7 +151,7 @@ class UFLTerm:
         filter : {"exact", "clamp", "abs"}
             What becomes of negative eigenvalues of element matrices.
         target : BlockMatrix
-            The matrix.
+            Has a method ``add_matrices(cells, matrices)``.
 
         Returns
         -------
