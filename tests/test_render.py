@@ -15,7 +15,7 @@ from picture_runs import CELLS, bad, record, write_record, write_run
 
 from fem_snh import _dolfinx, plots, render
 from fem_snh.errors import BadInput, on_root
-from fem_snh.render import drawing, modes, surfaces
+from fem_snh.render import drawing, modes, surfaces, worker
 
 
 @pytest.fixture
@@ -200,5 +200,5 @@ def test_render_bad_files(twisted):
 
 
 def test_render_without_opengl_says_what_to_install(twisted, monkeypatch):
-    monkeypatch.setattr(render, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
+    monkeypatch.setattr(worker, "_opengl_backends", lambda: [(["sh", "-c", "kill -ABRT $$"], {})])
     assert "libegl1" in bad(render.main, twisted)

@@ -1,32 +1,23 @@
 """Pictures of the deformed body from a run folder, coloured by J or another field.
 
-A process of its own (``fem_snh.render.drawing``) draws: without a display OpenGL can abort the
-process, and the parent can then report it in one line.
+A process of its own (``fem_snh.render.drawing``) draws: see `fem_snh.render.worker`.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from fem_snh.errors import BadInput, choose
+from fem_snh.render.worker import draw_elsewhere, require
 
 FIELDS = ("J", "displacement", "energy_density", "min_eigenvalue")
-INSTALL = (
-    "install libegl1 (apt install libegl1) or Xvfb (apt install xvfb), and VTK >= 9.4 from PyPI"
-)
 
 
 @dataclass(frozen=True)
@@ -84,7 +75,7 @@ def main(
     out = Path(out) if out is not None else folder / f"{field}.png"
     chosen = choose_loads(sorted(stored), loads)
     panels = [Panel([str(f) for f in stored[t]], panel_label(record, t)) for t in chosen]
-    draw_elsewhere(Job(field, title(record), panels, str(out)))
+    draw(Job(field, title(record), panels, str(out)))
     return out
 
 
@@ -200,46 +191,7 @@ def one_line(error: object) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-def draw_elsewhere(job: Job) -> None:
-    """Draw in a new process with the first OpenGL that works; BadInput if none does."""
-    for package in ("pyvista", "matplotlib"):
-        if find_spec(package) is None:
-            raise BadInput(f"render needs {package}: pip install {package}")
-    message = ""
-    for prefix, settings in _opengl_backends():
-        env = {**os.environ, "PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg", **settings}
-        command = [*prefix, sys.executable, "-m", "fem_snh.render.drawing"]
-        with TemporaryFile("w+") as request:  # a pipe to a process that dies early is a SIGPIPE
-            json.dump(asdict(job), request)
-            request.seek(0)
-            try:
-                worker = subprocess.run(
-                    command, stdin=request, env=env, capture_output=True, text=True, timeout=900
-                )
-            except subprocess.TimeoutExpired:  # as with a display that does not answer
-                message = "the drawing process hung"
-                continue
-        if worker.returncode == 0:
-            return
-        said = (worker.stderr.strip() or "no word").splitlines()[-1]
-        if worker.returncode == 2:  # its last line says what is wrong with the files
-            raise BadInput(said)
-        died = worker.returncode < 0
-        message = f"killed by signal {-worker.returncode}" if died else said[:200]
-    raise BadInput(f"cannot draw without a display ({message}): {INSTALL}")
-
-
-def _opengl_backends() -> list[tuple[list[str], dict[str, str]]]:
-    """Return command prefix and environment of each kind of OpenGL, the most likely one first.
-
-    VTK >= 9.4 uses the window class that the variable names; older builds have one class only.
-    """
-    ways: list[tuple[list[str], dict[str, str]]] = [
-        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}),
-        ([], {"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"}),
-    ]
-    if os.environ.get("DISPLAY"):
-        ways.append(([], {}))
-    if shutil.which("xvfb-run"):
-        ways.append((["xvfb-run", "-a"], {}))
-    return ways
+def draw(job: Job) -> None:
+    """Draw in a process of its own; BadInput if it cannot."""
+    require("render", ("pyvista", "matplotlib"))
+    draw_elsewhere(asdict(job))

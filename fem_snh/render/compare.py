@@ -47,5 +47,5 @@ def main(
         panels.append(render.Panel([str(file) for file in stored[at]], label))
     titles = [render.title(record).split("  ·  ") for record in records]
     common = [part for part in titles[0] if all(part in other for other in titles)]
-    render.draw_elsewhere(render.Job(field, "  ·  ".join(common), panels, str(out)))
+    render.draw(render.Job(field, "  ·  ".join(common), panels, str(out)))
     return Path(out)

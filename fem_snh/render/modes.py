@@ -44,7 +44,7 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
             raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
         files = [str(file) for file in stored[number]]
         panels.append(render.Panel(files, label(number, frequencies[number - 1])))
-    render.draw_elsewhere(render.Job("mode", render.title(record), panels, str(out)))
+    render.draw(render.Job("mode", render.title(record), panels, str(out)))
     return out
 
 

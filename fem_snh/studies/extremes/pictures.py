@@ -52,7 +52,7 @@ def body_picture(
             (nearest,) = render.choose_loads(sorted(stored), [load])
             drawn.append(render.Panel([str(piece) for piece in stored[nearest]], label))
         record = render.read_record(out / panels[0][0])
-        render.draw_elsewhere(render.Job("J", render.title(record), drawn, str(out / file)))
+        render.draw(render.Job("J", render.title(record), drawn, str(out / file)))
 
     return Picture(out / file, caption, draw)
 
