@@ -9,7 +9,9 @@
 #
 # ![Displacement of the tip against the number of cells](cook.png)
 #
-#     mpirun -n 2 python demos/cook.py
+# ```bash
+# mpirun -n 2 python demos/cook.py
+# ```
 
 # %%
 from argparse import ArgumentParser

@@ -18,8 +18,10 @@
 #
 # ![Four twisted cubes, one of them collapsing](figure_9.png)
 #
-#     mpirun -n 2 python demos/cube_twist.py                     # 15^3 hexahedra
-#     mpirun -n 2 python demos/cube_twist.py --hessian adaptive  # clamp is the paper's projection
+# ```bash
+# mpirun -n 2 python demos/cube_twist.py                     # 15^3 hexahedra
+# mpirun -n 2 python demos/cube_twist.py --hessian adaptive  # clamp is the paper's projection
+# ```
 
 # %%
 from argparse import ArgumentParser

@@ -22,8 +22,10 @@
 #
 # ![Volume change and linear iterations against stretch](figure_6.png)
 #
-#     mpirun -n 2 python demos/cylinder_stretch.py             # 3.4 times, 12 steps
-#     mpirun -n 2 python demos/cylinder_stretch.py --cells 71  # the paper's: 302,247 hexahedra
+# ```bash
+# mpirun -n 2 python demos/cylinder_stretch.py             # 3.4 times, 12 steps
+# mpirun -n 2 python demos/cylinder_stretch.py --cells 71  # the paper's: 302,247 hexahedra
+# ```
 
 # %%
 from argparse import ArgumentParser

@@ -15,12 +15,16 @@
 #
 # ![Stress against stretch of Gent and stable Neo-Hookean](gent.png)
 #
-#     mpirun -n 2 python demos/gent.py
+# ```bash
+# mpirun -n 2 python demos/gent.py
+# ```
 #
 # The same function works on the command line and in scene files:
 #
-#     fem-snh materials demos/gent.py:gent --report
-#     fem-snh run pull --material demos/gent.py:gent
+# ```bash
+# fem-snh materials demos/gent.py:gent --report
+# fem-snh run pull --material demos/gent.py:gent
+# ```
 
 # %%
 from argparse import ArgumentParser

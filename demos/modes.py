@@ -16,7 +16,9 @@
 #
 # ![The first six modes of the bar](modes.png)
 #
-#     mpirun -n 2 python demos/modes.py
+# ```bash
+# mpirun -n 2 python demos/modes.py
+# ```
 
 # %%
 from argparse import ArgumentParser

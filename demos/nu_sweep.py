@@ -4,15 +4,19 @@
 # Twelve twisted cubes, two materials and six values of $\nu$, two processes at a time. The same
 # from the shell:
 #
-#     fem-snh sweep twist --nu 0.3,0.4,0.45,0.49,0.495,0.499 --set angle=1.5708 \
-#         --material stable_neo_hookean,neo_hookean --cells 5 --steps 4 --jobs 2 --out out/nu_sweep
+# ```bash
+# fem-snh sweep twist --nu 0.3,0.4,0.45,0.49,0.495,0.499 --set angle=1.5708 \
+#     --material stable_neo_hookean,neo_hookean --cells 5 --steps 4 --jobs 2 --out out/nu_sweep
+# ```
 #
 # Each point is a process of its own, so one that fails costs one row. A second call finds all rows
 # and runs nothing; an interrupted sweep continues where it stopped.
 #
 # ![Volume change and linear iterations against Poisson's ratio](nu_sweep.png)
 #
-#     python demos/nu_sweep.py      (mpirun -n 2 works, too: rank 0 runs the sweep)
+# ```bash
+# python demos/nu_sweep.py      # mpirun -n 2 works, too: rank 0 runs the sweep
+# ```
 
 # %%
 from math import pi

@@ -7,7 +7,9 @@
 #
 # ![The deformed bracket, coloured by J](own_mesh.png)
 #
-#     mpirun -n 2 python demos/own_mesh.py
+# ```bash
+# mpirun -n 2 python demos/own_mesh.py
+# ```
 
 # %%
 from pathlib import Path

@@ -16,7 +16,9 @@
 #
 # ![Force against distance for five values of alpha](figure_3.png)
 #
-#     mpirun -n 2 python demos/pull.py
+# ```bash
+# mpirun -n 2 python demos/pull.py
+# ```
 
 # %%
 from argparse import ArgumentParser

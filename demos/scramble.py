@@ -13,7 +13,9 @@
 #
 # ![A scrambled cube, and the same at rest](../results/extremes/scramble.png)
 #
-#     mpirun -n 2 python demos/scramble.py
+# ```bash
+# mpirun -n 2 python demos/scramble.py
+# ```
 #
 # The scene `scramble` minimises the energy directly. A descent may then end in another minimum,
 # with some stress and $J > 0$ in most elements; near $\nu = 1/2$ it often does. So the equilibrium

@@ -1,11 +1,13 @@
-"""The fenced blocks of the README and the documentation, and the runner of one page.
+"""The blocks of code of the README and the documentation, and the runner of one page.
 
     python tests/pages.py PAGE.md          # in an empty folder
 
 runs a page as its reader does, from top to bottom: Python blocks in one namespace, TOML blocks as
 scenes, commands of `fem-snh` in the same process. A block whose first line is a comment with the
-name of a file (`# gent.py`, `# press.toml`, `// block.geo`) is that file. `<!-- not run -->`
-above a block leaves it to the checks of names; `<!-- exit code 1 -->` is what its command returns.
+name of a file (`# gent.py`, `# press.toml`, `// block.geo`) is that file. A comment above a block
+is its note: `<!-- exit code 1 -->` is what its command returns; `<!-- quick: OLD => NEW -->`
+replaces text of a Python block; the commands below `<!-- not run -->`, and those of the results
+pages, are left to test_docs_commands.py.
 """
 
 from __future__ import annotations
@@ -20,7 +22,10 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from markdown_it import MarkdownIt
+
 ROOT = Path(__file__).resolve().parents[1]
+DEMOS = sorted((ROOT / "demos").glob("*.py"))
 #: The pages of the gallery are written by `make docs` from the demos, which test_demos.py runs.
 PAGES = [
     ROOT / "README.md",
@@ -29,10 +34,9 @@ PAGES = [
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "gallery"),
 ]
 SHELL = ("console", "bash", "sh")
-_FENCE = re.compile(
-    r"(?:^<!-- (?P<note>[^\n]*) -->\n+)?"
-    r"^(?P<fence>`{3,})(?P<kind>\w+)[^\n]*\n(?P<text>.*?)^(?P=fence)",
-    re.S | re.M,
+_NOTE = re.compile(r"<!-- (.*) -->\n*")
+_INLINE = re.compile(
+    r"(?<!`)`((?:\.venv/bin/)?(?:fem-snh|python -m|python demos|mpirun|make) [^`\n]+)`(?!`)"
 )
 _FILE_NAME = re.compile(r"(?:#|//) (\S+\.(?:py|toml|geo|csv))\n")
 _NUMBER = re.compile(r"[-+]?\d[\d,]*\.?\d*(e[-+]?\d+)?")
@@ -41,8 +45,26 @@ _SCENE: dict[str, Any] = {"mesh": {"source": "cube"}, "cells": 2, "element": "Q1
 _MATERIAL = {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3}
 
 
+def name_of(page: Path) -> str:
+    """Return a page's path in the repository."""
+    return str(page.relative_to(ROOT))
+
+
+def demo_text(demo: Path) -> str:
+    """Return the page of the gallery that is made from a demo."""
+    sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+    try:
+        from gallery import page
+    finally:
+        del sys.path[0]
+    return page(demo)
+
+
 class Block(NamedTuple):
-    """A fenced block: its line, its language, what it holds and the note above it."""
+    """A block of code: its line, its language, what it holds and the note above it.
+
+    The language of a block that is indented instead of fenced is empty.
+    """
 
     line: int
     kind: str
@@ -57,17 +79,34 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    """Return the fenced blocks of a page."""
-    text = page.read_text(encoding="utf-8")
-    return [
-        Block(
-            text[: match.start("fence")].count("\n") + 1,
-            match["kind"],
-            match["text"],
-            match["note"] or "",
-        )
-        for match in _FENCE.finditer(text)
-    ]
+    """Return the blocks of code of a page."""
+    return blocks_of(page.read_text(encoding="utf-8"))
+
+
+def blocks_of(text: str) -> list[Block]:
+    """Return the blocks of code of a text in Markdown."""
+    found, note = [], ""
+    for token in MarkdownIt("commonmark").parse(text):
+        if token.type in ("fence", "code_block"):
+            assert token.map
+            kind = token.info.split()[0] if token.info else ""
+            found.append(Block(token.map[0] + 1, kind, token.content, note))
+        match = _NOTE.fullmatch(token.content) if token.type == "html_block" else None
+        note = match[1] if match else ""
+    return found
+
+
+def measured(page: Path, block: Block) -> bool:
+    """Whether a block's commands take too long to be run as they are."""
+    return "results" in page.parts or "not run" in block.note
+
+
+def page_commands(page: Path) -> list[str]:
+    """Return every command of a page or a demo, of its blocks and in its text."""
+    text = demo_text(page) if page.suffix == ".py" else page.read_text(encoding="utf-8")
+    shell = (block for block in blocks_of(text) if block.kind in SHELL)
+    found = [command for block in shell for command, _ in commands(block)]
+    return found + _INLINE.findall(text)
 
 
 def commands(block: Block) -> Iterator[tuple[str, str]]:
@@ -119,24 +158,37 @@ def run(page: Path) -> None:
     """Run a page in the present folder; raises what its blocks raise, with their line."""
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for block in blocks(page):
-        if "not run" in block.note:
+        if block.kind in SHELL and measured(page, block):
             continue
         if block.file_name:
             Path(block.file_name).write_text(block.text, encoding="utf-8")
         if block.kind == "toml":
             _load(block)
         elif block.kind == "python" and not block.file_name:
-            code = "\n" * block.line + block.text  # tracebacks name the page's line
+            code = "\n" * block.line + _quick(block)  # tracebacks name the page's line
             exec(compile(code, str(page), "exec"), namespace)
         elif block.kind in SHELL:
             for command, output in commands(block):
                 _command(page, block, command, output)
 
 
+def _quick(block: Block) -> str:
+    """Return a Python block with the text replaced that its note names."""
+    if not block.note.startswith("quick: "):
+        return block.text
+    old, arrow, new = block.note.removeprefix("quick: ").partition(" => ")
+    assert arrow and old in block.text, f"line {block.line}: {block.note}"
+    return block.text.replace(old, new)
+
+
 def _load(block: Block) -> None:
     from fem_snh import scenes
+    from fem_snh.materials import registry
 
-    if block.file_name and "mesh" in tomllib.loads(block.text):
+    if block.file_name == "pyproject.toml":
+        groups = tomllib.loads(block.text)["project"]["entry-points"]
+        assert set(groups) <= {registry.GROUP, scenes.GROUP}, groups
+    elif block.file_name and "mesh" in tomllib.loads(block.text):
         scenes.load(block.file_name)
     else:
         scenes.Scene.model_validate(complete(tomllib.loads(block.text)))
@@ -162,5 +214,6 @@ def _command(page: Path, block: Block, command: str, output: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, "")  # a page imports the files that it has written
+    # A page imports the files that it has written, and those at the root of the repository.
+    sys.path[:0] = ["", str(ROOT)]
     run(Path(sys.argv[1]).resolve())

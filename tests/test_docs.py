@@ -1,36 +1,74 @@
-"""The pages are of this program: their code runs, their commands, options and names exist."""
+"""The pages are of this program: every block of code is of a kind that a test runs.
+
+`pages.py` says what the kinds are. Commands are checked and run by test_docs_commands.py.
+"""
 
 from __future__ import annotations
 
-import argparse
+import ast
+import doctest
 import inspect
 import re
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from pages import PAGES, ROOT, SHELL, Block, blocks, commands, words_of
+from pages import (
+    DEMOS,
+    PAGES,
+    ROOT,
+    SHELL,
+    Block,
+    blocks,
+    blocks_of,
+    commands,
+    demo_text,
+    measured,
+    name_of,
+    words_of,
+)
 
-import benchmarks
 import fem_snh
-from fem_snh import cli, scenes
 
-#: Commands that pages name and this repository does not have.
-OTHERS = {"apt-get", "cd", "export", "git", "paraview", "pip", "sudo", "source", "tail"}
-_TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
-_INLINE = re.compile(r"(?<!`)`((?:fem-snh|python -m benchmarks|mpirun|make) [^`\n]+)`(?!`)")
-
-
-def name_of(page: Path) -> str:
-    return str(page.relative_to(ROOT))
+#: Directives of MyST and of docs/_ext: Sphinx runs them, and `make docs` fails if one does.
+DIRECTIVES = {
+    "{admonition}", "{bibliography}", "{eval-rst}", "{generated}", "{image}", "{literalinclude}",
+    "{toctree}",
+}  # fmt: skip
 
 
 def runnable(page: Path) -> bool:
-    """Whether a page has a block to run. Measurements, on the results pages, take too long."""
-    found = [block for block in blocks(page) if "not run" not in block.note]
-    return "results" not in page.parts and any(b.kind in ("python", "toml", *SHELL) for b in found)
+    """Whether a page has a block that is run as it is."""
+    shell = (b for b in blocks(page) if b.kind in SHELL and not measured(page, b))
+    return any(b.kind in ("python", "toml") for b in blocks(page)) or any(shell)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_is_of_a_kind_that_is_run(page: Path) -> None:
+    """Python, TOML, commands with their output, a source file or a directive: no other block."""
+    for block in blocks(page):
+        where = f"{name_of(page)}:{block.line}: {block.text[:60]!r}"
+        known = block.kind in ("python", "toml", *SHELL) or block.kind in DIRECTIVES
+        assert known or block.file_name, f"{where}: a {block.kind or 'indented'} block"
+        if block.kind in SHELL:
+            found = list(commands(block))
+            assert found, f"{where}: no command"
+            assert block.text.startswith("$ ") or "$ " not in block.text, f"{where}: whose output?"
+            if measured(page, block):
+                assert not any(output.strip() for _, output in found), f"{where}: output not run"
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
+def test_the_blocks_of_a_demos_page_are_the_demo(demo: Path) -> None:
+    """The Python blocks are run by test_demos.py; the others are commands."""
+    found = blocks_of(demo_text(demo))
+    assert {block.kind for block in found} == {"bash", "python"}
+    code = "".join(block.text for block in found if block.kind == "python")
+    assert ast.dump(ast.parse(code)) == ast.dump(ast.parse(demo.read_text()))
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=name_of)
@@ -43,65 +81,6 @@ def test_page_runs(page: Path, tmp_path: Path) -> None:
         timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_exist(page: Path) -> None:
-    shell = (block for block in blocks(page) if block.kind in SHELL)
-    found = [command for block in shell for command, _ in commands(block)]
-    found += _INLINE.findall(page.read_text(encoding="utf-8"))
-    parsers = cli.parsers()
-    for command in found:
-        check(words_of(command), parsers, command)
-
-
-def check(words: list[str], parsers: dict[str, argparse.ArgumentParser], command: str) -> None:
-    """Assert that a command's program, its sub-command, its options and its names exist."""
-    if not words:
-        return
-    if words[0] == "fem-snh":
-        check_fem_snh(words[1:], parsers, command)
-    elif words[:3] == ["python", "-m", "benchmarks"]:
-        check_benchmark(words[3:], command)
-    elif words[0] == "make":
-        assert all(word in _TARGETS for word in words[1:] if "=" not in word), command
-    elif words[0] == "python":
-        script = next((word for word in words[1:] if word.endswith(".py")), None)
-        assert script is None or "/" not in script or (ROOT / script).exists(), command
-    else:
-        known = words[0] in OTHERS or (ROOT / words[0]).exists()
-        assert known, command
-
-
-def check_fem_snh(
-    words: list[str], parsers: dict[str, argparse.ArgumentParser], command: str
-) -> None:
-    if not words or words[0].isupper() or words[0].startswith("--"):
-        return  # a placeholder, or the program's own options
-    assert words[0] in parsers, command
-    own = words[1 : words.index("--")] if "--" in words else words[1:]
-    options = parsers[words[0]]._option_string_actions
-    for before, word in zip(["", *own], own, strict=False):
-        if word.startswith("--"):
-            assert word.partition("=")[0] in options, f"{command}: {word}"
-        elif before == "--material" and not re.search(r"[^a-z_,0-9]", word):
-            assert set(word.split(",")) <= set(fem_snh.materials()), f"{command}: {word}"
-    first = own[0] if own else ""
-    if words[0] in ("run", "sweep", "tradeoff") and re.fullmatch(r"[a-z_]+", first):
-        assert first in scenes.names(), command
-    if words[0] == "materials" and re.fullmatch(r"[a-z_]+", first):
-        assert first in fem_snh.materials(), command
-
-
-def check_benchmark(words: list[str], command: str) -> None:
-    if not words or words[0].isupper():
-        return
-    assert words[0] in benchmarks.NAMES, command
-    rows = import_module(f"benchmarks.{words[0]}").rows
-    known = inspect.signature(rows).parameters
-    for word in words[1:]:
-        if word.startswith("--"):
-            assert word[2:] in known, f"{command}: {word}"
 
 
 def test_pages_cite_what_exists() -> None:
@@ -134,3 +113,38 @@ def test_blocks_of_a_page(tmp_path: Path) -> None:
     assert words_of("mpirun -n 2 .venv/bin/fem-snh run twist  # on two") == [
         "fem-snh", "run", "twist",
     ]  # fmt: skip
+
+
+#: The modules whose docstrings have an example, and the names that it uses without an import.
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "fem_snh": {"F": np.eye(3)},
+    "fem_snh.scenes": {},
+    "fem_snh.reports": {"fem_snh": fem_snh},
+    "fem_snh.studies.sweep": {},
+    "fem_snh.studies.tradeoff.study": {},
+    "fem_snh.studies.extremes": {},
+}
+#: Functions that take minutes: only the arguments of the example are checked here.
+STUDIES = {"sweep", "tradeoff", "extremes"}
+
+
+def test_examples_of_docstrings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The examples on the pages of the reference run, with fewer cells."""
+    monkeypatch.chdir(tmp_path)
+    sources = (ROOT / "fem_snh").rglob("*.py")
+    assert len(EXAMPLES) == sum(">>> " in source.read_text() for source in sources)
+    for name, names in EXAMPLES.items():
+        module = import_module(name)
+        names = vars(module) | names
+        for example in doctest.DocTestParser().get_examples(module.__doc__ or ""):
+            call = getattr(ast.parse(example.source).body[0], "value", None)
+            study = next((n for n in ast.walk(call) if _is_study(n)), None) if call else None
+            if study:
+                keys = {key.arg: ast.literal_eval(key.value) for key in study.keywords}
+                inspect.signature(names[study.func.id]).bind(*study.args, **keys)
+            else:
+                exec(example.source.replace("cells=15", "cells=2"), names)
+
+
+def _is_study(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and getattr(node.func, "id", "") in STUDIES
