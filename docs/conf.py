@@ -25,6 +25,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "generated",  # of this folder's _ext: tables made from the program
     "gallery",  # the demos as pages
+    "short_names",  # links of docstrings to names of other modules
 ]
 exclude_patterns = ["_build", "_ext", "inventories"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -41,6 +42,7 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autosummary_generate = True
 napoleon_google_docstring = False
+napoleon_use_param = False  # types are text: "array (n, 3)" names no class
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes that are also properties are described once
 
@@ -52,12 +54,21 @@ _SITES = {
     "numpy": "https://numpy.org/doc/stable/",
     "petsc": "https://petsc.org/release/",
     "petsc4py": "https://petsc.org/release/petsc4py/",
+    "pandas": "https://pandas.pydata.org/docs/",
     "python": "https://docs.python.org/3/",
+    "sympy": "https://docs.sympy.org/latest/",
     "ufl": "https://docs.fenicsproject.org/ufl/main/",
 }
 intersphinx_mapping = {
     name: (url, str(HERE / "inventories" / f"{name}.inv")) for name, url in _SITES.items()
 }
+
+nitpicky = True  # a name in a docstring that is not found is a warning
+nitpick_ignore_regex = [
+    ("py:class", r"\w*|.*[^\w.].*"),  # types that are text: "array (n, 3)", "dolfinx Function"
+    ("py:class", r"(np|pd|sympy|MPI|PETSc|numpy\._typing|cffi|matplotlib)\..*"),  # as imported
+    ("py:class", r"fem_snh\.(\w+\.)*[A-Z]"),  # type variables
+]
 
 html_theme = "furo"
 html_title = "fem_snh"

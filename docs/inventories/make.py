@@ -4,23 +4,26 @@
 
 `NAMES` lists what is cited, as each project's own objects.inv has it. Sphinx reads these files in
 place of those, so that the site is built without a network, and everywhere with the same links.
-Needs sphobjinv, which the `docs` extra does not bring.
 """
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
-
-from sphobjinv import DataObjStr, Inventory, compress, writebytes
 
 #: Of each project: role, page, names. "$" is Sphinx's abbreviation of the name itself.
 NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     "python": [
         ("py:class", "library/pathlib.html#$", ("pathlib.Path",)),
         ("py:module", "library/tomllib.html#module-$", ("tomllib",)),
+        ("py:class", "library/collections.abc.html#$", (
+            "collections.abc.Callable", "collections.abc.Iterable", "collections.abc.Iterator",
+            "collections.abc.Mapping", "collections.abc.Sequence",
+        )),
     ],
     "numpy": [
-        ("py:class", "reference/generated/numpy.ndarray.html#$", ("numpy.ndarray",)),
+        ("py:class", "reference/generated/$.html#$", ("numpy.ndarray", "numpy.dtype")),
+        ("py:class", "reference/arrays.scalars.html#$", ("numpy.float64", "numpy.int32", "numpy.bool_")),
         ("py:class", "reference/typing.html#$", ("numpy.typing.NDArray", "numpy.typing.ArrayLike")),
     ],
     "dolfinx": [
@@ -47,7 +50,18 @@ NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
         ("py:class", "reference/$.html", (
             "petsc4py.PETSc.SNES", "petsc4py.PETSc.KSP", "petsc4py.PETSc.PC", "petsc4py.PETSc.Mat",
             "petsc4py.PETSc.Vec", "petsc4py.PETSc.Options", "petsc4py.PETSc.Error",
-            "petsc4py.PETSc.Viewer",
+            "petsc4py.PETSc.Viewer", "petsc4py.PETSc.IS", "petsc4py.PETSc.NullSpace",
+        )),
+    ],
+    "pandas": [
+        ("py:class", "reference/api/pandas.DataFrame.html#pandas.DataFrame", (
+            "pandas.DataFrame", "pandas.core.frame.DataFrame",
+        )),
+    ],
+    "sympy": [
+        ("py:class", "modules/core.html#$", ("sympy.core.expr.Expr", "sympy.core.symbol.Symbol")),
+        ("py:function", "modules/utilities/lambdify.html#sympy.utilities.lambdify.lambdify", (
+            "sympy.lambdify",
         )),
     ],
     "mpi4py": [
@@ -57,18 +71,16 @@ NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
 
 
 def write(project: str, folder: Path) -> None:
-    """Write the inventory of one project."""
-    inventory = Inventory()
-    inventory.project, inventory.version = project, ""
+    """Write the inventory of one project, in version 2 of Sphinx's format."""
+    head = f"# Sphinx inventory version 2\n# Project: {project}\n# Version: \n"
+    head += "# The remainder of this file is compressed using zlib.\n"
+    lines = []
     for role, uri, names in NAMES[project]:
-        domain, kind = role.split(":")
         for name in names:
             shown = name.rpartition("/")[2] if "/" in name else "-"
-            entry = DataObjStr(
-                name=name, domain=domain, role=kind, priority="1", uri=uri, dispname=shown
-            )
-            inventory.objects.append(entry)
-    writebytes(str(folder / f"{project}.inv"), compress(inventory.data_file()))
+            lines.append(f"{name} {role} 1 {uri} {shown}\n")
+    text = head.encode() + zlib.compress("".join(lines).encode(), 9)
+    (folder / f"{project}.inv").write_bytes(text)
 
 
 if __name__ == "__main__":

@@ -193,7 +193,7 @@ def material(
         Poisson's ratio, in (-1, 0.5].
     **shape : Any
         Shape parameters of the material and the keywords of every material
-        (`fem_snh.materials.TUNING`).
+        (`fem_snh.materials.tuning.TUNING`).
 
     Raises
     ------

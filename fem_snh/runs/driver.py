@@ -60,7 +60,7 @@ def run(
         Replace the run in ``out``.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
-        the same scene, except for the keys in `fem_snh.runs.scene_identity.SOLVER_KEYS`.
+        the same scene, except for the keys in ``fem_snh.runs.scene_identity.SOLVER_KEYS``.
     comm : MPI.Comm
         The communicator.
     progress : bool

@@ -1,7 +1,7 @@
 """Newton's method with filtered Hessians, as a PETSc SNES.
 
-`create` returns the SNES of a problem. ``-snes_view``, monitors, converged reasons and options work
-as for PETSc's own types; `options.OPTIONS` lists those it adds.
+`fem_snh.solver.snes.create` returns the SNES of a problem. ``-snes_view``, monitors, converged
+reasons and options work as for PETSc's own types; `options.OPTIONS` lists those it adds.
 """
 
 from fem_snh.linalg.ssor_cg import EisenstatCG

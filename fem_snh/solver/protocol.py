@@ -79,7 +79,7 @@ class NonlinearProblem(Protocol):
         """Assemble the energy's gradient [N], zero at constrained unknowns. Collective."""
 
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
-        """Assemble the filtered Hessian into `A`; return the quadrature points filtered."""
+        """Assemble the filtered Hessian into ``A``; return the quadrature points filtered."""
 
     def set_load(self, load: float) -> None:
         """Set the load."""

@@ -47,7 +47,7 @@ class SearchDirection:
     assemble : callable
         See `Assemble`.
     line_search : LineSearch
-        Its `slope` rejects a direction of negative curvature.
+        Its ``slope`` rejects a direction of negative curvature.
     forcing : ForcingTerm
         The relative tolerance of the linear solves.
     options : dict

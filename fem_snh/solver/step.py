@@ -88,7 +88,7 @@ class Step:
 
 @dataclass
 class Iteration:
-    """One Newton iteration of `ProjectedNewton.history`.
+    """One Newton iteration of ``ProjectedNewton.history``.
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ class Functions(Derivatives):
         argument : str
             ``"F"`` or ``"s"``.
         derivatives : iterable of sympy.Symbol
-            The symbols of `Derivatives.derivatives` that the results contain.
+            The symbols of ``Derivatives.derivatives`` that the results contain.
         results : mapping
             C variables and the expressions assigned to them.
         outside : str
