@@ -9,17 +9,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import sympy
 import ufl
 
 from fem_snh.errors import BadInput
+from fem_snh.fem.ufl_frame import PrincipalFrame
+from fem_snh.fem.ufl_stretches import FUNCTIONS, off_diagonal_terms, trace_of_stretch
 from fem_snh.materials.energy import Energy
-
-_FUNCTIONS = {
-    "log": ufl.ln,
-    "exp": ufl.exp,
-    "sqrt": ufl.sqrt,
-    "where": lambda x, a, b: ufl.conditional(ufl.gt(x, 0), a, b),
-}
 
 
 def deformation_gradient(u: Any) -> Any:
@@ -42,21 +38,39 @@ def energy_density(energy: Energy, F: Any) -> Any:
     Raises
     ------
     BadInput
-        For an energy of the principal stretches. UFL cannot differentiate these where two are
-        equal, as in the undeformed state.
+        For a material that has a stress but no energy.
+
+    Notes
+    -----
+    An energy of the invariants I_C, II_C and J is written in F itself. Energies of the principal
+    stretches, and of I1, their sum, have the form of `fem_snh.fem.ufl_stretches`.
     """
-    if energy.needs_stretches:
-        raise BadInput(
-            f"material '{energy.name}' needs the principal stretches, which UFL cannot "
-            "differentiate at rest: use the kernels (fem_snh.material)"
-        )
+    if not energy.has_energy:
+        raise BadInput(f"material '{energy.name}' has no energy, only a stress")
+    rest: Any = 0
+    if energy.of_stretches:
+        frame = PrincipalFrame(F)
+        measures = [frame.B[i, i] for i in range(3)]
+        rest = off_diagonal_terms(energy, frame)
+    else:
+        measures = [_INVARIANTS[str(m)](F) for m in energy.measures]
+    for barrier in energy.barriers:
+        inside = sympy.lambdify(energy.measures, barrier, modules=FUNCTIONS)(*measures)
+        rest += ufl.ln(ufl.conditional(ufl.gt(inside, 0), 1.0, -1.0))  # 0 inside, NaN outside
+    return energy.evaluate(FUNCTIONS, *measures) + rest
+
+
+def _area(F: Any) -> Any:
     C = F.T * F
-    values = {
-        "I_C": ufl.tr(C),
-        "II_C": (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2,
-        "J": ufl.det(F),
-    }
-    return energy.evaluate(_FUNCTIONS, *(values[str(m)] for m in energy.measures))
+    return (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2
+
+
+_INVARIANTS = {
+    "I1": trace_of_stretch,
+    "I_C": lambda F: ufl.tr(F.T * F),
+    "II_C": _area,
+    "J": ufl.det,
+}
 
 
 def elastic_energy(energy: Energy, u: Any, dx: Any = ufl.dx) -> Any:

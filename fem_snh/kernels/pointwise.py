@@ -163,8 +163,17 @@ class Material:
         Raises
         ------
         BadInput
-            If the energy is written in the principal stretches, whose derivatives UFL cannot
-            evaluate where two stretches are equal.
+            If the material is defined by a stress and has no energy.
+
+        Notes
+        -----
+        UFL's first and second derivative are those of `pk1` and `hessian`, also at equal stretches
+        and for an inverted F. An energy of the principal stretches has the form of
+        `fem_snh.fem.ufl_stretches`: a relative accuracy of 1e-12 while no stretch is more than 30
+        times another, wrong third derivatives, and a size that only compilers of forms can handle:
+        evaluate it by ``dolfinx.fem.Expression``, not by UFL's ``psi(point)``. Outside the energy's
+        domain the value is NaN. Where the energy has no Hessian (`arap`, `corotational` and
+        `fixed_corotational` where two signed stretches sum to zero), neither has the expression.
         """
         from fem_snh.fem.ufl_forms import energy_density  # imports UFL
 
