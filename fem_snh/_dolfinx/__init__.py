@@ -51,6 +51,7 @@ from fem_snh._dolfinx.spaces import (
     node_dofs,
     num_nodes,
     quadrature,
+    reference_nodes,
     surface_measure,
     tabulate,
     tabulate_geometry,
@@ -66,6 +67,6 @@ __all__ = [
     "geometry_x", "gmsh_permutation", "input_cells", "input_vertices", "integrals", "interpolate",
     "kernel_arguments", "local_to_global", "locate", "locate_dofs", "newton_solver", "node_dofs",
     "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed",
-    "quadrature", "reference_corners", "surface_measure", "tabulate", "tabulate_geometry",
-    "tabulate_values", "version",
+    "quadrature", "reference_corners", "reference_nodes", "surface_measure", "tabulate",
+    "tabulate_geometry", "tabulate_values", "version",
 ]  # fmt: skip

@@ -78,13 +78,21 @@ def local_to_global(V: Any) -> Array:
     return np.concatenate([owned, np.asarray(index_map.ghosts, dtype=np.int64)])
 
 
+def _lagrange(cell: str, degree: int) -> Any:
+    """Return basix's Lagrange element, whose variant is that of the function spaces."""
+    kind, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, kind, degree, variant)
+
+
+def reference_nodes(cell: str, degree: int) -> Array:
+    """Return the nodes of the Lagrange element on the reference cell, (nodes, 3)."""
+    return np.asarray(_lagrange(cell, degree).points)
+
+
 def _table(cell: str, degree: int, points: Array) -> Array:
     """Return basis functions, then their derivatives in x, y, z: (4, points, nodes)."""
-    family = basix.ElementFamily.P
-    element = basix.create_element(
-        family, getattr(basix.CellType, cell), degree, basix.LagrangeVariant.gll_warped
-    )
-    table: Array = element.tabulate(1, np.ascontiguousarray(points, dtype=np.float64))[..., 0]
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    table: Array = _lagrange(cell, degree).tabulate(1, points)[..., 0]
     return table
 
 

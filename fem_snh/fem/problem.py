@@ -179,6 +179,10 @@ class Problem:
         """Set the constrained entries of ``x`` to their values at the present load."""
         self._dirichlet.set_values(x, self.load)
 
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
+        return self._unknowns.split(x)
+
     def update_functions(self) -> None:
         """Update ``u``, and the pressure, from ``x``. Collective."""
         self._unknowns.split(self.x)

@@ -70,8 +70,13 @@ class ElementTables:
 
 def cell_loops_source(energy: ElementEnergy, tables: ElementTables) -> str:
     """Return the C source of the cell loops of ``energy`` on an element with these tables."""
+    return loops_source(energy, tables, "cell_loops.h")
+
+
+def loops_source(energy: ElementEnergy, tables: ElementTables, *loops: str) -> str:
+    """Return the C source of loops over cells, which are files of ``include/``."""
     volume = f"volume_{tables.volume}.h"
-    after = ("cell_api.h", "element_matrices.h", volume, "cell_loops.h")
+    after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     return kernel_source(energy.energy, tables.sizes, after, energy.functions)
 
 
@@ -89,9 +94,19 @@ class CellLoops:
         The energy.
     tables : ElementTables
         The element's tables.
+
+    Attributes
+    ----------
+    element_energy : ElementEnergy
+        The energy.
+    tables : ElementTables
+        The element's tables.
+    num_cells : int
+        Number of cells.
     """
 
     def __init__(self, path: Path, energy: ElementEnergy, tables: ElementTables) -> None:
+        self.element_energy, self.tables = energy, tables
         self._ffi, self._lib = build.load(path, header("cell_api.h"))
         self.num_cells = len(tables.nodes)
         arrays = {
@@ -127,6 +142,11 @@ class CellLoops:
         target.free = self.pointer(free)
         target.constrained = self.pointer(constrained)
         return target
+
+    @property
+    def cells_address(self) -> int:
+        """The address of the struct Cells (cell_api.h), which lives as long as this object."""
+        return int(self._ffi.cast("uintptr_t", self._cells))
 
     def address(self, number: int) -> Any:
         """Return a C pointer to doubles at this address."""

@@ -16,9 +16,10 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.volume_split import PRESSURE, J, Split
 
 _SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
-#: What the generated functions use, and what uses them.
+#: What the generated functions use, what uses them, and the loops over points for `Material`.
 _BEFORE = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
-_AFTER = ("material_point.h", "pointwise_api.h", "pointwise_kernels.h")
+_POINT = "material_point.h"
+_POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
 
 
 def header(name: str) -> str:
@@ -52,7 +53,7 @@ def material_source(energy: Energy) -> str:
     energy : Energy
         A normalised energy; ``fem_snh.materials.make_energy(name, E, nu)`` makes one.
     """
-    return kernel_source(energy)
+    return kernel_source(energy, after=_POINTWISE)
 
 
 def kernel_source(
@@ -61,7 +62,7 @@ def kernel_source(
     after: Sequence[str] = (),
     functions: Sequence[str] = (),
 ) -> str:
-    """Return the C source of a material's pointwise kernels and of what is built on them.
+    """Return the C source of a material at one quadrature point and of what is built on it.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def kernel_source(
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
             *functions,
-            *map(header, (*_AFTER, *after)),
+            *map(header, (_POINT, *after)),
         ]
     )
 

@@ -1,0 +1,30 @@
+/* How the loops of cell_loops.h and stress_loops.h visit the cells, W at a time, and their quadrature points.
+ *
+ * One of volume_pointwise.h, volume_mean.h and volume_pressure.h precedes this file and defines how the
+ * element treats the material's volume term:
+ *   VolumeTerm ................ its data for W cells
+ *   volume_prepare ............ compute them at the displacement
+ *   volume_parameters ......... the material's parameters at a point, with the pressure
+ *   volume_energy_density ..... the energy density beside the material's
+ *   volume_residual_point, volume_residual_add .... the residual beside B^T P
+ *   volume_jacobian_point, volume_jacobian_add .... the Jacobian beside B^T C B */
+
+/* Per batch of W cells: gather coordinates x and displacements v and prepare the volume term. The body and
+ * its closing brace follow. */
+#define FOR_EACH_BATCH                                         \
+  for (long start = 0; start < c->cells; start += W) {         \
+    const int lanes = c->cells - start < W ? c->cells - start : W; \
+    real x[GEOMETRY_NODES][3], v[NODES][3];                    \
+    VolumeTerm volume;                                           \
+    GATHER(x, GEOMETRY_NODES, 3, c->geometry, c->x)            \
+    GATHER(v, NODES, 3, c->nodes, u)                           \
+    volume_prepare(c, start, x, v, pressure, &volume);
+
+/* Per quadrature point: basis gradients G, weight, H, F and the material's parameters p. The body and its
+ * closing brace follow. */
+#define FOR_EACH_POINT                                         \
+  real G[3 * NODES], weight, F[9], H[9];                           \
+  for (int q = 0; q < POINTS; ++q) {                           \
+    geometry_point(c, x, q, G, &weight);                       \
+    deformation_point(G, v, F, H);                             \
+    const Parameters p = volume_parameters(c, &volume, q);

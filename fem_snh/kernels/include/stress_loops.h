@@ -1,0 +1,18 @@
+/* The loop over cells for stress_api.h, on cell_batches.h. */
+
+void stresses_cells(const Cells *c, const double *u, const double *pressure, double *weights, double *gradients, double *stresses) {
+  FOR_EACH_BATCH
+    FOR_EACH_POINT
+      real P[9];
+      stress_point(p, F, H, P);
+      for (int l = 0; l < lanes; ++l) {
+        const long point = POINTS * (start + l) + q;
+        weights[point] = weight[l];
+        for (int i = 0; i < 9; ++i) {
+          gradients[9 * point + i] = H[i][l];
+          stresses[9 * point + i] = P[i][l];
+        }
+      }
+    }
+  }
+}

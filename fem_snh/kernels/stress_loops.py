@@ -1,0 +1,80 @@
+"""Strains and stresses at the quadrature points of cells: a library of its own.
+
+It is compiled only where stresses are asked for.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.kernels import build
+from fem_snh.kernels.cell_loops import CellLoops, loops_source
+from fem_snh.kernels.codegen.source import header
+
+Array = npt.NDArray[np.float64]
+
+
+class PointStresses(NamedTuple):
+    """Displacement gradient and stress at the quadrature points of cells.
+
+    Attributes
+    ----------
+    weights : (cells, points)
+        Quadrature weights in the reference configuration [m^3]; they add up to the volume.
+    H : (cells, points, 3, 3)
+        Displacement gradients du_i/dX_j.
+    P : (cells, points, 3, 3)
+        First Piola-Kirchhoff stresses [Pa], with the element's own pressure.
+    """
+
+    weights: Array
+    H: Array
+    P: Array
+
+
+def stress_loops_source(loops: CellLoops) -> str:
+    """Return the C source of the stresses of the cells that ``loops`` runs over."""
+    files = ("stress_api.h", "stress_loops.h")
+    return loops_source(loops.element_energy, loops.tables, *files)
+
+
+class StressLoops:
+    """The loop that returns strains and stresses at quadrature points.
+
+    Parameters
+    ----------
+    path : Path
+        The library compiled from `stress_loops_source`.
+    loops : CellLoops
+        The loops over the same cells; they share element tables and constants.
+    """
+
+    def __init__(self, path: Path, loops: CellLoops) -> None:
+        declarations = header("cell_api.h") + header("stress_api.h")
+        self._ffi, self._lib = build.load(path, declarations)
+        self._loops = loops
+        self._cells = self._ffi.cast("Cells *", loops.cells_address)
+
+    def evaluate(self, u: Array, pressure: Array | None = None) -> PointStresses:
+        """Return strains and stresses at a state.
+
+        Parameters
+        ----------
+        u : (3 nodes,)
+            Displacement [m] of this rank's nodes, ghosts included.
+        pressure : (pressure nodes,), optional
+            The pressure unknown, for an element that has one.
+        """
+        shape = self._loops.num_cells, len(self._loops.tables.weights)
+        weights = np.empty(shape)
+        H, P = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3))
+        arrays = [
+            self._ffi.NULL if a is None else self._ffi.cast("double *", a.ctypes.data)
+            for a in (u, pressure, weights, H, P)
+        ]
+        self._lib.stresses_cells(self._cells, *arrays)
+        return PointStresses(weights, np.swapaxes(H, -1, -2), np.swapaxes(P, -1, -2))

@@ -1,0 +1,80 @@
+"""The fields of a run's output: names, components, units, and what they mean."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+#: Names of components, in the order of the values: of vectors, of 3x3 tensors by rows, as ParaView
+#: expects tensors of 9 components, and of principal values.
+VECTOR = ("x", "y", "z")
+TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
+PRINCIPAL = ("1", "2", "3")
+
+
+class OutputField(NamedTuple):
+    """A field of the output.
+
+    Attributes
+    ----------
+    label : str
+        Its name beside a colour bar.
+    unit : str
+        Its unit, if the scene is in SI units.
+    components : tuple of str
+        Names of its components; none for a scalar.
+    meaning : str
+        A sentence for tables and messages.
+    """
+
+    label: str
+    unit: str
+    components: tuple[str, ...] = ()
+    meaning: str = ""
+
+
+#: The fields that every run writes, if its problem has them.
+STANDARD = {
+    "displacement": OutputField("displacement u", "m", VECTOR, "displacement of the nodes"),
+    "J": OutputField("J  (volume ratio)", "", (), "volume ratio det F, mean over the cell"),
+    "energy_density": OutputField("energy density", "Pa", (), "energy per reference volume, mean"),
+    "min_eigenvalue": OutputField(
+        "smallest eigenvalue of the Hessian", "Pa", (),
+        "smallest eigenvalue of the energy density's Hessian in the cell",
+    ),
+    "pressure": OutputField(
+        "pressure unknown p", "Pa", (),
+        "pressure unknown of a Taylor-Hood element, positive in tension",
+    ),
+}  # fmt: skip
+
+#: The fields that a scene's key ``fields`` names.
+ON_REQUEST = {
+    "cauchy_stress": OutputField("Cauchy stress", "Pa", TENSOR, "sigma = P F^T / J"),
+    "von_mises": OutputField(
+        "von Mises stress", "Pa", (), "sqrt(3/2 s : s), s the deviator of the Cauchy stress"
+    ),
+    "principal_stresses": OutputField(
+        "principal stress", "Pa", PRINCIPAL,
+        "eigenvalues of the Cauchy stress, the largest first",
+    ),
+    "hydrostatic_stress": OutputField(
+        "hydrostatic stress", "Pa", (), "tr(sigma) / 3, positive in tension"
+    ),
+    "pk1_stress": OutputField(
+        "first Piola-Kirchhoff stress P", "Pa", TENSOR, "P = d psi / d F, force per reference area"
+    ),
+    "green_lagrange_strain": OutputField(
+        "Green-Lagrange strain", "", TENSOR, "E = (F^T F - I) / 2"
+    ),
+    "principal_stretches": OutputField(
+        "principal stretch", "", PRINCIPAL,
+        "singular values of F, the largest first; the third is negative where J < 0",
+    ),
+    "reaction_force": OutputField(
+        "reaction force", "N", VECTOR,
+        "force of the constraint on each constrained node, 0 at the others",
+    ),
+}  # fmt: skip
+
+#: Where the fields of ``ON_REQUEST`` are written; ``reaction_force`` is at the nodes always.
+LOCATIONS = ("cells", "nodes")
