@@ -17,7 +17,7 @@ PACKAGE = Path(fem_snh.__file__).parent
 #: From the bottom up. A part imports parts of lower layers only, none of its own layer. A part is a
 #: folder or a file of the package; each file of ``fem`` is a part.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "choices"),
+    ("errors", "choices", "output_fields"),
     ("atomic_files", "references"),
     ("_petsc", "materials", "fem.elements"),
     ("_dolfinx",),
@@ -30,7 +30,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("fem.terms", "fem.unknowns", "fem.boundary_conditions"),
     ("fem.taylor_hood", "fem.measures"),
     ("fem.problem",),
-    ("fem.create_problem", "fem.probes", "fem.initial_state"),
+    ("fem.create_problem", "fem.probes", "fem.initial_state", "fem.nodal_projection"),
+    ("fem.stress_fields",),
+    ("fem.field_values",),
     ("fem.eigenproblem",),
     ("fem.modes",),
     ("solver",),
@@ -46,6 +48,7 @@ LAYER = {part: number for number, layer in enumerate(LAYERS) for part in layer}
 #: The parts that a part may import, where the layers alone would allow more.
 ALLOWED = {
     "choices": {"errors"},
+    "output_fields": set(),
     "materials": {"errors", "references"},
     "kernels": {"errors", "choices", "materials"},
     "linalg": {"errors", "_petsc", "kernels"},
@@ -66,9 +69,17 @@ ALLOWED = {
     "fem.modes": {"errors", "fem.problem", "fem.eigenproblem"},
     "fem.probes": {"errors", "_dolfinx"},
     "fem.initial_state": {"_dolfinx", "fem.problem"},
-    "scenes": {"errors", "choices", "references", "materials", "fem.elements", "fem.mesh"},
+    "scenes": {
+        "errors",
+        "choices",
+        "output_fields",
+        "references",
+        "materials",
+        "fem.elements",
+        "fem.mesh",
+    },
     "plots": {"errors", "render"},
-    "render": {"errors"},
+    "render": {"errors", "output_fields"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots: `Report.plot`
     "doctor": {"errors"},
     # The solver calls methods of a problem (solver/protocol.py); it does not import fem.
@@ -90,6 +101,7 @@ THIRD_PARTY = {
         "fem.ufl_forms",
         "fem.terms",
         "fem.taylor_hood",
+        "fem.nodal_projection",
     },
     "gmsh": {"fem.gmsh_input"},
     "pyvista": {"render"},

@@ -57,16 +57,17 @@ from fem_snh._dolfinx.spaces import (
     tabulate_geometry,
     tabulate_values,
 )
+from fem_snh._dolfinx.vtu_arrays import DataArray
 
 version: str = dolfinx.__version__
 
 __all__ = [
-    "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector", "bounding_box",
-    "cell_name", "constant", "coordinates", "create_matrix", "create_mesh", "create_vector",
-    "degree", "form", "function", "function_space", "geometry_degree", "geometry_dofs",
-    "geometry_x", "gmsh_permutation", "input_cells", "input_vertices", "integrals", "interpolate",
-    "kernel_arguments", "local_to_global", "locate", "locate_dofs", "newton_solver", "node_dofs",
-    "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed",
-    "quadrature", "reference_corners", "reference_nodes", "surface_measure", "tabulate",
-    "tabulate_geometry", "tabulate_values", "version",
+    "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
+    "bounding_box", "cell_name", "constant", "coordinates", "create_matrix", "create_mesh",
+    "create_vector", "degree", "form", "function", "function_space", "geometry_degree",
+    "geometry_dofs", "geometry_x", "gmsh_permutation", "input_cells", "input_vertices", "integrals",
+    "interpolate", "kernel_arguments", "local_to_global", "locate", "locate_dofs", "newton_solver",
+    "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec",
+    "prescribed", "quadrature", "reference_corners", "reference_nodes", "surface_measure",
+    "tabulate", "tabulate_geometry", "tabulate_values", "version",
 ]  # fmt: skip

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from dolfinx.io import VTKFile
 
+from fem_snh._dolfinx.vtu_arrays import DataArray, declare_arrays, insert_arrays
 from fem_snh.atomic_files import check_whole, remove, replace_file
 from fem_snh.errors import BadInput, on_every, on_root
 
@@ -39,10 +40,28 @@ class Series:
         self._comm, self._path = comm, path
         self.times: list[float] = on_root(comm, self._earlier, until)
 
-    def write(self, functions: Sequence[Any], t: float) -> None:
-        """Append the state of functions (Lagrange ones of one degree first, then DG0) at time t.
+    def write(
+        self,
+        functions: Sequence[Any],
+        t: float,
+        cells: Sequence[DataArray] = (),
+        points: Sequence[DataArray] = (),
+    ) -> None:
+        """Append a state. Collective.
 
-        Raises BadInput on every rank if one cannot write its file.
+        Parameters
+        ----------
+        functions : sequence of dolfinx Function
+            Lagrange functions of one degree first, then those of degree 0.
+        t : float
+            The time.
+        cells, points : sequence of DataArray
+            Further values at the cells, and at the nodes of the first function.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if one cannot write its file.
         """
         hidden = self._path.with_name(f".{self._path.name}")
         file, complaint = VTKFile(self._comm, str(hidden), "w"), ""
@@ -55,8 +74,8 @@ class Series:
         except RuntimeError:
             pass  # it could not write its own .pvd, which nobody reads
         try:
-            on_every(self._comm, self._show_piece, hidden, complaint)
-            on_root(self._comm, self._show_state, hidden, t)
+            on_every(self._comm, self._show_piece, hidden, complaint, cells, points)
+            on_root(self._comm, self._show_state, hidden, t, cells, points)
         finally:
             self._clean(hidden)
             del file  # it writes its .pvd once more: not without room, a destructor cannot fail
@@ -80,16 +99,28 @@ class Series:
                 remove(file)
         return kept
 
-    def _show_piece(self, hidden: Path, complaint: str) -> None:
+    def _show_piece(
+        self,
+        hidden: Path,
+        complaint: str,
+        cells: Sequence[DataArray],
+        points: Sequence[DataArray],
+    ) -> None:
         name = f"_p{self._comm.rank}_"
         piece = hidden.with_name(f"{hidden.stem}{name}{0:06}.vtu")
         seen = self._named(name, len(self.times), ".vtu")
         check_whole(piece, seen, _END)
         if complaint:
             raise BadInput(f"cannot write {seen}: {complaint}")
-        os.replace(piece, seen)
+        if cells or points:
+            content = insert_arrays(piece.read_bytes(), cells, points)
+            replace_file(seen, lambda file: file.write(content))
+        else:
+            os.replace(piece, seen)
 
-    def _show_state(self, hidden: Path, t: float) -> None:
+    def _show_state(
+        self, hidden: Path, t: float, cells: Sequence[DataArray], points: Sequence[DataArray]
+    ) -> None:
         """List the pieces in a .pvtu, once each: 0.5 does once a function; then the states."""
         number = len(self.times)
         listed = hidden.with_name(f"{hidden.stem}{0:06}.pvtu")
@@ -102,6 +133,7 @@ class Series:
             for rank in range(self._comm.size):
                 source = self._named(f"_p{rank}_", number, ".vtu").name
                 ET.SubElement(grid, "Piece", Source=source)
+        declare_arrays(root, cells, points)
         ET.indent(root)
         replace_file(state, ET.tostring(root, encoding="unicode"))
         rows = [

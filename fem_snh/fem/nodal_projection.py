@@ -1,10 +1,10 @@
 r"""The L2 projection of values at quadrature points to the nodes of a mesh.
 
-The projection f of a field g minimises the norm of f - g over the continuous functions of degree 1:
+The projection f of a field g is the continuous function of degree 1 with, for each vertex a,
 
-.. math:: \int_\Omega N_a f \, \mathrm{d}V = \sum_q w_q N_a(x_q) g(x_q) \quad \text{for each vertex } a.
+.. math:: \int_\Omega N_a f \, \mathrm{d}V = \sum_q w_q N_a(x_q) g(x_q) .
 
-It is exact where g is constant. It may overshoot where g jumps, as at the interface of two materials.
+It is exact where g is constant. It may overshoot where g jumps, as between two materials.
 """
 
 from __future__ import annotations

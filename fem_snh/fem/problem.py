@@ -180,12 +180,8 @@ class Problem:
         self._dirichlet.set_values(x, self.load)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
-        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
+        """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
         return self._unknowns.split(x)
-
-    def update_functions(self) -> None:
-        """Update ``u``, and the pressure, from ``x``. Collective."""
-        self._unknowns.split(self.x)
 
     @_timed
     def energy(self, x: PETSc.Vec) -> float:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from fem_snh.errors import choose, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels import build
-from fem_snh.kernels.stress_loops import PointStresses, StressLoops, stress_loops_source
+from fem_snh.kernels.stress_loops import StressLoops, stress_loops_source
 from fem_snh.kernels.svd_eigen import eigen3, svd
 
 Array = npt.NDArray[np.float64]
@@ -97,11 +97,15 @@ class PointState:
         """Signed singular values of F, descending, (cells, points, 3)."""
         return svd(self.F)[1]
 
+    def values(self, name: str) -> Array:
+        """Return one of `POINT_FIELDS`, (cells, points, ...)."""
+        found: Array = getattr(self, choose("field", name, POINT_FIELDS))
+        return found
+
     def mean(self, name: str) -> Array:
         """Return the mean of a field over the reference volume of each cell, (cells, ...)."""
-        values = getattr(self, choose("field", name, POINT_FIELDS))
         weights = self.weights / self.weights.sum(axis=1, keepdims=True)
-        return np.einsum("cq,cq...->c...", weights, values)
+        return np.asarray(np.einsum("cq,cq...->c...", weights, self.values(name)))
 
 
 #: Even permutations and pairs of the axes.

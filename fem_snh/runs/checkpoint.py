@@ -155,7 +155,7 @@ class Checkpoint:
             if before is not None:
                 self._scatter(field, f"{name}_before", order, before)
         problem.set_load(self.load)
-        problem.update_functions()
+        problem.split(problem.x)
         problem.elastic.set_constrained_diagonal(about["diagonal"])
         stepper.size = about["size"]
         if before is not None:

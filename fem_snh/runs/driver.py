@@ -60,7 +60,8 @@ def run(
         Replace the run in ``out``.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
-        the same scene, except for the keys in ``fem_snh.runs.scene_identity.SOLVER_KEYS``.
+        the same scene, except for the keys SOLVER_KEYS and OUTPUT_KEYS of
+        ``fem_snh.runs.scene_identity``.
     comm : MPI.Comm
         The communicator.
     progress : bool
@@ -142,6 +143,7 @@ def _recorder(
         start,
         setup.processor,
         stored.record if stored else None,
+        (scene.fields, scene.fields_at),
     )
 
 

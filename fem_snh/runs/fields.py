@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx
 from fem_snh.fem.modes import Modes
 from fem_snh.fem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.runs.requested_fields import RequestedFields
 
 
 class Fields:
@@ -26,12 +32,28 @@ class Fields:
         The discretised problem.
     until : float, optional
         For a resumed run: keep the states of an existing file up to this load.
+    names : sequence of str, optional
+        Further fields, of `fem_snh.output_fields.ON_REQUEST`.
+    at : {"cells", "nodes"}
+        Where they are written.
+
+    Attributes
+    ----------
+    jit_seconds : float
+        Time spent compiling what the further fields need.
     """
 
-    def __init__(self, path: Path, problem: Problem, until: float | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        problem: Problem,
+        until: float | None = None,
+        names: Sequence[str] = (),
+        at: str = "cells",
+    ) -> None:
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
-        names = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
-        self._cellwise = {name: _dolfinx.function(constant, name) for name in names}
+        means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
+        self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
         self._nodal = [problem.u]
         if problem.saddle_point:
@@ -39,6 +61,13 @@ class Fields:
             scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
             self._nodal.append(_dolfinx.function(scalars, "pressure"))
         self._series = _dolfinx.Series(problem.comm, path, until)
+        self._requested: RequestedFields | None = None
+        start = perf_counter()
+        if names:
+            from fem_snh.runs.requested_fields import RequestedFields
+
+            self._requested = RequestedFields(problem, names, at)
+        self.jit_seconds = perf_counter() - start
 
     def write(self, problem: Problem) -> None:
         """Append the problem's state at its load, unless the series has this load. Collective."""
@@ -55,7 +84,8 @@ class Fields:
         if problem.saddle_point:
             self._pressure.x.array[:] = problem.saddle_point.pressure()
             self._nodal[1].interpolate(self._pressure)
-        self._series.write([*self._nodal, *self._cellwise.values()], problem.load)
+        further = self._requested.arrays() if self._requested else ([], [])
+        self._series.write([*self._nodal, *self._cellwise.values()], problem.load, *further)
 
 
 def write_modes(path: Path, modes: Modes) -> None:

@@ -75,6 +75,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "ranks": problem.comm.size,
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
+        **({"fields": scene.fields} if scene.fields else {}),
         "linear_solver": solver.linear_solver_name(snes),
         "tolerance": solver_options["snes_scaled_tol"] * problem.force_scale,
         "converged": False,

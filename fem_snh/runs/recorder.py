@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from time import perf_counter
 from typing import Any
@@ -40,6 +40,8 @@ class Recorder:
         This rank's processor seconds before the first step, without compilation.
     earlier : mapping, optional
         The record of the run that is resumed: its steps are kept and its seconds are added.
+    fields : tuple
+        The scene's ``fields`` and ``fields_at``.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Recorder:
         start: float,
         processor: float,
         earlier: Mapping[str, Any] | None = None,
+        fields: tuple[Sequence[str], str] = ((), "cells"),
     ) -> None:
         self.record, self._stepper, self._folder = record, stepper, folder
         self._problem, self._seconds, self._start = stepper.problem, seconds, start
@@ -66,7 +69,8 @@ class Recorder:
             folder.clear()
         if folder:
             until = self._problem.load if earlier is not None else None
-            self._fields = Fields(folder.path / "fields.pvd", self._problem, until)
+            self._fields = Fields(folder.path / "fields.pvd", self._problem, until, *fields)
+            self._seconds = seconds | {"jit": seconds["jit"] + self._fields.jit_seconds}
         self._output = 0.0
 
     def __enter__(self) -> Recorder:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
 
 from fem_snh.fem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.fem.field_values import FieldValues
 
 
 @dataclass
@@ -42,6 +49,33 @@ class Result:
     def u(self) -> Any:
         """The displacement [length], a dolfinx Function, at the last load that converged."""
         return self.problem.u
+
+    def field(self, name: str, at: str = "cells") -> npt.NDArray[np.float64]:
+        """Return a stress, strain or force at the last load that converged. Collective.
+
+        The scene need not name it in ``fields``. The first call compiles what it needs.
+
+        Parameters
+        ----------
+        name : str
+            One of `fem_snh.output_fields.ON_REQUEST`, e.g. "von_mises" [Pa].
+        at : {"cells", "nodes", "points"}
+            "cells": means over this rank's cells, (cells, ...); "nodes": the L2 projection at the
+            nodes of ``u``, ghosts included, (nodes, ...); "points": values at the quadrature
+            points, (cells, points, ...). ``reaction_force`` is at the nodes always.
+
+        Raises
+        ------
+        BadInput
+            For an unknown name or location.
+        """
+        return self._fields.evaluate([name], at)[name]
+
+    @cached_property
+    def _fields(self) -> FieldValues:
+        from fem_snh.fem.field_values import FieldValues
+
+        return FieldValues(self.problem)
 
     @property
     def frequencies(self) -> list[float]:

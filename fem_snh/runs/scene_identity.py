@@ -12,6 +12,9 @@ from fem_snh.scenes import Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
 SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "predictor", "petsc")
+#: Keys of a scene that concern the output of later steps: likewise.
+OUTPUT_KEYS = ("fields", "fields_at")
+_MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS
 
 
 def identity(scene: Scene) -> dict[str, Any]:
@@ -19,7 +22,7 @@ def identity(scene: Scene) -> dict[str, Any]:
 
     A mesh file and a material's Python file are compared by their content, not by their path.
     """
-    data = scene.model_dump(mode="json", exclude=set(SOLVER_KEYS))
+    data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
     if isinstance(scene.mesh, Path):
         data["mesh"] = _digest("mesh", scene.mesh)
     for path in scene.material.files:
@@ -50,7 +53,7 @@ def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> Non
         if before.get(key) != now.get(key):
             raise BadInput(
                 f"cannot resume {folder}: {key} = {_text(now, key)}: expected {_text(before, key)} "
-                f"as before; only {', '.join(SOLVER_KEYS)} and the number of ranks may change"
+                f"as before; only {', '.join(_MAY_CHANGE)} and the number of ranks may change"
             )
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from fem_snh.errors import bad_value
+from fem_snh.errors import bad_value, choose
+from fem_snh.output_fields import LOCATIONS, ON_REQUEST
 from fem_snh.scenes._types import Count, Positive, Text, Vector
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -34,6 +35,27 @@ class Modes(Table):
 
     count: Count = Field(default=10, description="Number of modes, from the lowest.")
     density: Positive = Field(default=1000.0, description="Mass per reference volume [kg/m^3].")
+
+
+def _split_text(names: object) -> object:
+    """Return the names of a comma list, as the command line gives them."""
+    return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
+
+
+def _check_fields(names: list[str]) -> list[str]:
+    """Return the names once each. Raises BadInput for an unknown one."""
+    return list(dict.fromkeys(choose("fields", name, ON_REQUEST) for name in names))
+
+
+#: Names of output fields.
+OutputFields = Annotated[
+    list[str],
+    Expect("a list of names of fields"),
+    BeforeValidator(_split_text),
+    AfterValidator(_check_fields),
+]
+#: Where output fields are written.
+Location = Annotated[str, AfterValidator(lambda word: choose("fields_at", word, LOCATIONS))]
 
 
 def _check_path(path: Path) -> Path:

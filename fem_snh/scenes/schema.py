@@ -22,7 +22,7 @@ from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start
 from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction
 from fem_snh.scenes._material import MaterialChoice
-from fem_snh.scenes._outputs import Geometry, Mesh, Modes, Probe
+from fem_snh.scenes._outputs import Geometry, Location, Mesh, Modes, OutputFields, Probe
 from fem_snh.scenes._tables import Amplitude, amplitude, check_names, check_references
 from fem_snh.scenes._types import (
     MAX_CELLS,
@@ -122,6 +122,13 @@ class Scene(Table):
     )
     probe: list[Probe] = Field(
         default=[], description="Points whose displacement is reported after each step."
+    )
+    fields: OutputFields = Field(
+        default=[], description="Stresses, strains and forces to write; see the table of fields."
+    )
+    fields_at: Location = Field(
+        default="cells",
+        description="Means over cells, or nodes: values of the L2 projection to degree 1.",
     )
     modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
     predictor: str = Field(
