@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
 
 from fem_snh.cli.options import Parser, value
@@ -40,6 +41,12 @@ def render_parser() -> Parser:
     parser.add_argument(
         "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
     )
+    parser.add_argument(
+        "--movie", metavar="FILE", type=Path, help="draw a movie instead: a file .mp4 or .gif"
+    )
+    parser.add_argument(
+        "--seconds", metavar="S", type=float, default=4.0, help="length of the movie; default: 4"
+    )
     return parser
 
 
@@ -49,6 +56,8 @@ def render(argv: list[str]) -> int:
     args = parser.parse(argv)
     if args.modes is not None and args.loads is not None:
         raise BadInput("--loads and --modes: expected one of the two")
+    if args.movie is not None:
+        return _movie(args)
     loads = _numbers("--loads", args.loads, "numbers between 0 and 1, e.g. 0.5,1", (int, float))
     modes = _numbers("--modes", args.modes, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
@@ -56,6 +65,30 @@ def render(argv: list[str]) -> int:
 
     pictured = loads if args.modes is None else modes
     print(main(args.folder, args.out, pictured, args.field, modes=args.modes is not None))
+    return 0
+
+
+def _movie(args: Namespace) -> int:
+    """Draw the movie that ``render`` is asked for, with a progress bar. Return 0."""
+    for option, given in (("--out", args.out), ("--loads", args.loads), ("--modes", args.modes)):
+        if given is not None:
+            raise BadInput(f"{option} and --movie: expected one of the two")
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fem_snh.render.movie import main
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("drawing")
+        path = main(
+            args.folder,
+            args.movie,
+            args.field,
+            args.seconds,
+            lambda drawn, frames: bar.update(task, completed=drawn, total=frames),
+        )
+    print(path)
     return 0
 
 

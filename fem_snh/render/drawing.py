@@ -95,10 +95,16 @@ def view(bodies: list[Body]) -> View:
 
 
 def shot(
-    item: Body, where: View, field: str, cmap: str, norm: Normalize, pixels: int
+    item: Body,
+    where: View,
+    field: str,
+    cmap: str,
+    norm: Normalize,
+    pixels: int,
+    scale: int = 2,
 ) -> np.ndarray:
-    """Return a panel as an RGB array (height, pixels, 3), drawn at twice the size and averaged."""
-    shape = [2 * pixels, 2 * round(pixels * where.height / where.width)]
+    """Return a panel as an RGB array (height, pixels, 3), drawn ``scale`` as large and averaged."""
+    shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
     plotter.background_color = "white"
     for side, up, strength in ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3)):  # key and fill, from the camera
@@ -139,9 +145,22 @@ def shot(
     plotter.close()
     if image is None or np.all(image == image[0, 0]):
         raise RuntimeError("OpenGL drew an empty picture")
-    halved = np.mean([image[i::2, j::2] for i in (0, 1) for j in (0, 1)], axis=0)
+    offsets = range(scale)
+    averaged = np.mean([image[i::scale, j::scale] for i in offsets for j in offsets], axis=0)
     # Rounding the colours to multiples of 4 is invisible and halves the file.
-    return np.minimum(4 * np.round(halved / 4), 255).astype(np.uint8)
+    return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
+
+
+def add_colour_bar(
+    figure: Figure, height: int, field: str, cmap: str, norm: Normalize, extend: str
+) -> None:
+    """Add the colour bar of a field at the bottom of a figure ``height`` pixels high."""
+    ticks = MaxNLocator(5 if field == "mode" else 7)
+    bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
+    colour = ScalarMappable(norm, cmap)
+    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
+    bar.tick_params(labelsize=8)
+    bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
 
 
 def draw(job: dict[str, Any]) -> None:
@@ -169,12 +188,7 @@ def draw(job: dict[str, Any]) -> None:
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
         figure.text(x, y, panel["label"], ha="center", va="center", fontsize=8.5)
-    ticks = MaxNLocator(5 if field == "mode" else 7)
-    bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
-    colour = ScalarMappable(norm, cmap)
-    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
-    bar.tick_params(labelsize=8)
-    bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
+    add_colour_bar(figure, height, field, cmap, norm, extend)
     try:
         Path(job["out"]).parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(job["out"], dpi=DPI, pil_kwargs={"optimize": True})

@@ -95,12 +95,17 @@ class Body:
 
 
 def body(files: list[str], field: str) -> Body:
-    """Return surface, element edges, outline at rest and values (per cell or point) of one load."""
+    """Return the geometry of one load from the files of all ranks."""
     grid = read_grid(files, field)
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
+    return body_of(grid, field)
+
+
+def body_of(grid: pv.UnstructuredGrid, field: str) -> Body:
+    """Return surface, element edges, outline at rest and values (per cell or point) of a grid."""
     faces = boundary(grid, 0).n_cells
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
     rest = boundary(grid, min(level, 1))

@@ -1,0 +1,100 @@
+"""A movie of the deforming body, smooth over the load, from the states that a run has stored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.render import Panel, panel_label, read_record, stored_loads, title
+from fem_snh.render.worker import draw_elsewhere, require
+
+#: File types, and the packages that write them beside matplotlib's Pillow.
+TYPES: dict[str, tuple[str, ...]] = {".mp4": ("imageio", "imageio_ffmpeg"), ".gif": ()}
+FRAMES_PER_SECOND = 25
+#: Bounds of a movie's length [s]; the upper one is 15,000 frames.
+MIN_SECONDS, MAX_SECONDS = 0.1, 600.0
+#: Upper bound of the time that a frame takes to draw [s], after which the process counts as hung.
+_FRAME_TIMEOUT = 60.0
+
+
+@dataclass(frozen=True)
+class MovieJob:
+    """The input of the drawing process `fem_snh.render.frames`."""
+
+    field: str
+    title: str
+    states: list[Panel]
+    loads: list[float]
+    names: list[float]
+    load_name: str
+    frames: int
+    frames_per_second: int
+    out: str
+
+
+def main(
+    folder: Path,
+    out: Path,
+    field: str = "J",
+    seconds: float = 4.0,
+    report: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Draw a movie of a run and return its path.
+
+    Between the stored loads displacement and colours are interpolated by monotone cubic
+    polynomials (PCHIP); each stored state appears as it is.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path
+        The movie: a file .mp4 or .gif.
+    field : str
+        The field that the colours show.
+    seconds : float
+        Length of the movie [s].
+    report : callable, optional
+        Called with the numbers of frames drawn and of all frames.
+
+    Raises
+    ------
+    BadInput
+        For another file type, if a package is missing, if fewer than two states are stored, or as
+        `fem_snh.render.main`.
+    """
+    folder, out = Path(folder), Path(out)
+    if out.suffix.lower() not in TYPES:
+        raise bad_value("--movie", str(out), f"a file {' or '.join(TYPES)}")
+    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
+        raise bad_value("--seconds", seconds, f"a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}")
+    require("render", ("pyvista", "matplotlib"))
+    remedy = "'fem_snh[movies]', or write a .gif"
+    require(f"a movie {out.suffix}", TYPES[out.suffix.lower()], remedy)
+    record = read_record(folder)
+    stored = dict(sorted(stored_loads(folder / "fields.pvd").items()))
+    if len(stored) < 2:
+        raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(stored)}")
+    low, high = record.get("load_range", (0.0, 1.0))
+    frames = max(2, round(seconds * FRAMES_PER_SECOND))
+    job = MovieJob(
+        field,
+        title(record),
+        [Panel([str(f) for f in files], panel_label(record, t)) for t, files in stored.items()],
+        list(stored),
+        [low + t * (high - low) for t in stored],
+        str(record.get("load_name", "load")),
+        frames,
+        FRAMES_PER_SECOND,
+        str(out),
+    )
+
+    def show(line: str) -> None:
+        if report and line.isdigit():
+            report(int(line), frames)
+
+    timeout = frames * _FRAME_TIMEOUT
+    draw_elsewhere(asdict(job), "fem_snh.render.frames", show, timeout)
+    return out
