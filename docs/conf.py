@@ -49,7 +49,7 @@ napoleon_use_ivar = True  # attributes that are also properties are described on
 # docs/inventories holds the names that the pages cite (make.py there writes them), so that the site
 # is built without a network.
 _SITES = {
-    "dolfinx": "https://docs.fenicsproject.org/dolfinx/main/python/",
+    "dolfinx": "https://docs.fenicsproject.org/dolfinx/v0.9.0/python/",
     "mpi4py": "https://mpi4py.readthedocs.io/en/stable/",
     "numpy": "https://numpy.org/doc/stable/",
     "petsc": "https://petsc.org/release/",
@@ -57,7 +57,7 @@ _SITES = {
     "pandas": "https://pandas.pydata.org/docs/",
     "python": "https://docs.python.org/3/",
     "sympy": "https://docs.sympy.org/latest/",
-    "ufl": "https://docs.fenicsproject.org/ufl/main/",
+    "ufl": "https://docs.fenicsproject.org/ufl/2025.2.0.post0/",
 }
 intersphinx_mapping = {
     name: (url, str(HERE / "inventories" / f"{name}.inv")) for name, url in _SITES.items()

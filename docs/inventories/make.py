@@ -2,8 +2,9 @@
 
     python docs/inventories/make.py
 
-`NAMES` lists what is cited, as each project's own objects.inv has it. Sphinx reads these files in
-place of those, so that the site is built without a network, and everywhere with the same links.
+`NAMES` lists what is cited, as each project's own objects.inv has it in the version that conf.py
+names. Sphinx reads these files in place of those, so that the site is built without a network, and
+everywhere with the same links.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
-#: Of each project: role, page, names. "$" is Sphinx's abbreviation of the name itself.
+#: Of each project: role, page, names. "$" in a page stands for the name.
 NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     "python": [
         ("py:class", "library/pathlib.html#$", ("pathlib.Path",)),
@@ -23,7 +24,9 @@ NAMES: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     ],
     "numpy": [
         ("py:class", "reference/generated/$.html#$", ("numpy.ndarray", "numpy.dtype")),
-        ("py:class", "reference/arrays.scalars.html#$", ("numpy.float64", "numpy.int32", "numpy.bool_")),
+        ("py:class", "reference/arrays.scalars.html#$", (
+            "numpy.float64", "numpy.int32", "numpy.bool_",
+        )),
         ("py:class", "reference/typing.html#$", ("numpy.typing.NDArray", "numpy.typing.ArrayLike")),
     ],
     "dolfinx": [
@@ -78,7 +81,7 @@ def write(project: str, folder: Path) -> None:
     for role, uri, names in NAMES[project]:
         for name in names:
             shown = name.rpartition("/")[2] if "/" in name else "-"
-            lines.append(f"{name} {role} 1 {uri} {shown}\n")
+            lines.append(f"{name} {role} 1 {uri.replace('$', name)} {shown}\n")
     text = head.encode() + zlib.compress("".join(lines).encode(), 9)
     (folder / f"{project}.inv").write_bytes(text)
 
