@@ -39,7 +39,7 @@ class UFLTerm:
     residual, rank 1      R(u; v) [N], linear in the test function v. Constant in u (a dead load) or
                           linear with a symmetric derivative, it has the energy
                           :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. All others have none:
-                          `has_energy` is False, and the Hessian is the symmetric part of dR/du.
+                          ``has_energy`` is False, and the Hessian is the symmetric part of dR/du.
     ====================  ==========================================================================
 
     Parameters
