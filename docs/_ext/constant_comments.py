@@ -1,6 +1,6 @@
 """Sphinx extension: the comment of a constant is its description, also if it has a colon.
 
-Napoleon reads the words before a colon in the first line as the constant's type ("float: a length").
+Napoleon reads the words before a colon in the first line as the constant's type ("float: length").
 The sources have no types there, so the line is broken after the colon.
 """
 
