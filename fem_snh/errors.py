@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -18,6 +19,8 @@ T = TypeVar("T")
 _SHOWN = 60
 #: Similarity (difflib's ratio) from which a known name is suggested for a misspelt one.
 _SIMILAR = 0.5
+#: The same for files: those of a folder are not all meant for this program.
+_SIMILAR_FILE = 0.75
 
 
 class BadInput(ValueError):
@@ -46,6 +49,13 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``."""
     match = get_close_matches(str(word), [str(k) for k in known], n=1, cutoff=_SIMILAR)
     return f" (did you mean '{match[0]}'?)" if match else ""
+
+
+def nearest_file(path: Path) -> str:
+    """Return the suggestion of `nearest` for a missing file: one beside it of the same suffix."""
+    stems = [other.stem for other in path.parent.glob(f"*{path.suffix}")]
+    match = get_close_matches(path.stem, stems, n=1, cutoff=_SIMILAR_FILE)
+    return f" (did you mean '{match[0]}{path.suffix}'?)" if match else ""
 
 
 def shown(value: object) -> str:

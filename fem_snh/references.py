@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from fem_snh.errors import BadInput, nearest
+from fem_snh.errors import BadInput, nearest, nearest_file
 
 Function = Callable[..., Any]
 
@@ -65,9 +65,8 @@ def load_reference(reference: str, folder: Path | None = None) -> Function:
     try:
         state = path.stat()
     except OSError as error:
-        others = {other.name for other in path.parent.glob("*.py")}
         raise BadInput(
-            f"'{reference}': cannot read {path}: {error.strerror}{nearest(path.name, others)}"
+            f"'{reference}': cannot read {path}: {error.strerror}{nearest_file(path)}"
         ) from None
     module = _execute(path.resolve(), state.st_mtime_ns, state.st_size)
     found = getattr(module, name, None)

@@ -51,7 +51,7 @@ def test_says_what_it_is(name):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"E": 0.0}, ["E = 0.0", "positive"]),
+        ({"E": 0.0}, ["E = 0.0", "from 1e-100 to 1e+100"]),
         ({"E": -1.0}, ["E = -1.0"]),
         ({"E": float("nan")}, ["E = nan"]),
         ({"E": float("inf")}, ["E = inf"]),

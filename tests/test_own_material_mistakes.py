@@ -42,12 +42,28 @@ def exponent(I_C, J, mu, lam):
     return mu * (I_C - 3) + J**lam
 
 
+def infinite(I_C, J, mu, lam, *, at=0):
+    return mu * (I_C - 3) - 2 * mu * log(J) + lam * (J - 1) ** 2 / Symbol("at").subs("at", at)
+
+
+def large_exponent(I_C, J, mu, lam):
+    return mu * (I_C - 3) - 2 * mu * log(J) + lam * (J - 1) ** 1000
+
+
 def stressed(I_C, J, mu, lam):
     return mu / 2 * (I_C - 3) + lam / 2 * (J - 1) ** 2
 
 
 def unknown_measure(I_1, J, mu, lam):
     return mu / 2 * (I_1 - 3) - mu * log(J) + lam / 2 * log(J) ** 2
+
+
+def unknown_invariant(I_Q, J, mu, lam):
+    return mu / 2 * (I_Q - 3) - mu * log(J) + lam / 2 * log(J) ** 2
+
+
+def constant_first(mu, I_C, J, lam):
+    return mu / 2 * (I_C - 3) - mu * log(J) + lam / 2 * log(J) ** 2
 
 
 def no_measure(mu, lam):
@@ -86,8 +102,12 @@ MISTAKES = [
     (foreign, r"unknown symbol k: expected"),
     (sine, r"function sin: expected .*log, exp, sqrt"),
     (exponent, r"exponent lam in J\*\*lam: expected a number"),
+    (infinite, r"its function returns .*: expected an expression that is real and finite"),
+    (large_exponent, r"exponent 1000: expected a number from -64 to 64"),
     (stressed, r"stress 0.769 E at rest .F = I.: expected"),
     (unknown_measure, r"argument 'I_1': expected a measure among I_C .tr C."),
+    (unknown_invariant, r"argument 'I_Q': expected a measure among I_C .tr C."),
+    (constant_first, r"argument 'mu': expected a measure among .*; the constants follow"),
     (no_measure, r"expected an argument that is a measure: I_C"),
     (of_anything, r"argument 'arguments': expected measures"),
     (taken, r"argument 'alpha': expected another name"),
@@ -111,7 +131,8 @@ def test_what_is_no_name_and_no_function():
 
 
 FILES = {
-    "missing.py:gent": r"material(.name)? = 'missing.py:gent': cannot read missing.py",
+    "missing.py:gent": r"material(.name)? = 'missing.py:gent': cannot read missing.py: [^(]*$",
+    "gell.py:gel": r"cannot read gell.py: .*did you mean 'gel.py'",
     "gel.py:gle": r"material(.name)? = 'gel.py:gle': gel.py has no function 'gle' .did you mean",
     "gel.py": r"material(.name)? = 'gel.py': expected FILE.py:NAME",
     "gel.py:SIZE": "gel.py:SIZE.*int.*expected a function",

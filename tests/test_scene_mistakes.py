@@ -53,7 +53,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
         {"material.alpah": 2},
         "unknown parameter 'alpah': expected .*lambda_part.*did you mean 'alpha'",
     ),
-    ({"material.alpha": 0}, "material.alpha = 0.0: expected a number > 0"),
+    ({"material.alpha": 0}, "material.alpha = 0.0: expected a number from 0.01 to 16"),
     ({"material.alpha_mu": "x"}, "material.alpha_mu = 'x': expected float or None"),
     ({"material.alpha": float("inf")}, "material.alpha = inf: expected float or None"),
     ({"material.epsilon": -1}, "material.epsilon = -1.0: expected a number >= 0"),

@@ -11,7 +11,7 @@ import sympy
 from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
-from fem_snh.materials.functions import PrincipalStress, positive, where
+from fem_snh.materials.functions import MAX_EXPONENT, PrincipalStress, positive, where
 from fem_snh.materials.invariants import INVARIANTS, MEASURES
 from fem_snh.materials.signature import Function, constants_of, measures_of
 
@@ -93,7 +93,11 @@ def construct(
         barriers=frozenset(barriers),
         fit=fit,
     )
-    return tuning.tune(energy, tuning.check(given), lambda_part) if given else energy
+    if given:
+        energy = tuning.tune(energy, tuning.check(given), lambda_part)
+        for term in energy.slopes if energy.psi is None else [energy.psi]:
+            _check_exponents(term, name)
+    return energy
 
 
 def _fitted(fit: normalise.Fit, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
@@ -126,6 +130,11 @@ def _evaluate(
     terms = list(found) if isinstance(found, PrincipalStress) else [found]
     measures = set(arguments) & set(MEASURES.values())
     for term in terms:
+        if isinstance(term, sympy.Expr) and term.has(*_NOT_REAL):
+            raise BadInput(
+                f"material '{name}': its function returns {_short(term)}: expected an expression "
+                "that is real and finite for its shape parameters"
+            )
         if not isinstance(term, sympy.Expr) or not term.free_symbols & measures:
             wanted = ", ".join(str(a) for a in arguments if a in measures)
             raise BadInput(
@@ -141,7 +150,9 @@ def _evaluate(
     return found
 
 
-#: The usual cause of an exception: numpy's and math's functions refuse symbols.
+#: What a division by zero or the logarithm of a negative number leaves in an expression.
+_NOT_REAL = (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I)
+#: The most frequent cause of an exception: numpy's and math's functions refuse symbols.
 _HINT = (
     "; expected sympy's functions (from sympy import log, exp, sqrt), not those of math or numpy"
 )
@@ -155,9 +166,19 @@ def _check_functions(term: sympy.Expr, name: str) -> None:
                 f"material '{name}': function {call.func.__name__}: expected + - * / **, log, exp, "
                 "sqrt, where, positive (fem_snh.materials)"
             )
+    _check_exponents(term, name)
+
+
+def _check_exponents(term: sympy.Expr, name: str) -> None:
+    """Raise BadInput for a power whose exponent is no number, or too large for generated code."""
     for power in term.atoms(sympy.Pow):
         if not power.exp.is_number:
             raise BadInput(f"material '{name}': exponent {power.exp} in {power}: expected a number")
+        if abs(power.exp) > MAX_EXPONENT:
+            raise BadInput(
+                f"material '{name}': exponent {float(power.exp):g}: expected a number from "
+                f"{-MAX_EXPONENT} to {MAX_EXPONENT}"
+            )
 
 
 def _short(value: Any) -> str:

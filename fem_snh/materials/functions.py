@@ -8,6 +8,8 @@ from typing import Any
 
 import sympy
 
+#: Largest exponent: the generated C multiplies as often, and sympy would expand 9**9**9.
+MAX_EXPONENT = 64
 #: Largest denominator for which a double is read as the simple fraction that it rounds.
 _LARGEST_DENOMINATOR = 1000
 

@@ -25,6 +25,8 @@ import sympy
 from fem_snh.errors import BadInput
 from fem_snh.materials.invariants import SIGMA
 
+#: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
+LARGEST_MODULUS = 1e100
 _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 Pair = tuple[sympy.Expr, sympy.Expr]
@@ -47,10 +49,13 @@ def lame(E: float, nu: float) -> tuple[float, float]:
     Raises
     ------
     BadInput
-        Unless E > 0 and -1 < nu <= 0.5.
+        Unless E is in [1e-100, 1e100] and nu in (-1, 0.5].
     """
-    if not (math.isfinite(E) and E > 0):
-        raise BadInput(f"E = {E}: expected a positive number (Young's modulus [Pa])")
+    if not 1 / LARGEST_MODULUS <= E <= LARGEST_MODULUS:
+        raise BadInput(
+            f"E = {E}: expected a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} "
+            "(Young's modulus [Pa])"
+        )
     if not -1 < nu <= 0.5:
         raise BadInput(f"nu = {nu}: expected a number in (-1, 0.5] (Poisson's ratio)")
     if nu == 0.5:

@@ -10,12 +10,11 @@ import sympy
 from sympy.parsing.sympy_parser import parse_expr, standard_transformations
 
 from fem_snh.errors import BadInput
+from fem_snh.materials.functions import MAX_EXPONENT
 
 _FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
 #: The sympy names that the parser's output refers to.
 _PARTS = ("Symbol", "Integer", "Float", "Rational", "Add", "Mul", "Pow")
-#: Largest exponent: sympy would expand 9**9**9, and a kernel would multiply as often.
-_LARGEST = 64
 _TOKEN = re.compile(
     r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\w+)|(\*\*|[-+*/()]))"
 )
@@ -48,6 +47,6 @@ def parse(text: str, symbols: Mapping[str, sympy.Symbol]) -> sympy.Expr:
     if not isinstance(found, sympy.Expr):
         raise BadInput(f"{text!r} is not a number: expected {accepted}")
     for part in sympy.postorder_traversal(found):  # the parts of a part come before it
-        if part.is_Pow and part.exp.is_number and abs(float(part.exp.doit())) > _LARGEST:
-            raise BadInput(f"{text!r}: an exponent is beyond {_LARGEST}: expected {accepted}")
+        if part.is_Pow and part.exp.is_number and abs(float(part.exp.doit())) > MAX_EXPONENT:
+            raise BadInput(f"{text!r}: an exponent is beyond {MAX_EXPONENT}: expected {accepted}")
     return sympy.nsimplify(found.doit(), rational=True)

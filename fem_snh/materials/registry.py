@@ -15,9 +15,12 @@ from fem_snh.materials import models
 from fem_snh.materials.construction import construct
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.normalise import LARGEST_MODULUS
 from fem_snh.materials.signature import (
+    LARGEST_PARAMETER,
     Function,
     check_signature,
+    check_size,
     constants_of,
     measures_of,
     shape_parameters,
@@ -179,6 +182,9 @@ def make_energy(
     tuned = {k: v for k, v in keywords.items() if k in TUNING}
     if other is not None:
         tuned["lambda_part"] = label(other)
+    for key in {**own, **dict.fromkeys(pinned)}:
+        if key in keywords:
+            check_size(key, keywords[key], LARGEST_MODULUS if key in pinned else LARGEST_PARAMETER)
     energy = construct(
         found,
         name,

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.materials.invariants import MEASURES
 
 Function = Callable[..., Any]
 
 #: The accepted measures, for messages.
 ACCEPTED = "I_C (tr C), II_C, J (det F), I1 (sum of the stretches), s0, s1, s2 (the stretches)"
+#: Largest shape parameter: its products with stretches and moduli stay finite.
+LARGEST_PARAMETER = 1e6
 #: Names that other texts use for deformation measures: as constants they would be misunderstood.
-_OTHER_MEASURES = frozenset(
-    "F C B I I_1 I_2 I_3 I2 I3 Ic IC IIC IIIC III_C I1bar I1_bar I_1_bar j Jbar J_bar "
-    "s s3 s_0 s_1 s_2 sigma sigma0 sigma1 sigma2 sigma_0 sigma_1 sigma_2 lambda1 lambda2 lambda3 "
-    "lambda_1 lambda_2 lambda_3 stretch stretches".split()
+#: I_1, I4, I_Q, IIIC, I1bar, J_bar, F, C, B, sigma_0, lambda_1, ...
+_OTHER_MEASURE = re.compile(
+    r"I[I_]*\w{0,2}(_?bar)?|J_?bar|[FCBjs]|s3|s_[012]|sigma_?[012]?|lambda_?[123]|stretch(es)?"
 )
 
 
@@ -45,6 +47,14 @@ def constants_of(function: Function) -> dict[str, float | None]:
     }
 
 
+def check_size(key: str, value: Any, largest: float) -> None:
+    """Raise BadInput if a number, or one of a sequence, is not in [-largest, largest]."""
+    for number in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(number, int | float) and not abs(number) <= largest:
+            what = "numbers" if isinstance(value, tuple | list) else "a number"
+            raise bad_value(key, value, f"{what} from {-largest:g} to {largest:g}")
+
+
 def check_signature(function: Function, name: str, reserved: set[str]) -> None:
     """Raise BadInput unless the arguments of a user's function define a material.
 
@@ -67,10 +77,16 @@ def check_signature(function: Function, name: str, reserved: set[str]) -> None:
                 f"material '{name}': argument '{key}': expected measures, constants and, after *, "
                 "shape parameters by name"
             )
-        if p.kind is p.POSITIONAL_OR_KEYWORD and key in _OTHER_MEASURES:
+        constant = p.kind is p.POSITIONAL_OR_KEYWORD and key not in MEASURES
+        if constant and _OTHER_MEASURE.fullmatch(key):
             raise BadInput(
                 f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}, or a "
                 "constant with another name"
+            )
+        if constant and set(list(parameters)[list(parameters).index(key) :]) & set(MEASURES):
+            raise BadInput(
+                f"material '{name}': argument '{key}': expected a measure among {ACCEPTED}; the "
+                "constants follow the measures"
             )
         if key in reserved:
             raise BadInput(

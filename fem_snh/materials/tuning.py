@@ -34,9 +34,9 @@ from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.materials.energy import LAME, Energy
-from fem_snh.materials.functions import exact, where
+from fem_snh.materials.functions import MAX_EXPONENT, exact, where
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 from fem_snh.materials.normalise import lame
 
@@ -50,8 +50,12 @@ TUNING: dict[str, float | str | None] = {
 }
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.
 EPSILON = 0.1
-#: Smallest alpha: s^alpha has to increase with s.
-_LEAST_ALPHA = 1e-9
+#: Accepted alpha: s^alpha has to increase with s, and an exponent of 4 may not become larger than
+#: the largest exponent of generated code.
+ALPHAS = (0.01, MAX_EXPONENT / 4)
+#: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and epsilon^4 is not
+#: lost beside 1 in double precision.
+EPSILONS = (1e-4, 0.99)
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:
@@ -60,20 +64,20 @@ def check(tuning: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     BadInput
-        For an alpha that is not positive or a negative epsilon.
+        For an alpha outside `ALPHAS` or an epsilon outside `EPSILONS`.
     """
     given = TUNING | {k: v for k, v in tuning.items() if v is not None}
     for key in ("alpha_mu", "alpha_lambda"):
         given[key] = given["alpha"] if given[key] is None else given[key]
     for key in ("alpha", "alpha_mu", "alpha_lambda", "epsilon"):
         value = given[key]
-        if value is None:
+        if value is None or (key == "epsilon" and value == 0 and not isinstance(value, bool)):
             continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        low = 0 if key == "epsilon" else _LEAST_ALPHA
-        if not (number and low <= value < float("inf")):
-            wanted = "a number >= 0" if key == "epsilon" else "a number > 0"
-            raise BadInput(f"{key} = {value!r}: expected {wanted}")
+        low, high = EPSILONS if key == "epsilon" else ALPHAS
+        if not (number and low <= value <= high):
+            zero = "0 or " if key == "epsilon" else ""
+            raise bad_value(key, value, f"{zero}a number from {low:g} to {high:g}")
     return given
 
 

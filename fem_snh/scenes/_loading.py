@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fem_snh.errors import BadInput, nearest, note_rename, unknown_name
+from fem_snh.errors import BadInput, nearest_file, note_rename, unknown_name
 from fem_snh.materials import Reference
 from fem_snh.references import is_reference
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
@@ -105,8 +105,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:  # also a number of too many digits
         raise BadInput(f"{path} is not valid TOML: {error}") from None
     except OSError as error:
-        others = {other.stem: other.name for other in path.parent.glob("*.toml")}
-        near = nearest(path.stem, others).replace("'?)", ".toml'?)")
+        near = nearest_file(path)
         raise BadInput(f"cannot read the scene {path}: {error.strerror}{near}") from None
     return {"name": path.stem} | _locate(data, path.parent)
 

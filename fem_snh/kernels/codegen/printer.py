@@ -7,6 +7,9 @@ from collections.abc import Iterable, Mapping
 import sympy
 from sympy.printing.c import C99CodePrinter
 
+#: Largest int of C.
+_INT_MAX = 2**31 - 1
+
 
 class power(sympy.Function):
     """The power b^e in a form that sympy does not merge with other powers of b."""
@@ -50,6 +53,10 @@ class Printer(C99CodePrinter):  # type: ignore[misc]
 
     _print_log1p = _print_expm1 = _print_Function
     _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
+
+    def _print_Integer(self, expr: sympy.Integer) -> str:
+        # C has no vector operation with a long int.
+        return str(int(expr)) if abs(expr) <= _INT_MAX else repr(float(expr))
 
     def _print_Rational(self, expr: sympy.Rational) -> str:
         return repr(float(expr))

@@ -6,6 +6,7 @@ from typing import Any
 
 from sympy import log
 
+from fem_snh.errors import bad_value
 from fem_snh.materials.functions import where
 
 
@@ -40,6 +41,8 @@ def c2_neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any, *, threshold: float = 0.
 
     Smith et al. 2018, eq. 5.
     """
+    if not 0 < threshold <= 1:  # the rest state, J = 1, is not extrapolated
+        raise bad_value("threshold", threshold, "a number > 0 and <= 1")
     a, L = threshold, log(threshold)
     slope, curve = (lam * L - mu) / a, (mu + lam - lam * L) / a**2
     beyond = -mu * L + lam / 2 * L**2 + slope * (J - a) + curve / 2 * (J - a) ** 2

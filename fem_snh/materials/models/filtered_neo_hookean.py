@@ -7,7 +7,7 @@ from typing import Any
 
 from sympy import Float, Rational, log, sqrt
 
-from fem_snh.errors import choose
+from fem_snh.errors import bad_value, choose
 from fem_snh.materials.functions import PrincipalStress, where
 
 
@@ -51,6 +51,8 @@ def filtered_neo_hookean(
 
     Smith et al. 2018, eq. 5.
     """
+    if not 0 < sigma_f <= 1:  # the rest state is not filtered
+        raise bad_value("sigma_f", sigma_f, "a number > 0 and <= 1")
     stress = _BOUNDS[choose("bound", bound, list(_BOUNDS))]
     return PrincipalStress(*stress((s0, s1, s2), mu, lam, Float(sigma_f)))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from fem_snh.errors import BadInput
-from fem_snh.materials.functions import exact, positive
+from fem_snh.errors import bad_value
+from fem_snh.materials.functions import MAX_EXPONENT, exact, positive
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 
@@ -31,8 +31,9 @@ def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -
     ----------
     Seth 1964.
     """
-    if n == 0:
-        raise BadInput("n = 0: expected another number; the limit n -> 0 is 'hencky'")
+    if n == 0 or not abs(n) <= MAX_EXPONENT:
+        accepted = f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'"
+        raise bad_value("n", n, accepted)
     power = exact(n)
     bases = (s0, s1, s2) if n > 0 else map(positive, (s0, s1, s2))
     strains = [(s**power - 1) / power for s in bases]
