@@ -14,6 +14,8 @@ import ufl
 from benchmarks import Row, split_list
 from fem_snh import _dolfinx
 from fem_snh.fem import elements, mesh, ufl_forms
+from fem_snh.fem.assembled_matrix import create_matrix
+from fem_snh.fem.regions import Region, whole_body
 from fem_snh.fem.terms import Elastic
 from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.pointwise import material as make_material
@@ -69,9 +71,23 @@ def deformed(name: str, cells: int) -> tuple[Any, Any]:
     return domain, u
 
 
-def elastic_term(u: Any, name: str, material: Material) -> Elastic:
-    """Return the elastic term of a material on the space of u."""
-    return Elastic(u.function_space, elements.element(name), material)
+class Hessian:
+    """The elastic term of materials on the space of u, with the matrix that it fills."""
+
+    def __init__(self, u: Any, name: str, regions: Sequence[Region]) -> None:
+        self.elastic = Elastic(u.function_space, elements.element(name), regions)
+        self.matrix = create_matrix(u.function_space)
+        self._x = _dolfinx.petsc_vec(u)
+
+    def assemble(self, filter: str) -> int:
+        """Assemble the filtered Hessian; return the number of filtered quadrature points."""
+        with self.matrix.adding():
+            return self.elastic.add_hessian(self._x, None, filter, self.matrix)
+
+
+def hessian(u: Any, name: str, material: Material) -> Hessian:
+    """Return the Hessian of a body of one material."""
+    return Hessian(u, name, whole_body(u.function_space.mesh, material))
 
 
 def times(calls: dict[str, Callable[[], Any]], repeat: int) -> dict[str, np.ndarray]:
@@ -90,15 +106,14 @@ def compare(
 ) -> Iterator[Row]:
     """Yield a row per material: its filtered Jacobian, timed in turns with stable_neo_hookean's."""
     domain, u = deformed(name, cells)
-    x = _dolfinx.petsc_vec(u)
-    reference = elastic_term(u, name, make_material("stable_neo_hookean"))
+    reference = hessian(u, name, make_material("stable_neo_hookean"))
     for material in materials or names():
-        term = elastic_term(u, name, make_material(material))
-        filtered = term.jacobian(x, filter="clamp")
+        term = hessian(u, name, make_material(material))
+        filtered = term.assemble("clamp")
         taken = times(
             {
-                "clamp": lambda term=term: term.jacobian(x, filter="clamp"),  # type: ignore[misc]
-                "reference": lambda: reference.jacobian(x, filter="clamp"),
+                "clamp": lambda term=term: term.assemble("clamp"),  # type: ignore[misc]
+                "reference": lambda: reference.assemble("clamp"),
             },
             2 * repeat,
         )
@@ -127,12 +142,12 @@ def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     """Return the row of an element: best of ``repeat`` assemblies of each kind [us per cell]."""
     element = elements.element(name)
     domain, u = deformed(name, cells)
-    V, x = u.function_space, _dolfinx.petsc_vec(u)
+    V = u.function_space
     chosen = make_material(material)
-    expression, elastic = chosen.expression, elastic_term(u, name, chosen)
-    filtered = elastic.jacobian(x, filter="clamp")
+    expression, elastic = chosen.expression, hessian(u, name, chosen)
+    filtered = elastic.assemble("clamp")
     calls: dict[str, Callable[[], Any]] = {
-        kind: lambda kind=kind: elastic.jacobian(x, filter=kind)  # type: ignore[misc]
+        kind: lambda kind=kind: elastic.assemble(kind)  # type: ignore[misc]
         for kind in ("exact", "clamp")
     }
     if not expression.needs_stretches:

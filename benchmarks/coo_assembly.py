@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from benchmarks import Row, split_list
-from benchmarks.assembly import CELLS, deformed, elastic_term, times
+from benchmarks.assembly import CELLS, deformed, hessian, times
 from fem_snh import _dolfinx
 from fem_snh._petsc import call, ffi
 from fem_snh.choices import EIGENSOLVERS, FILTERS
@@ -47,7 +47,7 @@ class COOMatrix:
     """
 
     def __init__(self, elastic: Elastic, cell_nodes: np.ndarray, num_nodes: int) -> None:
-        self._loops = elastic.loops
+        self._loops = elastic.parts[0].loops
         cells, n = cell_nodes.shape
         dofs = (3 * cell_nodes[:, :, None] + np.arange(3)).reshape(cells, 3 * n)
         rows, columns = np.repeat(dofs, 3 * n, axis=1).ravel(), np.tile(dofs, (1, 3 * n)).ravel()
@@ -99,17 +99,17 @@ def rows(
 def measure(name: str, cells: int, material: str, repeat: int) -> Row:
     """Return the seconds per call of both assemblies, and the largest difference of an entry."""
     domain, u = deformed(name, cells)
-    V, x = u.function_space, _dolfinx.petsc_vec(u)
-    elastic = elastic_term(u, name, make_material(material))
-    coo = COOMatrix(elastic, _dolfinx.node_dofs(V), _dolfinx.num_nodes(V)[0])
+    V, in_place_hessian = u.function_space, hessian(u, name, make_material(material))
+    matrix = in_place_hessian.matrix.mat
+    coo = COOMatrix(in_place_hessian.elastic, _dolfinx.node_dofs(V), _dolfinx.num_nodes(V)[0])
     values = np.asarray(u.x.array)
-    elastic.jacobian(x, filter="clamp")
+    in_place_hessian.assemble("clamp")
     coo.assemble(values, "clamp")
     difference = coo.mat.copy()
-    difference.axpy(-1.0, elastic.matrix, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    difference.axpy(-1.0, matrix, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     taken = times(
         {
-            "in_place": lambda: elastic.jacobian(x, filter="clamp"),
+            "in_place": lambda: in_place_hessian.assemble("clamp"),
             "coo": lambda: coo.assemble(values, "clamp"),
         },
         repeat,
@@ -124,5 +124,5 @@ def measure(name: str, cells: int, material: str, repeat: int) -> Row:
         "coo_seconds": round(float(by_coo), 6),
         "ratio": round(float(in_place / by_coo), 3),
         "coo_values_mb": round(coo.values.nbytes / 1e6, 1),
-        "difference": float(f"{difference.norm(infinity) / elastic.matrix.norm(infinity):.1e}"),
+        "difference": float(f"{difference.norm(infinity) / matrix.norm(infinity):.1e}"),
     }

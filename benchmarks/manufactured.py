@@ -131,6 +131,10 @@ class Load:
         """Subtract f [N] from the owned entries of ``r_u``."""
         r_u.array[:] -= self._force.array_r
 
+    def add_hessian(self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: Any) -> int:
+        """Add nothing: the potential is linear."""
+        return 0
+
 
 class Manufactured:
     """The manufactured solution on a cube of Stable Neo-Hookean with E = 1. Collective.
@@ -168,7 +172,7 @@ class Manufactured:
         else:
             numbers |= {
                 "lam": lam,
-                "volume": self.problem.elastic.element_energy.volume_stiffness,
+                "volume": self.problem.elastic.parts[0].energy.volume_stiffness,
                 "push": 0.0,
             }
         self._constants = {

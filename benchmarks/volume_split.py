@@ -85,7 +85,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
     if p.saddle_point:
         p.saddle_point.pressure_dofs(p.x)[:] = (
-            p.elastic.element_energy.volume_stiffness * (J - 1) * p.length
+            p.elastic.parts[0].energy.volume_stiffness * (J - 1) * p.length
         )
     p.jacobian(p.x, "exact")
     A = dense(p.A)

@@ -1,4 +1,4 @@
-"""An AIJ matrix into whose value arrays element matrices are added directly.
+"""An AIJ matrix into whose value arrays the terms of a problem add element matrices directly.
 
 ``MatSetValues`` searches the row of every value for its column, in every assembly. The sparsity
 pattern of a finite element space never changes, so `BlockMatrix` looks up once where each block of
@@ -7,9 +7,8 @@ addresses, without a search and without storing element matrices (as ``MatSetVal
 ``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
 ``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
 
-A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from all others
-(off-diagonal block). Contributions to rows of another rank are summed in a third array, and each of
-these rows is sent to its owner once per assembly, by ``MatSetValues``.
+Contributions to rows of another rank are summed in an array apart, and each of these rows is sent
+to its owner once per assembly, by ``MatSetValues``.
 """
 
 from __future__ import annotations
@@ -25,33 +24,42 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks, call, ffi
-from fem_snh.errors import BadInput
-from fem_snh.fem.block_sparsity import BlockSparsity, concatenated_ranges
-from fem_snh.fem.numbering import MixedDofMap
+from fem_snh.fem.block_sparsity import concatenated_ranges
+from fem_snh.fem.matrix_layout import MatrixLayout
+from fem_snh.fem.numbering import MixedDofMap, dof_map
+from fem_snh.kernels.matrix_addition import MatrixAddition
 
 Array = npt.NDArray[Any]
-
-#: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
-_DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
 
 
 class BlockMatrix:
     """An AIJ matrix with the sparsity pattern of a dof map's cells. Collective.
 
+    Terms add to it inside of `adding`. Rows and columns that belong to constrained dofs are zero
+    but for one positive number on the diagonal, the same for all: the mean of the free diagonal
+    entries of the displacement in the first assembly.
+
     Parameters
     ----------
     dof_map : MixedDofMap
-        The numbering of the unknowns.
+        The numbering of the unknowns, the displacement's before others.
+    constrained : (local nodes, 3) bool, optional
+        Constrained components of the displacement, ghost nodes included. Default: none.
 
     Attributes
     ----------
     mat : PETSc.Mat
         The matrix.
-    block_positions : (cells * n * n,) int32
-        For each pair of blocks of each cell 4 * offset + k: the offset of the pair's first value in
-        value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
+    block_positions : (cells, n, n) int32
+        Where the blocks of each cell are stored: see `fem_snh.fem.matrix_layout.MatrixLayout`.
     row_strides : list of three (local blocks,) int32
-        For each of the three arrays, the values in a row of each local block.
+        See `MatrixLayout`.
+    free : (local nodes, 3) float64
+        0 for constrained components of the displacement, else 1.
+    is_constrained : (cells,) uint8
+        1 for each cell with a constrained component, else 0.
+    addresses : list of int
+        Inside of `adding` the addresses of the three value arrays; 0 for one that does not exist.
 
     Raises
     ------
@@ -59,130 +67,136 @@ class BlockMatrix:
         If a rank has more values than a 32-bit offset can address.
     """
 
-    def __init__(self, dof_map: MixedDofMap) -> None:
+    def __init__(self, dof_map: MixedDofMap, constrained: Array | None = None) -> None:
         self._dof_map = dof_map
-        cells, n = dof_map.cell_blocks, dof_map.cell_blocks.shape[1]
-        sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
-        first, last = dof_map.owned_range
-        rows, columns = np.repeat(cells, n, axis=1).ravel(), np.tile(cells, (1, n)).ravel()
-        sent = ~owned[rows]
+        layout = self._layout = MatrixLayout(dof_map)
+        self.mat, self.row_strides = layout.mat, layout.row_strides
+        self.block_positions = layout.block_positions
+        self.addresses: list[int] = []
 
-        ghost = np.cumsum(~owned) - 1  # index of a ghost block among the ghosts
-        self._ghosts = numbers[~owned]
-        self._sent = BlockSparsity(ghost[rows[sent]], columns[sent], sizes[~owned], sizes)
-        sent_rows = self._ghosts[self._sent.block_rows()]
-        received = self._send_to_owners(sent_rows, numbers[self._sent.indices])
-
-        # The pattern of the owned rows: of this rank's cells, and of what other ranks send.
-        pattern_rows = np.concatenate([numbers[rows[~sent]], received[0]]) - first
-        pattern_columns = np.concatenate([numbers[columns[~sent]], received[1]])
-        inside = (pattern_columns >= first) & (pattern_columns < last)
-        # PETSc numbers the columns of the off-diagonal block densely, in ascending order.
-        others = np.unique(pattern_columns[~inside])
-        own_sizes = dof_map.global_dofs(np.arange(first, last))[1]
-        diagonal = BlockSparsity(
-            pattern_rows[inside], pattern_columns[inside] - first, own_sizes, own_sizes
-        )
-        off_diagonal = BlockSparsity(
-            pattern_rows[~inside],
-            np.searchsorted(others, pattern_columns[~inside]),
-            own_sizes,
-            dof_map.global_dofs(others)[1],
-        )
-        self.mat = self._create(diagonal, off_diagonal, others)
-
-        row, column = numbers[rows] - first, numbers[columns]
-        own_column, ghost_column = ~sent & owned[columns], ~sent & ~owned[columns]
-        positions = np.empty(len(rows), dtype=np.int64)
-        positions[own_column] = (
-            4 * diagonal.offsets(row[own_column], column[own_column] - first) + _DIAGONAL
-        )
-        dense = np.searchsorted(others, column[ghost_column])
-        positions[ghost_column] = 4 * off_diagonal.offsets(row[ghost_column], dense) + _OFF_DIAGONAL
-        positions[sent] = 4 * self._sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
-        if len(positions) and positions.max() > np.iinfo(np.int32).max:
-            raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
-        self.block_positions = positions.astype(np.int32)
-        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
-        for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
-            strides[owned] = sparsity.row_lengths[numbers[owned] - first]
-        self.row_strides[_SENT][~owned] = self._sent.row_lengths
-
-    def _send_to_owners(self, rows: Array, columns: Array) -> Array:
-        """Send pairs of blocks to the ranks that own the rows; return (2, n) received ones."""
-        comm, owner = self._dof_map.comm, self._dof_map.owner_ranks(rows)
-        pairs = np.stack([rows, columns])
-        received = comm.alltoall([pairs[:, owner == rank] for rank in range(comm.size)])
-        return np.concatenate(received, axis=1)
-
-    def _create(
-        self, diagonal: BlockSparsity, off_diagonal: BlockSparsity, others: Array
-    ) -> PETSc.Mat:
-        """Return a zero AIJ matrix; ``others`` are the off-diagonal block's global columns."""
-        dof_map, row_sizes = self._dof_map, diagonal.row_sizes
-        global_blocks = np.concatenate([np.arange(*dof_map.owned_range), others])
-        rows = np.concatenate([diagonal.block_rows(), off_diagonal.block_rows()])
-        columns = np.concatenate([diagonal.indices, off_diagonal.indices + len(row_sizes)])
-        order = np.lexsort((global_blocks[columns], rows))
-        # The columns of one row of unknowns of each block row, then repeated for its other rows.
-        indices = concatenated_ranges(*dof_map.global_dofs(global_blocks[columns[order]]))
-        lengths = diagonal.row_lengths + off_diagonal.row_lengths
-        starts = np.cumsum(lengths) - lengths
-        block_row = np.repeat(np.arange(len(row_sizes)), row_sizes)
-        indices = indices[concatenated_ranges(starts[block_row], lengths[block_row])]
-        indptr = np.concatenate([[0], np.cumsum(lengths[block_row])])
-        return PETSc.Mat().createAIJ(
-            ((dof_map.num_owned_dofs, None),) * 2,
-            bsize=dof_map.block_size,
-            csr=(
-                indptr.astype(PETSc.IntType),
-                indices.astype(PETSc.IntType),
-                np.zeros(len(indices)),
-            ),
-            comm=dof_map.comm,
-        )
+        if constrained is None:
+            constrained = np.zeros((dof_map.num_blocks[0], 3), dtype=bool)
+        num_nodes = dof_map.num_owned_blocks[0]
+        self._num_u = 3 * num_nodes
+        self._constrained_dofs = np.flatnonzero(constrained[:num_nodes])
+        self.free = np.where(constrained, 0.0, 1.0)
+        nodes = dof_map.cell_blocks[:, : dof_map.num_cell_blocks[0]]
+        self.is_constrained: Array = np.any(constrained[nodes], axis=(1, 2)).astype(np.uint8)
+        self._constrained_diagonal: float | None = None
+        self._diagonal_vec: PETSc.Vec | None = None
 
     @contextmanager
-    def value_addresses(self) -> Iterator[list[int]]:
-        """Zero the matrix, provide the addresses of its three value arrays, and assemble it.
+    def adding(self) -> Iterator[None]:
+        """Zero the matrix, let terms add to it inside of the context, and assemble it. Collective.
 
-        An array that does not exist has the address 0. Collective.
+        Terms may add in any order; ranks need not add the same number of element matrices.
         """
         self.mat.zeroEntries()
         self._sent_values[:] = 0
         with aij_blocks(self.mat) as blocks:
             addresses = [block.values for block in blocks]
             missing = [0] * (2 - len(addresses))
-            yield [*addresses, *missing, self._sent_values.ctypes.data]
+            self.addresses = [*addresses, *missing, self._sent_values.ctypes.data]
+            try:
+                yield
+            finally:
+                self.addresses = []
         self._send_values()
         self.mat.assemble()
         # Preconditioners compare this counter; writing to the arrays does not increase it.
         self.mat.stateIncrease()
+        self._add_constrained_diagonal()
+
+    def add_matrices(self, cells: Array, matrices: Array) -> None:
+        """Add element matrices, inside of `adding`. Not collective.
+
+        Rows and columns of constrained dofs are left out.
+
+        Parameters
+        ----------
+        cells : (n,) int32
+            Cells of this rank; a cell may occur several times, as with several facets.
+        matrices : (n, k, k)
+            Their element matrices [N/m]. Rows and columns are numbered node by node, with the 3
+            components of each, then the pressures: all of a cell's dofs, or those of the
+            displacement alone.
+        """
+        self._addition.add(self.addresses, cells, matrices)
+
+    @cached_property
+    def _addition(self) -> MatrixAddition:
+        """The compiled loop of `add_matrices`, which only terms without cell loops need."""
+        blocks, sizes = self._dof_map.cell_blocks, self._dof_map.cell_block_sizes
+        return MatrixAddition(blocks, sizes, self.block_positions, self.row_strides, self.free)
+
+    @property
+    def constrained_diagonal(self) -> float | None:
+        """The diagonal entry of constrained dofs [N/m]; None before the first assembly."""
+        return self._constrained_diagonal
+
+    def set_constrained_diagonal(self, value: float | None) -> None:
+        """Set the diagonal entry of constrained dofs [N/m] from the next assembly on.
+
+        With None the next assembly determines it.
+        """
+        self._constrained_diagonal, self._diagonal_vec = value, None
+
+    def _add_constrained_diagonal(self) -> None:
+        """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
+        if self._diagonal_vec is None:
+            self._diagonal_vec = self.mat.getDiagonal()
+            values = self._diagonal_vec.array
+            if self._constrained_diagonal is None:
+                free = np.delete(values[: self._num_u], self._constrained_dofs)
+                local = np.array([np.abs(free).sum(), len(free)])
+                total, count = self._dof_map.comm.allreduce(local)
+                self._constrained_diagonal = float(total / max(count, 1)) or 1.0
+            values[:] = 0.0
+            values[self._constrained_dofs] = self._constrained_diagonal
+        self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
 
     @cached_property
     def _sent_values(self) -> Array:
-        return np.zeros(int(self._sent.row_offsets[-1]))
+        return np.zeros(int(self._layout.sent.row_offsets[-1]))
 
     @cached_property
     def _sent_dofs(self) -> tuple[Array, Array, Array, Array]:
         """Global dofs of the sent rows and columns, and where those of each block row begin."""
-        dofs, sizes = self._dof_map.global_dofs(self._ghosts)
+        sent = self._layout.sent
+        dofs, sizes = self._dof_map.global_dofs(self._layout.ghosts)
         rows = concatenated_ranges(dofs, sizes).astype(PETSc.IntType)
-        blocks = self._dof_map.local_to_global[self._sent.indices]
+        blocks = self._dof_map.local_to_global[sent.indices]
         columns = concatenated_ranges(*self._dof_map.global_dofs(blocks)).astype(PETSc.IntType)
-        lengths = self._sent.row_lengths
+        lengths = sent.row_lengths
         return rows, np.cumsum(sizes) - sizes, columns, np.cumsum(lengths) - lengths
 
     def _send_values(self) -> None:
         """Pass the rows of other ranks to PETSc, which sends them when it assembles."""
+        sent = self._layout.sent
         rows, row_start, columns, column_start = self._sent_dofs
         handle = ffi.cast("void *", self.mat.handle)
         values = ffi.cast("double *", self._sent_values.ctypes.data)
         row, column = (ffi.cast("int *", a.ctypes.data) for a in (rows, columns))
         add = int(PETSc.InsertMode.ADD)
-        sizes, lengths = self._sent.row_sizes.tolist(), self._sent.row_lengths.tolist()
+        sizes, lengths = sent.row_sizes.tolist(), sent.row_lengths.tolist()
         for i, (size, length) in enumerate(zip(sizes, lengths, strict=True)):
             if length:
                 block = (size, row + int(row_start[i]), length, column + int(column_start[i]))
-                offset = int(self._sent.row_offsets[i])
+                offset = int(sent.row_offsets[i])
                 call("MatSetValues", handle, *block, values + offset, add)
+
+
+def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> BlockMatrix:
+    """Return a zero matrix of a displacement and a pressure space. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    Q : dolfinx function space, optional
+        The space of an unknown pressure.
+    constrained : (local nodes, 3) bool, optional
+        As for `BlockMatrix`.
+    """
+    spaces = [dof_map(V, 3)] if Q is None else [dof_map(V, 3), dof_map(Q, 1)]
+    return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained)

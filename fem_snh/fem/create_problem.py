@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import bad_value
@@ -14,7 +12,7 @@ from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Region
+from fem_snh.fem.regions import whole_body
 from fem_snh.fem.terms import Traction
 from fem_snh.fem.terms.traction import SurfaceLoad
 from fem_snh.fem.unknowns import create_unknowns
@@ -64,11 +62,10 @@ def create_problem(
     domain = mesh.domain
     V = _dolfinx.function_space(domain, element.degree, (3,))
     unknowns = create_unknowns(_dolfinx.function(V, "displacement"), element)
-    cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
     return Problem(
         unknowns,
         element,
-        [Region(material, cells)],
+        whole_body(domain, material),
         DirichletConditions(V, mesh, hold, move),
         [Traction(V, mesh, traction)] if traction else [],
         Reactions(V, mesh, reactions) if reactions else None,

@@ -48,7 +48,7 @@ class Eigenproblem:
 
     def __init__(self, problem: Problem, density: float, prefix: str) -> None:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
-        self._scale = problem.material.expression.E / (density * problem.length**2)
+        self._scale = problem.modulus / (density * problem.length**2)
         owned = problem.x.getLocalSize()
         self._free = np.delete(np.arange(owned), problem.constrained_dofs)
         first = problem.x.getOwnershipRange()[0]

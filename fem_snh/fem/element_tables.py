@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.fem.elements import Element
 from fem_snh.kernels.cell_loops import ElementTables
+
+Array = npt.NDArray[Any]
 
 
 def element_tables(
@@ -31,3 +36,20 @@ def element_tables(
         return ElementTables(*tables)
     basis = pressure_scale * _dolfinx.tabulate_values(Q, points)
     return ElementTables(*tables, _dolfinx.node_dofs(Q), basis)
+
+
+def restricted(tables: ElementTables, cells: Array) -> ElementTables:
+    """Return an element's tables on some of the cells."""
+    chosen = selection(cells, len(tables.nodes))
+    pressure = tables.pressure_nodes
+    return replace(
+        tables,
+        nodes=tables.nodes[chosen],
+        geometry=tables.geometry[chosen],
+        pressure_nodes=pressure[chosen] if len(pressure) else pressure,
+    )
+
+
+def selection(cells: Array, num_cells: int) -> Any:
+    """Return an index of these cells, without a copy if they are all of this rank's."""
+    return slice(None) if len(cells) == num_cells else cells

@@ -151,10 +151,22 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
 
 def volume(domain: Any) -> float:
     """Return the volume of a dolfinx mesh [m^3]. Collective."""
+    return float(domain.comm.allreduce(_point_volumes(domain).sum()))
+
+
+def cell_volumes(domain: Any) -> np.ndarray:
+    """Return the volume of each cell [m^3], (owned cells,)."""
+    volumes: np.ndarray = _point_volumes(domain).sum(axis=1)
+    return volumes
+
+
+def _point_volumes(domain: Any) -> np.ndarray:
+    """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), _VOLUME_DEGREE)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
-    return float(domain.comm.allreduce((np.abs(np.linalg.det(T)) * weights).sum()))
+    products: np.ndarray = np.abs(np.linalg.det(T)) * weights
+    return products
 
 
 def scaled_jacobian(domain: Any) -> np.ndarray:

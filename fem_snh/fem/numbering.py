@@ -67,10 +67,15 @@ class MixedDofMap:
         First global block of this rank, and one past its last.
     num_owned_dofs : int
         Unknowns this rank owns.
+    num_blocks, num_owned_blocks, num_cell_blocks : list of int
+        For each space, the blocks on this rank with ghosts, those it owns, and those of a cell.
     """
 
     def __init__(self, comm: Any, spaces: Sequence[DofMap]) -> None:
         self.comm = comm
+        self.num_blocks = [len(s.local_to_global) for s in spaces]
+        self.num_owned_blocks = [s.num_owned for s in spaces]
+        self.num_cell_blocks = [s.cell_blocks.shape[1] for s in spaces]
         counts = np.array(comm.allgather([s.num_owned for s in spaces]), dtype=np.int64)
         self._space_block_size = np.array([s.block_size for s in spaces])
         before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
@@ -103,6 +108,11 @@ class MixedDofMap:
         space = (blocks[:, None] >= self._first[rank]).sum(axis=1) - 1
         size = self._space_block_size[space]
         return self._first_dof[rank, space] + size * (blocks - self._first[rank, space]), size
+
+    @property
+    def cell_block_sizes(self) -> Array:
+        """(sum of n,) unknowns of each block of a cell."""
+        return np.repeat(self._space_block_size, self.num_cell_blocks)
 
     @property
     def block_size(self) -> int | None:

@@ -15,12 +15,13 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import choose
+from fem_snh.fem.assembled_matrix import create_matrix
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
-from fem_snh.fem.regions import Region
+from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.taylor_hood import SaddlePoint
 from fem_snh.fem.terms import Elastic, Term
 from fem_snh.fem.unknowns import Displacement, DisplacementPressure
@@ -76,8 +77,10 @@ class Problem:
         The displacement's space; the displacement [m] that was evaluated last, ghosts included.
     x : PETSc.Vec
         The unknowns: the displacement's dofs, then a pressure's if there is one.
+    matrix : BlockMatrix
+        The matrix to which the terms add their Hessians.
     A : PETSc.Mat
-        The matrix that `jacobian` fills; its near null space holds the rigid motions.
+        Its PETSc matrix, which `jacobian` fills; its near null space holds the rigid motions.
     saddle_point : SaddlePoint or None
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms : list of Term
@@ -88,6 +91,8 @@ class Problem:
         The load parameter, 0 to 1.
     length : float
         V^(1/3) [m], V the reference volume.
+    modulus : float
+        The scale of the materials' moduli [Pa]: `fem_snh.fem.regions.reference_modulus`.
     force_scale : float
         E V^(2/3) [N], which residual norms are compared with.
     nonfinite : int
@@ -118,23 +123,20 @@ class Problem:
         self.domain = self.V.mesh
         self.comm = self.domain.comm
         self.length = volume(self.domain) ** (1 / 3)
-        material = regions[0].material
-        self.force_scale = material.expression.E * self.length**2
+        self.modulus = reference_modulus(self.domain, regions)
+        self.force_scale = self.modulus * self.length**2
         self.load, self.nonfinite = 0.0, 0
 
         self.constrained_dofs = dirichlet.dofs
-        constrained = dirichlet.constrained
+        scale = self.modulus / self.length
+        self.elastic = Elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
+        self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
+        self.A = self.matrix.mat
         self.saddle_point: SaddlePoint | None = None
         if isinstance(unknowns, DisplacementPressure):
-            scale = material.expression.E / self.length
-            self.elastic = Elastic(self.V, element, material, constrained, unknowns.Q, scale)
-            energy, mu_lame = self.elastic.element_energy, material.lame[0]
-            self.saddle_point = SaddlePoint(unknowns, energy, scale, mu_lame)
+            self.saddle_point = SaddlePoint(unknowns, self.elastic.parts, scale)
         else:
-            self.elastic = Elastic(self.V, element, material, constrained)
-        self.A = self.elastic.matrix
-        if not self.saddle_point:
-            free = ~constrained[: unknowns.num_owned_nodes]
+            free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
         self.terms: list[Term] = [self.elastic, *terms]
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
@@ -146,7 +148,7 @@ class Problem:
 
     @property
     def material(self) -> Material:
-        """The body's material."""
+        """The first region's material."""
         return self.regions[0].material
 
     @property
@@ -211,19 +213,13 @@ class Problem:
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
 
-        Parameters
-        ----------
-        x : PETSc.Vec
-            The state.
-        filter : {"exact", "clamp", "abs"}
-            What becomes of negative eigenvalues at each quadrature point.
-
-        Returns
-        -------
-        int
-            The number of filtered quadrature points, on all ranks.
+        ``filter``, one of `fem_snh.choices.FILTERS`, decides what becomes of negative eigenvalues.
+        The result is the number of filtered quadrature points and cells, on all ranks.
         """
-        return self.elastic.jacobian(*self._unknowns.split(x), filter, self.eigensolver)
+        u, p = self.split(x)
+        with self.matrix.adding():
+            filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
+        return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
         """Return the reaction force [N] of each of the chosen groups. Collective.

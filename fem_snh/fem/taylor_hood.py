@@ -14,7 +14,9 @@ matrices of the pressure space.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
@@ -22,8 +24,15 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.fem.terms.elastic import Part
 from fem_snh.fem.unknowns import DisplacementPressure
-from fem_snh.kernels.element_energy import ElementEnergy
+
+
+class _ScaledMass(NamedTuple):
+    """The mass matrix of a pressure space with a coefficient: ``scale`` times ``matrix``."""
+
+    scale: float
+    matrix: PETSc.Mat
 
 
 class SaddlePoint:
@@ -33,12 +42,10 @@ class SaddlePoint:
     ----------
     unknowns : DisplacementPressure
         Displacement and pressure.
-    energy : ElementEnergy
-        The material's energy density, as the element splits it.
+    parts : sequence of Part
+        The body's materials, with the energies that the element evaluates.
     pressure_scale : float
         Unit of the pressure unknown [Pa/m].
-    mu_lame : float
-        The material's shear modulus at rest [Pa].
 
     Attributes
     ----------
@@ -51,15 +58,12 @@ class SaddlePoint:
     def __init__(
         self,
         unknowns: DisplacementPressure,
-        energy: ElementEnergy,
+        parts: Sequence[Part],
         pressure_scale: float,
-        mu_lame: float,
     ) -> None:
         self._unknowns, self._scale = unknowns, pressure_scale
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
-        self._shear_compliance = 1 / mu_lame
-        self._volume_compliance = 1 / energy.volume_stiffness
-        self._lambda_over_mu = energy.lambda_local / mu_lame
+        self._parts = parts
         self._B: PETSc.Mat | None = None
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
@@ -77,13 +81,15 @@ class SaddlePoint:
 
     @cached_property
     def schur_approximation(self) -> PETSc.Mat:
-        """The matrix -(1/mu + 1/U''(1)) M, M the pressure mass matrix [m^3].
+        """The mass matrix of the pressure with the coefficient -(1/mu + 1/U''(1)) [m^3/Pa].
 
         With the shear modulus at rest it is spectrally equivalent to the Schur complement for any
         Poisson's ratio (inf-sup condition). `update_schur_approximation` improves it.
         """
-        matrix = self._mass.copy()
-        matrix.scale(-self._shear_compliance - self._volume_compliance)
+        coefficients = [-1 / mu - 1 / part.energy.volume_stiffness for mu, part in self._moduli()]
+        scale, mass = self._mass_with(coefficients)
+        matrix = mass.copy()
+        matrix.scale(scale)
         return matrix
 
     @cached_property
@@ -104,10 +110,10 @@ class SaddlePoint:
 
         .. math:: d = \mathrm{diag}(B D^{-1} B^T) / \mathrm{diag}(M), \quad D = \mathrm{diag}(H)
 
-        (as in the SIMPLE method), which is constant in the interior of an unstrained body, where
-        :math:`B H^{-1} B^T = M / (2 \mu + \lambda_{local})`. With s = d / (2 mean d) and
-        lambda_local in parallel, the factor of M/mu is s / (1 + s lambda_local/mu), divided by its
-        value at s = 1/2.
+        (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
+        unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
+        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is
+        s / (1 + s lambda_local/mu), divided by its value at s = 1/2.
 
         Parameters
         ----------
@@ -115,17 +121,19 @@ class SaddlePoint:
             The assembled Hessian.
         """
         d = self._diagonal_of_schur_complement(A)
-        mass = self._mass.getDiagonal().array_r
+        shear = self._shear_compliance
+        mass = shear.matrix.getDiagonal().array_r
         sums = self.Q.mesh.comm.allreduce(np.array([d.sum(), mass.sum()]))
         s = d / mass * sums[1] / (2 * sums[0])
-        factor = s * (2 + self._lambda_over_mu) / (1 + s * self._lambda_over_mu)
-        root = self._mass.createVecLeft()
+        ratio = self._lambda_over_mu
+        factor = s * (2 + ratio) / (1 + s * ratio)
+        root = shear.matrix.createVecLeft()
         root.array[:] = np.sqrt(factor)
         schur, same = self.schur_approximation, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-        self._mass.copy(schur)
+        shear.matrix.copy(schur)
         schur.diagonalScale(root, root)
-        schur.scale(-self._shear_compliance)
-        schur.axpy(-self._volume_compliance, self._mass, same)
+        schur.scale(-shear.scale)
+        schur.axpy(-self._volume_compliance.scale, self._volume_compliance.matrix, same)
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""
@@ -138,12 +146,51 @@ class SaddlePoint:
         return np.add.reduceat(b**2, starts[:-1]) if len(b) else np.zeros(len(starts) - 1)
 
     @cached_property
+    def _shear_compliance(self) -> _ScaledMass:
+        """The mass matrix with the coefficient 1/mu."""
+        return self._mass_with([1 / mu for mu, _ in self._moduli()])
+
+    @cached_property
+    def _volume_compliance(self) -> _ScaledMass:
+        """The mass matrix with the coefficient 1/U''(1), 0 at nu = 0.5."""
+        return self._mass_with([1 / part.energy.volume_stiffness for part in self._parts])
+
+    @cached_property
+    def _lambda_over_mu(self) -> float | np.ndarray:
+        """lambda_local / mu; of several regions (owned pressures,), the mean at each node."""
+        ratios = [part.energy.lambda_local / mu for mu, part in self._moduli()]
+        if len(ratios) == 1:
+            return ratios[0]
+        scale, mass = self._mass_with(ratios)
+        diagonal = np.asarray(mass.getDiagonal().array_r)
+        return scale * diagonal / np.asarray(self._mass.getDiagonal().array_r)
+
+    @cached_property
     def _mass(self) -> PETSc.Mat:
         """The pressure mass matrix, in the units of ``x`` and residual."""
+        return self._assembled_mass(1.0)
+
+    def _moduli(self) -> list[tuple[float, Part]]:
+        """Return the shear modulus at rest [Pa] of each part."""
+        return [(part.region.material.lame[0], part) for part in self._parts]
+
+    def _mass_with(self, values: Sequence[float]) -> _ScaledMass:
+        """Return the mass matrix with a coefficient that has one value in each region."""
+        if len(values) == 1:
+            return _ScaledMass(values[0], self._mass)
+        constant = _dolfinx.function_space(self.Q.mesh, 0, family="DG")
+        coefficient = _dolfinx.function(constant, "coefficient")
+        dofs = _dolfinx.node_dofs(constant)[:, 0]
+        for part, value in zip(self._parts, values, strict=True):
+            coefficient.x.array[dofs[part.region.cells]] = value
+        return _ScaledMass(1.0, self._assembled_mass(coefficient))
+
+    def _assembled_mass(self, coefficient: Any) -> PETSc.Mat:
+        """Return the mass matrix with a coefficient: a number or a dolfinx Function."""
         Q = self.Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
         factor = _dolfinx.constant(Q.mesh, np.array(self._scale**2))
-        form = _dolfinx.form(factor * p * q * ufl.dx)
+        form = _dolfinx.form(factor * coefficient * p * q * ufl.dx)
         M = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(M, form)
         return M

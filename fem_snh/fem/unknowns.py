@@ -34,7 +34,11 @@ class Displacement:
         The solver's vector.
     num_owned_nodes : int
         Displacement nodes this rank owns.
+    Q : dolfinx function space or None
+        The pressure's space.
     """
+
+    Q: Any = None
 
     def __init__(self, u: Any) -> None:
         self.u, self.V = u, u.function_space
@@ -72,8 +76,6 @@ class DisplacementPressure(Displacement):
 
     Attributes
     ----------
-    Q : dolfinx function space
-        The pressure's space.
     pressure : PETSc.Vec
         Ghosted pressure vector [m], of the vector that was split last.
     index_sets : dict of PETSc.IS

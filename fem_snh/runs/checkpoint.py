@@ -77,7 +77,7 @@ class Writer:
             "load": problem.load,
             "load_before": before[0] if before else None,
             "size": self._stepper.size,
-            "diagonal": problem.elastic.constrained_diagonal,
+            "diagonal": problem.matrix.constrained_diagonal,
         }
         on_root(self._folder.comm, self._write, about, arrays)
 
@@ -156,7 +156,7 @@ class Checkpoint:
                 self._scatter(field, f"{name}_before", order, before)
         problem.set_load(self.load)
         problem.split(problem.x)
-        problem.elastic.set_constrained_diagonal(about["diagonal"])
+        problem.matrix.set_constrained_diagonal(about["diagonal"])
         stepper.size = about["size"]
         if before is not None:
             stepper.predictor.before = (about["load_before"], before)

@@ -6,9 +6,9 @@ matrices.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,29 +16,43 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
-from fem_snh.fem.element_tables import element_tables
+from fem_snh.fem.element_tables import element_tables, restricted, selection
 from fem_snh.fem.elements import Element
-from fem_snh.fem.numbering import MixedDofMap, dof_map
+from fem_snh.fem.regions import Region
 from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, cell_loops_source
-from fem_snh.kernels.element_energy import element_energy
-from fem_snh.kernels.pointwise import Material
+from fem_snh.kernels.cell_loops import FIELDS, CellLoops, cell_loops_source
+from fem_snh.kernels.element_energy import ElementEnergy, element_energy
 
 Array = npt.NDArray[Any]
 
 
+class Part(NamedTuple):
+    """A region of the body with the compiled loops over its cells.
+
+    Attributes
+    ----------
+    region : Region
+        Material and cells.
+    energy : ElementEnergy
+        The energy density, with the volume term apart where the element treats it separately.
+    loops : CellLoops
+        The compiled loops over this rank's cells of the region.
+    """
+
+    region: Region
+    energy: ElementEnergy
+    loops: CellLoops
+
+
 class Elastic:
-    r"""The elastic energy of a material on a finite element space, and its derivatives. Collective.
+    r"""The elastic energy of a body's materials on a finite element space. Collective.
 
-    .. math:: E(u) = \int_\Omega \psi(I + \nabla u) \, \mathrm{d}V
+    .. math:: E(u) = \sum_i \int_{\Omega_i} \psi_i(I + \nabla u) \, \mathrm{d}V
 
-    Rows and columns of the Hessian that belong to constrained dofs are zero but for one positive
-    number on the diagonal, the same for all: the mean of the free diagonal entries of the first
-    Hessian.
+    Each material has loops over its own cells, on the element's common tables.
 
     Parameters
     ----------
@@ -46,25 +60,19 @@ class Elastic:
         The displacement's space.
     element : Element
         Quadrature and volume treatment.
-    material : Material
-        The energy density psi.
-    constrained : (local nodes, 3) bool, optional
-        Constrained components of the displacement, ghost nodes included. Default: none.
+    regions : sequence of Region
+        The materials psi_i with their cells.
     Q : dolfinx function space, optional
         The space of an unknown pressure, in which the energy is stationary, not minimal.
     pressure_scale : float, optional
         Unit of the pressure unknown [Pa/m].
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block, one of `fem_snh.choices.EIGENSOLVERS`.
 
     Attributes
     ----------
-    matrix : PETSc.Mat
-        The matrix that `jacobian` fills.
-    loops : CellLoops
-        The compiled loops over this rank's cells.
-    element_energy : ElementEnergy
-        The energy density, with the volume term apart where the element treats it separately.
-    has_energy : bool
-        False for a material that is defined by a stress.
+    parts : list of Part
+        The regions with their energies and loops.
     jit_seconds : float
         Time spent generating and compiling C.
     shape : tuple of int
@@ -83,46 +91,35 @@ class Elastic:
         self,
         V: Any,
         element: Element,
-        material: Material,
-        constrained: Array | None = None,
+        regions: Sequence[Region],
         Q: Any = None,
         pressure_scale: float = 1.0,
+        eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         self._comm = V.mesh.comm
+        self._solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         tables = element_tables(V, element, Q, pressure_scale)
-        start = perf_counter()
-        self.element_energy = element_energy(material.expression, element.volume)
-        self.has_energy = material.expression.has_energy
-        self._material_name = material.name
-        source = cell_loops_source(self.element_energy, tables)
-        library = on_root(self._comm, build.library, source)
-        self.jit_seconds = perf_counter() - start
-        self.loops = CellLoops(library, self.element_energy, tables)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
+        start = perf_counter()
+        energies = [element_energy(r.material.expression, element.volume) for r in regions]
+        sources = [cell_loops_source(energy, tables) for energy in energies]
+        libraries = [on_root(self._comm, build.library, source) for source in sources]
+        self.jit_seconds = perf_counter() - start
+        self.parts = [
+            Part(region, energy, CellLoops(library, energy, restricted(tables, region.cells)))
+            for region, energy, library in zip(regions, energies, libraries, strict=True)
+        ]
+        self._matrix: BlockMatrix | None = None  # for which `_targets` are
+        self._targets: list[Any] = []
+        self._kept: list[Array] = []
 
-        owned, ghosts = _dolfinx.num_nodes(V)
-        if constrained is None:
-            constrained = np.zeros((owned + ghosts, 3), dtype=bool)
-        self._constrained_dofs = np.flatnonzero(constrained[:owned])
-        self._num_u = 3 * owned
-        spaces = [dof_map(V, 3)] if Q is None else [dof_map(V, 3), dof_map(Q, 1)]
-        self._block_matrix = BlockMatrix(MixedDofMap(self._comm, spaces))
-        self.matrix = self._block_matrix.mat
-        self._target = self._create_target(constrained, tables.nodes)
-        self._constrained_diagonal: float | None = None
-        self._diagonal_vec: PETSc.Vec | None = None
-
-    def _create_target(self, constrained: Array, cell_nodes: Array) -> Any:
-        """Return the C struct that tells the cell loops where element matrices are added."""
-        strides, positions = self._block_matrix.row_strides, self._block_matrix.block_positions
-        free = np.where(constrained, 0.0, 1.0)
-        constrained_cells: Array = np.any(constrained[cell_nodes], axis=(1, 2)).astype(np.uint8)
-        # The struct has pointers to these arrays, which must live as long.
-        self._target_arrays = (*strides, positions, free, constrained_cells)
-        return self.loops.target(strides, positions, free, constrained_cells)
+    @property
+    def has_energy(self) -> bool:
+        """Whether the stress of every material is the gradient of an energy."""
+        return all(part.region.material.expression.has_energy for part in self.parts)
 
     def set_load(self, load: float) -> None:
-        """Do nothing: the elastic energy does not depend on the load."""
+        """Do nothing: the energy does not depend on the load."""
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy [J]; +inf where u is outside the energy's domain. Collective.
@@ -130,11 +127,13 @@ class Elastic:
         Raises
         ------
         BadInput
-            If the material is defined by a stress and has no energy.
+            If a material is defined by a stress and has no energy.
         """
-        if not self.has_energy:
-            raise BadInput(f"material '{self._material_name}' has no energy, only a stress")
-        local = self.loops.energy(_local(u), _if_any(_local, p))
+        for material in (part.region.material for part in self.parts if not self.has_energy):
+            if not material.expression.has_energy:
+                raise BadInput(f"material '{material.name}' has no energy, only a stress")
+        values = _local(u), _if_any(_local, p)
+        local = sum(part.loops.energy(*values) for part in self.parts)
         return float(self._comm.allreduce(local, op=MPI.SUM))
 
     def add_residual(
@@ -145,16 +144,14 @@ class Elastic:
         r_p: PETSc.Vec | None,
     ) -> None:
         """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
-        self.loops.residual(_local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p))
+        values = _local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p)
+        for part in self.parts:
+            part.loops.residual(*values)
 
-    def jacobian(
-        self,
-        u: PETSc.Vec,
-        p: PETSc.Vec | None = None,
-        filter: str = "exact",
-        eigensolver: str = EIGENSOLVERS[0],
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Fill ``matrix`` with the filtered Hessian d2E/du2 [N/m]. Collective.
+        """Add the filtered Hessian d2E/du2 [N/m] to a matrix, inside of its `adding`.
 
         Parameters
         ----------
@@ -162,54 +159,45 @@ class Elastic:
             Ghosted displacement [m] and pressure; the ghosts must be current.
         filter : {"exact", "clamp", "abs"}
             What becomes of negative eigenvalues at each quadrature point.
-        eigensolver : str
-            Solver for the 3x3 scaling block, one of `fem_snh.choices.EIGENSOLVERS`.
+        target : BlockMatrix
+            The matrix, of the same spaces.
 
         Returns
         -------
         int
-            The number of filtered quadrature points, on all ranks.
+            The number of filtered quadrature points on this rank.
         """
-        filter_index = FILTERS.index(choose("filter", filter, FILTERS))
-        solver_index = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
-        with self._block_matrix.value_addresses() as addresses:
-            for k, address in enumerate(addresses):
-                self._target.values[k] = self.loops.address(address)
-            filtered = self.loops.jacobian(
-                _local(u), filter_index, solver_index, self._target, _if_any(_local, p)
-            )
-        self._add_constrained_diagonal()
-        return int(self._comm.allreduce(filtered))
+        which = FILTERS.index(choose("filter", filter, FILTERS))
+        values, pressure = _local(u), _if_any(_local, p)
+        filtered = 0
+        for part, struct in zip(self.parts, self._structs(target), strict=True):
+            for k, address in enumerate(target.addresses):
+                struct.values[k] = part.loops.address(address)
+            filtered += part.loops.jacobian(values, which, self._solver, struct, pressure)
+        return filtered
 
-    @property
-    def constrained_diagonal(self) -> float | None:
-        """The diagonal entry of constrained dofs [N/m]; None before the first Hessian."""
-        return self._constrained_diagonal
-
-    def set_constrained_diagonal(self, value: float | None) -> None:
-        """Set the diagonal entry of constrained dofs [N/m] from the next Hessian on.
-
-        With None the next Hessian determines it.
-        """
-        self._constrained_diagonal, self._diagonal_vec = value, None
-
-    def _add_constrained_diagonal(self) -> None:
-        """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
-        if self._diagonal_vec is None:
-            self._diagonal_vec = self.matrix.getDiagonal()
-            values = self._diagonal_vec.array
-            if self._constrained_diagonal is None:
-                free = np.delete(values[: self._num_u], self._constrained_dofs)
-                local = np.array([np.abs(free).sum(), len(free)])
-                total, count = self._comm.allreduce(local)
-                self._constrained_diagonal = float(total / max(count, 1)) or 1.0
-            values[:] = 0.0
-            values[self._constrained_dofs] = self._constrained_diagonal
-        self.matrix.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
+    def _structs(self, matrix: BlockMatrix) -> list[Any]:
+        """Return the C structs that tell each part's loops where element matrices are added."""
+        if matrix is not self._matrix:
+            self._matrix, self._targets, self._kept = matrix, [], []
+            for part in self.parts:
+                cells = selection(part.region.cells, len(matrix.block_positions))
+                positions, constrained = matrix.block_positions[cells], matrix.is_constrained[cells]
+                # The struct has pointers to these arrays, which must live as long.
+                self._kept += [positions, constrained]
+                self._targets.append(
+                    part.loops.target(matrix.row_strides, positions, matrix.free, constrained)
+                )
+        return self._targets
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
-        return self.loops.fields(_local(u), _if_any(_local, p))
+        values = _local(u), _if_any(_local, p)
+        fields = {name: np.empty(self.shape[0]) for name in FIELDS}
+        for part in self.parts:
+            for name, value in part.loops.fields(*values).items():
+                fields[name][part.region.cells] = value
+        return fields
 
 
 def _local(vector: PETSc.Vec) -> Array:

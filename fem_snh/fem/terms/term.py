@@ -6,6 +6,8 @@ from typing import Protocol
 
 from petsc4py import PETSc
 
+from fem_snh.fem.assembled_matrix import BlockMatrix
+
 
 class Term(Protocol):
     """A part of a problem's energy, with its derivative.
@@ -37,3 +39,23 @@ class Term(Protocol):
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Add dE/du to ``r_u`` and dE/dp to ``r_p``."""
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the term's Hessian to a matrix, inside of `BlockMatrix.adding`.
+
+        Parameters
+        ----------
+        u, p : PETSc.Vec
+            Ghosted displacement and pressure; the ghosts are current.
+        filter : {"exact", "clamp", "abs"}
+            What becomes of negative eigenvalues.
+        target : BlockMatrix
+            The matrix; `BlockMatrix.add_matrices` adds element matrices to it.
+
+        Returns
+        -------
+        int
+            How many quadrature points or cells of this rank were filtered.
+        """

@@ -77,3 +77,7 @@ class Traction:
     ) -> None:
         """Subtract load * f [N] from the owned entries of ``r_u``."""
         r_u.array[:] -= self._load * self._force.array_r
+
+    def add_hessian(self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: Any) -> int:
+        """Add nothing: a dead load has no Hessian."""
+        return 0

@@ -1,0 +1,24 @@
+/* The addition of stored element matrices: see matrix_addition_api.h. */
+
+void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks, int all_blocks, const int *size,
+                  const int *cell_blocks, const double *K) {
+  int n = 0;
+  for (int a = 0; a < blocks; ++a) n += size[a];
+  for (long k = 0; k < count; ++k, K += (long)n * n) {
+    const long cell = cells[k];
+    const int *block = cell_blocks + all_blocks * cell;
+    const int *position = t->position + (long)all_blocks * all_blocks * cell;
+    for (int a = 0, row = 0; a < blocks; row += size[a++])
+      for (int b = 0, column = 0; b < blocks; column += size[b++]) {
+        const int to = position[all_blocks * a + b], array = to & 3;
+        const long stride = t->stride[array][block[a]];
+        double *at = t->values[array] + (to >> 2);
+        for (int i = 0; i < size[a]; ++i) {
+          if (size[a] == 3 && t->free[3 * (long)block[a] + i] == 0) continue;
+          for (int j = 0; j < size[b]; ++j)
+            if (size[b] != 3 || t->free[3 * (long)block[b] + j] != 0)
+              at[stride * i + j] += K[(long)n * (row + i) + column + j];
+        }
+      }
+  }
+}

@@ -1,0 +1,78 @@
+"""The addition of stored element matrices to the value arrays of an AIJ matrix, in C."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.kernels import build
+from fem_snh.kernels.codegen.source import header
+
+Array = npt.NDArray[Any]
+
+_DECLARATIONS = ("cell_api.h", "matrix_addition_api.h")
+
+
+class MatrixAddition:
+    """Adds element matrices where a `MatrixTarget` of cell_api.h tells.
+
+    Parameters
+    ----------
+    cell_blocks : (cells, n) int
+        Local block numbers of each cell.
+    sizes : (n,) int
+        Unknowns of each block of a cell: 3 for the displacement's, 1 for the pressure's.
+    positions : (cells, n, n) int32
+        ``MatrixTarget.position``.
+    strides : sequence of three (local blocks,) int32
+        ``MatrixTarget.stride``.
+    free : (local nodes, 3)
+        ``MatrixTarget.free``.
+    """
+
+    def __init__(
+        self,
+        cell_blocks: Array,
+        sizes: Array,
+        positions: Array,
+        strides: Sequence[Array],
+        free: Array,
+    ) -> None:
+        declarations = "\n".join(map(header, _DECLARATIONS))
+        source = "\n".join([declarations, header("matrix_addition_kernels.h")])
+        self._ffi, self._lib = build.load(build.library(source), declarations)
+        self._blocks = np.ascontiguousarray(cell_blocks, dtype=np.int32)
+        self._sizes = np.ascontiguousarray(sizes, dtype=np.int32)
+        self._dofs = np.cumsum(self._sizes)
+        self._kept = positions, tuple(strides), free  # the struct has pointers to these arrays
+        self._target = self._ffi.new("MatrixTarget *")
+        self._target.position = self._ints(positions)
+        self._target.stride = [self._ints(stride) for stride in strides]
+        self._target.free = self._doubles(free)
+
+    def add(self, addresses: Sequence[int], cells: Array, matrices: Array) -> None:
+        """Add element matrices (n, k, k) of ``cells`` (n,) to the value arrays at ``addresses``.
+
+        k is the number of dofs of a cell's first blocks: of all, or of the displacement's.
+        """
+        if not len(cells):
+            return
+        blocks = int(np.searchsorted(self._dofs, matrices.shape[2])) + 1
+        if matrices.shape != (len(cells), *[self._dofs[min(blocks, len(self._dofs)) - 1]] * 2):
+            raise ValueError(f"matrices of shape {matrices.shape} for {len(cells)} cells")
+        cells = np.ascontiguousarray(cells, dtype=np.int32)
+        values = np.ascontiguousarray(matrices, dtype=np.float64)
+        self._target.values = [self._ffi.cast("double *", address) for address in addresses]
+        self._lib.add_matrices(
+            self._target, len(cells), self._ints(cells), blocks, self._blocks.shape[1],
+            self._ints(self._sizes), self._ints(self._blocks), self._doubles(values),
+        )  # fmt: skip
+
+    def _ints(self, array: Array) -> Any:
+        return self._ffi.cast("int *", array.ctypes.data)
+
+    def _doubles(self, array: Array) -> Any:
+        return self._ffi.cast("double *", array.ctypes.data)

@@ -1,0 +1,54 @@
+"""Element matrices that terms add to the common matrix, against PETSc's MatSetValues."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import Hold, cube, dense, problem
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.mark.parametrize("leading", [False, True], ids=["all dofs", "displacement"])
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_element_matrices_are_summed(element: str, leading: bool) -> None:
+    """In batches, some cells twice; constrained rows and columns are left out."""
+    comm = MPI.COMM_WORLD
+    p = problem(cube(comm, "tetrahedron" if element[0] == "P" else "hexahedron"), element,
+                hold=[Hold("left", ("x", "z"))])  # fmt: skip
+    dof_map = p.matrix._dof_map
+    nodes = dof_map.num_cell_blocks[0] if leading else sum(dof_map.num_cell_blocks)
+    sizes = dof_map.cell_block_sizes[:nodes]
+    cells = np.concatenate([np.arange(len(dof_map.cell_blocks)), [0, 0]]).astype(np.int32)
+    K = np.random.default_rng(comm.rank).standard_normal((len(cells), sizes.sum(), sizes.sum()))
+    with p.matrix.adding():
+        for batch in np.array_split(np.arange(len(cells)), 3 + comm.rank):
+            p.matrix.add_matrices(cells[batch], K[batch])
+
+    expected = PETSc.Mat().createAIJ((p.A.getSizes()), comm=comm)
+    expected.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    expected.setUp()
+    for cell, matrix in zip(cells, K, strict=True):
+        first, size = dof_map.global_dofs(
+            dof_map.local_to_global[dof_map.cell_blocks[cell, :nodes]]
+        )
+        dofs = np.concatenate([np.arange(f, f + s) for f, s in zip(first, size, strict=True)])
+        dofs = dofs.astype(PETSc.IntType)
+        expected.setValues(dofs, dofs, matrix, addv=PETSc.InsertMode.ADD)
+    expected.assemble()
+    found, expected = dense(p.A), dense(expected)
+    start = p.A.getOwnershipRange()[0]
+    fixed = np.concatenate(comm.allgather(p.constrained_dofs + start))
+    expected[fixed] = expected[:, fixed] = 0.0
+    expected[fixed, fixed] = p.matrix.constrained_diagonal
+    assert len(fixed) and p.matrix.constrained_diagonal > 0
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_wrong_shapes_are_refused() -> None:
+    p = problem(cube(MPI.COMM_WORLD, "hexahedron"), "Q1")
+    with p.matrix.adding(), pytest.raises(ValueError, match="matrices of shape"):
+        p.matrix.add_matrices(np.zeros(1, np.int32), np.zeros((1, 23, 23)))
