@@ -131,9 +131,9 @@ class StressFields:
         self._problem = problem
         self._num_cells = problem.elastic.shape[0]
         self._parts = []
-        for region, loops in ((problem.regions[0], problem.elastic.loops),):
-            library = on_root(problem.comm, build.library, stress_loops_source(loops))
-            self._parts.append((region.cells, StressLoops(library, loops)))
+        for part in problem.elastic.parts:
+            library = on_root(problem.comm, build.library, stress_loops_source(part.loops))
+            self._parts.append((part.region.cells, StressLoops(library, part.loops)))
 
     def evaluate(self, x: PETSc.Vec) -> PointState:
         """Return the strains and stresses of this rank's cells at a state. Collective."""
