@@ -55,13 +55,13 @@ class PointState:
 
     @cached_property
     def cauchy_stress(self) -> Array:
-        """Cauchy stresses [Pa], (cells, points, 3, 3); not finite where J = 0."""
+        """Cauchy stresses [Pa], (cells, points, 3, 3); NaN where J = 0."""
         F = self.F
         a, b, c = (F[..., i] for i in range(3))
         # Written out: numpy's det and cross take ten times as long for matrices of this size.
         J = sum(a[..., i] * (b[..., j] * c[..., k] - b[..., k] * c[..., j]) for i, j, k in _CYCLES)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return self.P @ np.swapaxes(F, -1, -2) / J[..., None, None]
+        J = np.where(J == 0, np.nan, J)
+        return self.P @ np.swapaxes(F, -1, -2) / J[..., None, None]
 
     @cached_property
     def von_mises(self) -> Array:
