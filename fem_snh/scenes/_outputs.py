@@ -55,7 +55,11 @@ OutputFields = Annotated[
     AfterValidator(_check_fields),
 ]
 #: Where output fields are written.
-Location = Annotated[str, AfterValidator(lambda word: choose("fields_at", word, LOCATIONS))]
+Location = Annotated[
+    str,
+    Expect(f"one of {', '.join(LOCATIONS)}"),
+    AfterValidator(lambda word: choose("fields_at", word, LOCATIONS)),
+]
 
 
 def _check_path(path: Path) -> Path:
