@@ -55,7 +55,7 @@ class Body:
     def mixed_energy(self):
         """An energy in the volume, on a part of the boundary, and on all of it."""
         quartic = (ufl.inner(self.F, self.F) - 6) ** 2  # a double well
-        on_boundary = ufl.Measure("ds", self.domain)
+        on_boundary = self.ds.reconstruct(subdomain_id="everywhere")
         spring = self.k * ufl.inner(self.u, self.u)
         return quartic * self.dx + spring * self.ds - 0.1 * spring**2 * on_boundary
 
