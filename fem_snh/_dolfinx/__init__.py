@@ -41,6 +41,17 @@ from fem_snh._dolfinx.meshes import (
 from fem_snh._dolfinx.newton import newton_solver, prescribed
 from fem_snh._dolfinx.output import Series
 from fem_snh._dolfinx.points import bounding_box, locate
+from fem_snh._dolfinx.programs import (
+    bc_dofs,
+    bc_space_is_within,
+    has_real_values,
+    is_function,
+    is_lagrange,
+    is_measure,
+    measure_cells,
+    mesh_dimension,
+    set_bcs,
+)
 from fem_snh._dolfinx.spaces import (
     constant,
     degree,
@@ -62,12 +73,14 @@ from fem_snh._dolfinx.vtu_arrays import DataArray
 version: str = dolfinx.__version__
 
 __all__ = [
-    "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
-    "bounding_box", "cell_name", "constant", "coordinates", "create_matrix", "create_mesh",
-    "create_vector", "degree", "form", "function", "function_space", "geometry_degree",
-    "geometry_dofs", "geometry_x", "gmsh_permutation", "input_cells", "input_vertices", "integrals",
-    "interpolate", "kernel_arguments", "local_to_global", "locate", "locate_dofs", "newton_solver",
-    "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec",
-    "prescribed", "quadrature", "reference_corners", "reference_nodes", "surface_measure",
-    "tabulate", "tabulate_geometry", "tabulate_values", "version",
+    "Series", "DataArray", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
+    "bc_dofs", "bc_space_is_within", "bounding_box", "cell_name", "constant", "coordinates",
+    "create_matrix", "create_mesh", "create_vector", "degree", "form", "function", "function_space",
+    "geometry_degree", "geometry_dofs", "geometry_x", "gmsh_permutation", "has_real_values",
+    "input_cells", "input_vertices", "integrals", "interpolate", "is_function", "is_lagrange",
+    "is_measure", "kernel_arguments", "local_to_global", "locate", "locate_dofs", "measure_cells",
+    "mesh_dimension", "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes",
+    "num_owned", "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners",
+    "reference_nodes", "set_bcs", "surface_measure", "tabulate", "tabulate_geometry",
+    "tabulate_values", "version",
 ]  # fmt: skip
