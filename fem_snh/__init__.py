@@ -5,6 +5,7 @@
     >>> m.hessian(F, filter="clamp")  # F (..., 3, 3) -> (..., 9, 9), positive semidefinite
     >>> print(m.report())  # stability, admissible region, stress curves
     >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # also under mpirun
+    >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
 
 Each subpackage uses those before it: `materials` (symbolic energies), `kernels` (their generated
 C), `linalg` (linear solvers), `scenes` (experiments), `fem` (mesh, elements, assembly), `solver`
@@ -20,12 +21,18 @@ from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
     from fem_snh.kernels.pointwise import material
+    from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
 
-__all__ = ["BadInput", "Result", "material", "materials", "run"]
+__all__ = ["BadInput", "NonlinearProblem", "Result", "material", "materials", "run"]
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
-_MODULES = {"material": "kernels.pointwise", "run": "runs", "Result": "runs"}
+_MODULES = {
+    "material": "kernels.pointwise",
+    "run": "runs",
+    "Result": "runs",
+    "NonlinearProblem": "nonlinear_problem",
+}
 
 
 def __getattr__(name: str) -> Any:

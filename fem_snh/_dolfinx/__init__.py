@@ -73,7 +73,7 @@ from fem_snh._dolfinx.vtu_arrays import DataArray
 version: str = dolfinx.__version__
 
 __all__ = [
-    "Series", "DataArray", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
+    "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
     "bc_dofs", "bc_space_is_within", "bounding_box", "cell_name", "constant", "coordinates",
     "create_matrix", "create_mesh", "create_vector", "degree", "form", "function", "function_space",
     "geometry_degree", "geometry_dofs", "geometry_x", "gmsh_permutation", "has_real_values",

@@ -34,9 +34,8 @@ def bc_space_is_within(bc: Any, V: Any) -> bool:
 
 
 def bc_dofs(bc: Any) -> Array:
-    """Return the dofs of a Dirichlet condition that this rank owns, (n,) int32, unrolled."""
-    dofs, num_owned_dofs = bc.dof_indices()
-    return np.asarray(dofs)[:num_owned_dofs]
+    """Return the dofs of a Dirichlet condition on this rank, ghosts included, (n,) int32."""
+    return np.asarray(bc.dof_indices()[0])
 
 
 def set_bcs(values: Array, bcs: Sequence[Any]) -> None:

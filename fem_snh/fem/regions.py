@@ -160,11 +160,11 @@ def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
     Returns
     -------
     float
-        Modulus [Pa]; with one material its own.
+        Modulus [Pa]; with one material its own, without materials 1.
     """
     moduli = np.array([region.material.expression.E for region in regions])
-    if len(set(moduli)) == 1:
-        return float(moduli[0])
+    if len(set(moduli)) <= 1:
+        return float(moduli[0]) if regions else 1.0
     volume = cell_volumes(domain)
     local = np.array([volume[region.cells].sum() for region in regions])
     volumes = domain.comm.allreduce(local)

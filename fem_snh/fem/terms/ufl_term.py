@@ -22,6 +22,7 @@ from ufl.algorithms import expand_derivatives
 from fem_snh import _dolfinx
 from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose, on_root
+from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.kernels import build
 from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
 
@@ -107,6 +108,11 @@ class UFLTerm:
         self._energy = None if energy is None or self._force else _dolfinx.form(energy)
         self.seconds = perf_counter() - start
 
+    @property
+    def has_hessian(self) -> bool:
+        """Whether the forces depend on the displacement."""
+        return self._cells is not None
+
     def set_load(self, load: float) -> None:
         """Set the load parameter. A dead load is assembled again, with present constants."""
         if self._on_load is not None:
@@ -141,7 +147,9 @@ class UFLTerm:
             self._set_displacement(u)
             _dolfinx.add_vector(r_u, self._residual)
 
-    def add_hessian(self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: Any) -> int:
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
         """Add the filtered Hessian [N/m] to a matrix that is open for adding.
 
         Parameters
@@ -151,7 +159,7 @@ class UFLTerm:
         filter : {"exact", "clamp", "abs"}
             What becomes of negative eigenvalues of element matrices.
         target : BlockMatrix
-            Has a method ``add_matrices(cells, matrices)``.
+            The matrix, inside of its `adding`.
 
         Returns
         -------
@@ -207,24 +215,23 @@ class UFLTerm:
 
 
 def check_form(form: Any, u: Any, name: str) -> None:
-    """Raise BadInput unless ``form`` is an energy or a residual of the displacement ``u``."""
-    key = f"terms ({name})"
+    """Raise BadInput, with key ``name``, unless ``form`` is an energy or a residual of ``u``."""
     if not isinstance(form, ufl.Form):
-        raise bad_value(key, form, "a UFL form: an energy (rank 0) or a residual (rank 1)")
+        raise bad_value(name, form, "a UFL form: an energy (rank 0) or a residual (rank 1)")
     V, arguments = u.function_space, form.arguments()
     spaces = [argument.ufl_function_space() for argument in arguments]
     if len(arguments) > 1:
         accepted = "an energy (rank 0) or a residual (rank 1); its derivatives are taken here"
-        raise bad_value(key, f"a form of rank {len(arguments)}", accepted)
+        raise bad_value(name, f"a form of rank {len(arguments)}", accepted)
     if [*form.ufl_domains()] != [V.mesh.ufl_domain()]:
-        raise bad_value(key, "a form on another mesh", "the mesh of the displacement")
+        raise bad_value(name, "a form on another mesh", "the mesh of the displacement")
     if spaces not in ([], [V]):
-        raise bad_value(key, str(spaces[0]), "a test function of the displacement's own space")
+        raise bad_value(name, str(spaces[0]), "a test function of the displacement's own space")
     if not arguments and u not in form.coefficients():
-        raise bad_value(key, "a form without the displacement", f"an energy of {u.name}")
+        raise bad_value(name, "a form without the displacement", f"an energy of {u.name}")
     kinds = sorted({integral.integral_type() for integral in form.integrals()} - set(_KINDS))
     if kinds:
-        raise bad_value(key, kinds[0], "integrals over cells (dx) or exterior facets (ds)")
+        raise bad_value(name, kinds[0], "integrals over cells (dx) or exterior facets (ds)")
 
 
 def _derivative(form: Any, u: Any, direction: Any) -> Any:

@@ -1,0 +1,200 @@
+"""The problem of a user's dolfinx program: its displacement, measures, conditions and UFL terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.errors import bad_value
+from fem_snh.fem.elements import ELEMENTS, Element, element
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import Region, check_partition
+from fem_snh.fem.terms import UFLTerm
+from fem_snh.fem.unknowns import create_unknowns
+from fem_snh.kernels.pointwise import Material
+
+Array = npt.NDArray[Any]
+
+#: Shear of the central difference in `_shear_modulus`: about the cube root of the rounding error.
+_SHEAR = 1e-5
+
+
+class DolfinxConditions:
+    """Dirichlet conditions of dolfinx: see `fem_snh.fem.boundary_conditions.Dirichlet`. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    bcs : sequence of dolfinx DirichletBC
+        Conditions on V or on components of it; where they overlap, a later one overrides an
+        earlier one. Their values are read whenever `set_values` is called.
+
+    Raises
+    ------
+    BadInput
+        For a condition on another space.
+    """
+
+    depends_on_load = False
+
+    def __init__(self, V: Any, bcs: Sequence[Any]) -> None:
+        self._bcs = list(bcs)
+        mask = _dolfinx.create_vector(V)
+        for number, bc in enumerate(self._bcs):
+            if not hasattr(bc, "dof_indices"):
+                raise bad_value(f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc")
+            if not _dolfinx.bc_space_is_within(bc, V):
+                accepted = "a condition on the displacement's function space or a component of it"
+                raise bad_value(f"bcs[{number}]", "a condition on another space", accepted)
+            dofs = _dolfinx.bc_dofs(bc)
+            # Not all ghosts of constrained nodes need be in a condition.
+            mask.array[dofs[dofs < mask.getLocalSize()]] = 1.0
+        mask.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        with mask.localForm() as local:
+            self.constrained: Array = local.array_r.reshape(-1, 3) > 0
+        self.dofs: Array = np.flatnonzero(mask.array_r)
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to their present values."""
+        _dolfinx.set_bcs(x.array, self._bcs)
+
+
+def create_dolfinx_problem(
+    u: Any,
+    materials: Mapping[Material, Any],
+    bcs: Sequence[Any] = (),
+    terms: Sequence[Any] = (),
+    element_name: str | None = None,
+) -> Problem:
+    """Return the problem of a displacement in a user's dolfinx program. Collective.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    materials : mapping of Material to ufl.Measure
+        The cells that each material fills, as ``dx`` or ``dx(1)``.
+    bcs : sequence of dolfinx DirichletBC
+        The Dirichlet conditions.
+    terms : sequence of ufl.Form
+        Energies and residuals: see `UFLTerm`.
+    element_name : str, optional
+        One of `ELEMENTS`, of the mesh's cell and the displacement's degree. Default: the element
+        with the volume term at every quadrature point.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for input that does not fit together.
+    """
+    check_displacement(u)
+    V = u.function_space
+    chosen = _element(u, element_name, materials)
+    regions = _regions(V.mesh, materials)
+    conditions = DolfinxConditions(V, bcs)
+    ufl_terms = [UFLTerm(form, u, f"terms[{number}]") for number, form in enumerate(terms)]
+    if not regions and not any(term.has_hessian for term in ufl_terms):
+        raise bad_value("materials", materials, "a material, or a term that is not linear in u")
+    if not regions and chosen.pressure_degree:
+        raise bad_value("element", chosen.name, "an element without a pressure, without materials")
+    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, ufl_terms)
+    if not regions:
+        _set_modulus(problem)
+    return problem
+
+
+def check_displacement(u: Any) -> None:
+    """Raise BadInput unless ``u`` is a real displacement in three dimensions, of degree 1 or 2."""
+    if not _dolfinx.is_function(u):
+        raise bad_value("u", u, "a dolfinx Function, the displacement")
+    if not _dolfinx.has_real_values(u):
+        accepted = "float64 (a PETSc configured with real numbers in double precision)"
+        raise bad_value("u.x.array.dtype", str(u.x.array.dtype), accepted)
+    V, domain = u.function_space, u.function_space.mesh
+    dimension, cell = _dolfinx.mesh_dimension(domain), _dolfinx.cell_name(domain)
+    kinds = sorted({e.cell for e in ELEMENTS.values()})
+    if dimension != (3, 3) or cell not in kinds:
+        found = f"{cell} cells in {dimension[1]} dimensions"
+        raise bad_value("u.function_space.mesh", found, f"{' or '.join(kinds)} cells in 3")
+    if (
+        tuple(u.ufl_shape) != (3,)
+        or not _dolfinx.is_lagrange(V)
+        or _dolfinx.degree(V) not in (1, 2)
+    ):
+        accepted = "a continuous Lagrange space of degree 1 or 2 with 3 components"
+        raise bad_value("u.function_space", str(V.ufl_element()), accepted)
+
+
+def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Element:
+    """The element by name or by the displacement's space, with the measures' quadrature degree."""
+    V = u.function_space
+    cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
+    fitting = [e.name for e in ELEMENTS.values() if (e.cell, e.degree) == (cell, degree)]
+    if name is not None and name not in fitting:
+        accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on {cell}s"
+        raise bad_value("element", name, accepted)
+    for material, measure in materials.items():
+        if not isinstance(material, Material) or not _dolfinx.is_measure(measure):
+            accepted = "{fem_snh.material(...): a measure dx of cells}"
+            raise bad_value("materials", {material: measure}, accepted)
+    degrees = {measure.metadata().get("quadrature_degree") for measure in materials.values()}
+    if len(degrees) > 1:
+        found = ", ".join(sorted(str(d) for d in degrees))
+        raise bad_value("materials", f"quadrature degrees {found}", "the same for all measures")
+    quadrature = degrees.pop() if degrees else None
+    return element(name or fitting[0], None if quadrature is None else int(quadrature))
+
+
+def _regions(domain: Any, materials: Mapping[Material, Any]) -> list[Region]:
+    """The materials' cells; every cell has one material, unless there are none."""
+    regions = []
+    for material, measure in materials.items():
+        if measure.ufl_domain() not in (None, domain.ufl_domain()):
+            found = "a measure on another mesh"
+            raise bad_value(f"materials[{material.name}]", found, "the mesh of the displacement")
+        try:
+            regions.append(Region(material, _dolfinx.measure_cells(measure, domain)))
+        except ValueError as error:
+            found = f"dx({measure.subdomain_id()})"
+            raise bad_value(f"materials[{material.name}]", found, str(error)) from None
+    if regions:
+        check_partition(domain, regions)
+    return regions
+
+
+def _set_modulus(problem: Problem) -> None:
+    """Set the unit of forces of a problem without materials, from its terms at the start.
+
+    It is 3 times the shear modulus, E of an incompressible material: the least curvature of the
+    energy in three uniform shears. Without resistance to shear, as of springs, it is the mean
+    entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
+    """
+    moduli = [_shear_modulus(problem, i, j) for i, j in ((0, 1), (1, 2), (2, 0))]
+    modulus = 3 * min(moduli)
+    if not (isfinite(modulus) and modulus > 0):
+        problem.jacobian(problem.x, "clamp")
+        distance = problem.length * (problem.dofs / 3) ** (-1 / 3)
+        modulus = (problem.matrix.constrained_diagonal or 1.0) / distance
+    problem.modulus, problem.force_scale = modulus, modulus * problem.length**2
+
+
+def _shear_modulus(problem: Problem, i: int, j: int) -> float:
+    """The second derivative of the energy in u_i = g X_j by g, per volume [Pa]. Collective."""
+    force, shear = problem.x.duplicate(), problem.x.duplicate()
+    shear.set(0.0)
+    shear.array[i::3] = problem.coordinates[:, j]
+    works = []
+    for sign in (1, -1):
+        state = problem.x.copy()
+        state.axpy(sign * _SHEAR, shear)
+        problem.gradient(state, force)
+        works.append(float(force.dot(shear)))
+    return (works[0] - works[1]) / (2 * _SHEAR * problem.length**3)

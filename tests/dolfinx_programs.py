@@ -1,0 +1,76 @@
+"""What a user's dolfinx program has: a mesh, a space, conditions; made by dolfinx alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+import fem_snh
+
+
+def unit_cube(comm: Any, cells: int = 3, cell: str = "hexahedron") -> Any:
+    """Return dolfinx's own mesh of the unit cube, on several ranks with its ghost cells."""
+    kind = getattr(mesh.CellType, cell)
+    return mesh.create_unit_cube(comm, cells, cells, cells, kind)
+
+
+def vector_space(domain: Any, degree: int = 1, components: int = 3) -> Any:
+    """Return a Lagrange space, by either version's function."""
+    if hasattr(fem, "functionspace"):
+        return fem.functionspace(domain, ("Lagrange", degree, (components,)))
+    return fem.VectorFunctionSpace(domain, ("CG", degree), dim=components)
+
+
+def halves(domain: Any) -> Any:
+    """Return meshtags of the cells: 1 where their midpoint has x < 1/2, else 2."""
+    count = domain.topology.index_map(3).size_local + domain.topology.index_map(3).num_ghosts
+    values = np.full(count, 2, np.int32)
+    values[mesh.locate_entities(domain, 3, lambda x: x[0] < 0.5 + 1e-9)] = 1
+    return mesh.meshtags(domain, 3, np.arange(count, dtype=np.int32), values)
+
+
+class Press:
+    """A cube that is held at its bottom and pressed at its top.
+
+    ``top`` is the prescribed displacement of the top, a Function.
+    """
+
+    def __init__(self, domain: Any, degree: int = 1, height: float = -0.3) -> None:
+        V = vector_space(domain, degree)
+        self.domain, self.V, self.u, self.top = domain, V, fem.Function(V), fem.Function(V)
+        self.top.x.array[2::3] = height
+        self.bcs = [
+            fem.dirichletbc(np.zeros(3), self.dofs(2, 0.0), V),
+            fem.dirichletbc(self.top, self.dofs(2, 1.0)),
+        ]
+        self.F = ufl.Identity(3) + ufl.grad(self.u)
+
+    def dofs(self, axis: int, at: float) -> np.ndarray:
+        """Return the nodes of a face."""
+        facets = mesh.locate_entities_boundary(self.domain, 2, lambda x: np.isclose(x[axis], at))
+        return fem.locate_dofs_topological(self.V, 2, facets)
+
+
+class Bar(Press):
+    """A cube with rollers at x = 0, y = 0 and z = 0, stretched in x by ``pull``, a Constant."""
+
+    def __init__(self, domain: Any, degree: int = 1, pull: float = 0.5) -> None:
+        super().__init__(domain, degree)
+        self.pull = fem.Constant(domain, pull)
+        fixed = fem.Constant(domain, 0.0)
+        self.bcs = [
+            *(self.roller(fixed, axis, 0.0) for axis in range(3)),
+            self.roller(self.pull, 0, 1.0),
+        ]
+
+    def roller(self, value: Any, axis: int, at: float) -> Any:
+        facets = mesh.locate_entities_boundary(self.domain, 2, lambda x: np.isclose(x[axis], at))
+        component = self.V.sub(axis)
+        return fem.dirichletbc(value, fem.locate_dofs_topological(component, 2, facets), component)
+
+
+def converged(problem: fem_snh.NonlinearProblem) -> bool:
+    return problem.solver.getConvergedReason() > 0
