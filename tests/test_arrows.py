@@ -30,13 +30,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("fem.terms", "fem.unknowns", "fem.boundary_conditions"),
     ("fem.taylor_hood", "fem.measures"),
     ("fem.problem",),
-    (
-        "fem.create_problem",
-        "fem.dolfinx_problem",
-        "fem.probes",
-        "fem.initial_state",
-        "fem.nodal_projection",
-    ),
+    ("fem.create_problem", "fem.probes", "fem.initial_state", "fem.nodal_projection"),
+    ("fem.dolfinx_problem",),
     ("fem.stress_fields",),
     ("fem.field_values",),
     ("fem.eigenproblem",),
@@ -96,14 +91,6 @@ ALLOWED = {
     "render": {"errors", "output_fields"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots: `Report.plot`
     "doctor": {"errors"},
-    "nonlinear_problem": {
-        "errors",
-        "_petsc",
-        "_dolfinx",
-        "fem.dolfinx_problem",
-        "kernels",
-        "solver",
-    },
     # The solver calls methods of a problem (solver/protocol.py); it does not import fem.
     "solver": {"errors", "choices", "_petsc", "linalg"},
 }
