@@ -56,7 +56,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"material.alpha": 0}, "material.alpha = 0.0: expected a number from 0.01 to 16"),
     ({"material.alpha_mu": "x"}, "material.alpha_mu = 'x': expected float or None"),
     ({"material.alpha": float("inf")}, "material.alpha = inf: expected float or None"),
-    ({"material.epsilon": -1}, "material.epsilon = -1.0: expected 0 or a number from 0.0001 to 0.99"),
+    (
+        {"material.epsilon": -1},
+        "material.epsilon = -1.0: expected 0 or a number from 0.0001 to 0.99",
+    ),
     (
         {"material.lambda_part": "stbl_neo_hookean"},
         "lambda_part = .*: expected one of .*did you mean 'stable_neo",

@@ -39,7 +39,10 @@ def render_parser() -> Parser:
         "--modes", metavar="N,N", nargs="?", const="", help="draw eigenmodes: these numbers, or all"
     )
     parser.add_argument(
-        "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
+        "--field",
+        metavar="NAME",
+        default="J",
+        help="field of the run that the colours show, or a component: cauchy_stress.xy; default: J",
     )
     parser.add_argument(
         "--movie", metavar="FILE", type=Path, help="draw a movie instead: a file .mp4 or .gif"

@@ -14,10 +14,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput
+from fem_snh.render.fields import check_field
 from fem_snh.render.worker import draw_elsewhere, require
-
-FIELDS = ("J", "displacement", "energy_density", "min_eigenvalue")
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,9 @@ def main(
         Default: ``folder/<field>.png``.
     loads
         In 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
-    field : one of `FIELDS`.
+    field
+        A field that the run has written, or a component of it: ``cauchy_stress.xy``. Of the whole
+        of a vector or a tensor the magnitude is drawn (of a tensor, the Frobenius norm).
     modes
         Draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
 
@@ -69,9 +70,9 @@ def main(
         from fem_snh.render.modes import main as draw_modes
 
         return draw_modes(folder, out, loads)
-    choose("field", field, FIELDS)
     record = read_record(folder)
     stored = stored_loads(folder / "fields.pvd")
+    check_field(folder / "fields.pvd", field)
     out = Path(out) if out is not None else folder / f"{field}.png"
     chosen = choose_loads(sorted(stored), loads)
     panels = [Panel([str(f) for f in stored[t]], panel_label(record, t)) for t in chosen]

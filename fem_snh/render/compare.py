@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fem_snh import render
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput
+from fem_snh.render.fields import check_field
 
 
 def main(
@@ -26,14 +27,14 @@ def main(
         In 0..1; default: the last one that each run has stored.
     labels
         Labels of the panels, before load and volume; default: the names of the materials.
-    field : one of `fem_snh.render.FIELDS`.
+    field
+        As for `fem_snh.render.main`.
 
     Raises
     ------
     BadInput
         As `fem_snh.render.main`.
     """
-    choose("field", field, render.FIELDS)
     folders = [Path(folder) for folder in folders]
     records = [render.read_record(folder) for folder in folders]
     if not records:
@@ -42,6 +43,7 @@ def main(
     panels = []
     for folder, record, name in zip(folders, records, names, strict=True):
         stored = render.stored_loads(folder / "fields.pvd")
+        check_field(folder / "fields.pvd", field)
         (at,) = render.choose_loads(sorted(stored), [max(stored) if load is None else load])
         label = f"{name}  ·  {render.panel_label(record, at)}"
         panels.append(render.Panel([str(file) for file in stored[at]], label))

@@ -21,32 +21,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from fem_snh.errors import BadInput
+from fem_snh.render.fields import label
 from fem_snh.render.surfaces import Body, body
 
 WIDTH = 1600  # pixels, as are the heights of the title, of a panel's label and of the colour bar
 TOP, LABEL, FOOT = 90, 50, 130
 TALLEST = 1200  # of a panel
 DPI = 200
-NAMES = {
-    "J": "J  (volume ratio)",
-    "displacement": "|u|  (displacement)",
-    "energy_density": "energy density [Pa]",
-    "mode": "|u| / max |u|  (displacement of a mode)",
-    "min_eigenvalue": "smallest eigenvalue of the Hessian [Pa]",
-}
 
 
 def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     """Return colour map, range and open ends of the colour bar, which all panels share.
 
     The range excludes the lowest and highest percent of the values. J is centred at 1, so that grey
-    means no change of volume; an eigenvalue that changes sign is centred at 0.
+    means no change of volume; other fields that change sign are centred at 0.
     """
     values = values[np.isfinite(values)]
     if not len(values):
         raise BadInput(f"'{field}' has no finite value")
     low, high = np.percentile(values, [1, 99])
-    signed = field == "min_eigenvalue" and low < 0 < high
+    signed = field != "energy_density" and low < 0 < high
     if field == "mode":
         return "viridis", Normalize(0, 1), "neither"
     centre = 1.0 if field == "J" else 0.0 if signed else None
@@ -160,7 +154,7 @@ def add_colour_bar(
     colour = ScalarMappable(norm, cmap)
     figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
     bar.tick_params(labelsize=8)
-    bar.set_xlabel(NAMES[field], fontsize=8.5, labelpad=2)
+    bar.set_xlabel(label(field), fontsize=8.5, labelpad=2)
 
 
 def draw(job: dict[str, Any]) -> None:

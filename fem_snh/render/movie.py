@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.render import Panel, panel_label, read_record, stored_loads, title
+from fem_snh.render.fields import check_field
 from fem_snh.render.worker import draw_elsewhere, require
 
 #: File types, and the packages that write them beside matplotlib's Pillow.
@@ -53,7 +54,7 @@ def main(
     out : Path
         The movie: a file .mp4 or .gif.
     field : str
-        The field that the colours show.
+        The field that the colours show, as for `fem_snh.render.main`.
     seconds : float
         Length of the movie [s].
     report : callable, optional
@@ -75,6 +76,7 @@ def main(
     require(f"a movie {out.suffix}", TYPES[out.suffix.lower()], remedy)
     record = read_record(folder)
     stored = dict(sorted(stored_loads(folder / "fields.pvd").items()))
+    check_field(folder / "fields.pvd", field)
     if len(stored) < 2:
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(stored)}")
     low, high = record.get("load_range", (0.0, 1.0))

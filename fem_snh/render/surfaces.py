@@ -10,6 +10,7 @@ import pyvista as pv
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
+from fem_snh.render.fields import component_index, split_component
 
 #: Boundary faces up to which element edges are drawn.
 EDGES_UP_TO = 6000
@@ -18,19 +19,24 @@ _EXAGGERATION = 0.12
 
 
 def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
-    """Return one grid from the files of all ranks, without ghost cells and duplicate points."""
+    """Return one grid from the files of all ranks, without ghost cells and duplicate points.
+
+    Of a field such as ``cauchy_stress.xy`` the grid has that component, under this name.
+    """
     pieces = []
+    written = split_component(field)[0]
     for file in files:
         try:
             piece: Any = pv.read(file)
         except Exception as error:  # VTK's readers document no exceptions
             raise BadInput(f"{file}: cannot be read: {error}") from None
-        for name in ("displacement", field):
+        for name in ("displacement", written):
             if name not in piece.array_names:
                 raise BadInput(f"{file}: has no '{name}', only {', '.join(piece.array_names)}")
         ghost = piece.cell_data.get("vtkGhostType")
         if ghost is not None and np.any(ghost):
             piece = piece.extract_cells(np.asarray(ghost) == 0)
+        _select_component(piece, field)
         for name in set(piece.array_names) - {"displacement", field}:
             piece.point_data.pop(name, None)
             piece.cell_data.pop(name, None)
@@ -40,6 +46,15 @@ def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
     grid: Any = pv.merge(pieces, merge_points=False)
     # Ranks compute shared points with different rounding, so a tolerance is needed.
     return grid.clean(tolerance=1e-9 * grid.length, produce_merge_map=False)
+
+
+def _select_component(piece: Any, field: str) -> None:
+    """Add the component that ``field`` names as an array of its own."""
+    component = component_index(field)
+    if component is not None:
+        name = split_component(field)[0]
+        data = piece.cell_data if name in piece.cell_data else piece.point_data
+        data[field] = np.asarray(data[name]).reshape(len(data[name]), -1)[:, component]
 
 
 def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:

@@ -1,0 +1,87 @@
+"""The fields that a run has written, by name or by component, and their labels."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.output_fields import ON_REQUEST, STANDARD, VECTOR, OutputField
+
+_KNOWN = STANDARD | ON_REQUEST
+#: Arrays of VTK files that describe the mesh.
+_MESH = ("connectivity", "offsets", "types")
+#: Labels that do not follow from label and unit.
+_LABELS = {
+    "displacement": "|u|  (displacement)",
+    "mode": "|u| / max |u|  (displacement of a mode)",
+}
+
+
+def split_component(field: str) -> tuple[str, str]:
+    """Return name and component of ``cauchy_stress.xy``; the component of a whole field is ""."""
+    name, _, component = field.partition(".")
+    return name, component
+
+
+def component_index(field: str) -> int | None:
+    """Return the index of the component that ``field`` names, None for a whole field."""
+    name, component = split_component(field)
+    return _components(name).index(component) if component else None
+
+
+def label(field: str) -> str:
+    """Return the label of the colour bar of a field or component, with its unit."""
+    if field in _LABELS:
+        return _LABELS[field]
+    name, component = split_component(field)
+    known = _KNOWN.get(name, OutputField(name, ""))
+    text = known.label
+    if component:
+        text = f"{text}, {component}"
+    elif known.components:
+        text = f"magnitude of the {text}"
+    return f"{text} [{known.unit}]" if known.unit else text
+
+
+def check_field(pvd: Path, field: str) -> None:
+    """Raise BadInput unless a run has written a field, or the field that has a component.
+
+    Parameters
+    ----------
+    pvd : Path
+        The collection of the run's states.
+    field : str
+        A name such as ``von_mises``, or a component such as ``cauchy_stress.xy``.
+    """
+    written = written_fields(pvd)
+    name, component = split_component(field)
+    if name not in written:
+        accepted = f"one of {', '.join(written)}, which this run has written"
+        if name in ON_REQUEST:
+            accepted += f"; a run with --set fields={name} writes it"
+        raise bad_value("field", field, accepted, written)
+    components = _components(name)
+    if component and component not in components:
+        accepted = "a component of " + name if components else f"'{name}', a scalar"
+        found = f": {', '.join(components)}" if components else ""
+        raise bad_value("field", field, accepted + found)
+
+
+def written_fields(pvd: Path) -> list[str]:
+    """Return the names of the fields of a run's last state, sorted."""
+    try:
+        states = [data.get("file", "") for data in ET.parse(pvd).iter("DataSet")]
+        text = (pvd.parent / states[-1]).read_text() if states else ""
+    except FileNotFoundError as error:
+        raise BadInput(f"{error.filename}: missing: the run has stored no fields") from None
+    except (OSError, ET.ParseError) as error:
+        raise BadInput(f"{pvd}: cannot be read: {error}") from None
+    names = set(re.findall(r'<P?DataArray [^>]*?Name="([^"]+)"', text))
+    return sorted(name for name in names if name not in _MESH and not name.startswith("vtk"))
+
+
+def _components(name: str) -> tuple[str, ...]:
+    """Return the names of a field's components."""
+    return _KNOWN[name].components if name in _KNOWN else VECTOR if name == "mode" else ()
