@@ -1,8 +1,9 @@
 """Sphinx extension: a short name in a docstring links to the one object that is called so.
 
 `TrustRegion` is found as ``fem_snh.solver.trust_region.TrustRegion`` from every module, as long as
-one object alone has that name, and `fem_snh.scenes.Scene` where its class is defined. In nitpicky
-mode all other names that are not found are warnings.
+one object alone has that name, and `fem_snh.scenes.Scene` where its class is defined. A text that
+is no name, such as a command, stays as it is. In nitpicky mode all other names that are not found
+are warnings.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ _KINDS = {"class", "exception", "function", "data", "module", "method", "propert
 
 def resolve(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement
-) -> nodes.reference | None:
+) -> nodes.Node | None:
     """Return a link to the only object whose full name ends in the target, if there is one."""
     if node.get("refdomain") != "py":
         return None
-    ends = ("." + node["reftarget"], "." + definition(node["reftarget"]))
+    target = node["reftarget"]
+    if not target.replace(".", "").isidentifier():
+        return content
+    ends = ("." + target, "." + definition(target))
     objects = env.get_domain("py").objects  # type: ignore[attr-defined]
     found = {
         entry.node_id: entry
@@ -47,7 +51,7 @@ def definition(target: str) -> str:
     except (ImportError, AttributeError, ValueError):
         return target
     if not hasattr(found, "__qualname__"):
-        return target
+        return name  # a constant
     return f"{found.__module__}.{found.__qualname__}"
 
 
