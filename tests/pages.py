@@ -7,7 +7,7 @@ scenes, commands of `fem-snh` in the same process. A block whose first line is a
 name of a file (`# gent.py`, `# press.toml`, `// block.geo`) is that file. A comment above a block
 is its note: `<!-- exit code 1 -->` is what its command returns; `<!-- quick: OLD => NEW -->`
 replaces text of a Python block; the commands below `<!-- not run -->`, and those of the results
-pages, are left to test_docs_commands.py.
+pages, are left to test_docs_commands.py, or `<!-- not run: FILE does -->` to that test.
 """
 
 from __future__ import annotations
@@ -101,11 +101,20 @@ def measured(page: Path, block: Block) -> bool:
     return "results" in page.parts or "not run" in block.note
 
 
+def runner(block: Block) -> str | None:
+    """Return the file that runs a block's commands, if its note names one."""
+    found = re.fullmatch(r"not run: (\S+) does", block.note)
+    return found[1] if found else None
+
+
 def page_commands(page: Path) -> list[str]:
-    """Return every command of a page or a demo, of its blocks and in its text."""
+    """Return every command of a page or a demo, of its blocks and in its text.
+
+    Commands that a file runs which is named by the block's note are left to it.
+    """
     text = demo_text(page) if page.suffix == ".py" else page.read_text(encoding="utf-8")
     shell = (block for block in blocks_of(text) if block.kind in SHELL)
-    found = [command for block in shell for command, _ in commands(block)]
+    found = [command for block in shell if not runner(block) for command, _ in commands(block)]
     return found + _INLINE.findall(text)
 
 

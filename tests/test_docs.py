@@ -29,6 +29,7 @@ from pages import (
     demo_text,
     measured,
     name_of,
+    runner,
     words_of,
 )
 
@@ -58,6 +59,7 @@ def test_every_block_is_of_a_kind_that_is_run(page: Path) -> None:
             found = list(commands(block))
             assert found, f"{where}: no command"
             assert block.text.startswith("$ ") or "$ " not in block.text, f"{where}: whose output?"
+            assert (ROOT / (runner(block) or "tests")).exists(), where
             if measured(page, block):
                 assert not any(output.strip() for _, output in found), f"{where}: output not run"
 

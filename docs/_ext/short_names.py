@@ -1,9 +1,9 @@
 """Sphinx extension: a short name in a docstring links to the one object that is called so.
 
 `TrustRegion` is found as ``fem_snh.solver.trust_region.TrustRegion`` from every module, as long as
-one object alone has that name, and `fem_snh.scenes.Scene` where its class is defined. A text that
-is no name, such as a command, stays as it is. In nitpicky mode all other names that are not found
-are warnings.
+one object alone has that name, and `fem_snh.scenes.Scene` where its class is defined. Commands and
+single words in small letters (arguments, keys, materials) stay text where they name no object. In
+nitpicky mode all other names that are not found are warnings.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def resolve(
         if f".{name}".endswith(ends) and entry.objtype in _KINDS and not entry.aliased
     }
     if len(found) != 1:
-        return None
+        return content if target.islower() and "." not in target else None
     (entry,) = found.values()
     return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, content)
 

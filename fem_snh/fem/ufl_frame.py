@@ -106,7 +106,7 @@ def freeze(x: Any) -> Any:
 
 
 def freeze_tensor(F: Any) -> tuple[Any, Any]:
-    """Return (X, a) with a X = F and derivatives 0, where a is a power of 2 and |X_ij| < 1."""
+    """Return (X, a) with a X = F and derivatives 0, where a is a power of 2 and ``|X_ij| < 1``."""
     norm = _store(ufl.sqrt(ufl.inner(F, F)))
     a: Any = ufl.as_ufl(2.0 ** -_EXPONENTS[0])
     for e in _EXPONENTS:

@@ -17,7 +17,7 @@ _DECLARATIONS = ("cell_api.h", "matrix_addition_api.h")
 
 
 class MatrixAddition:
-    """Adds element matrices where a `MatrixTarget` of cell_api.h tells.
+    """Adds element matrices where a ``MatrixTarget`` of cell_api.h tells.
 
     Parameters
     ----------

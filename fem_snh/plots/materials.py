@@ -18,7 +18,7 @@ from fem_snh.plots.style import COLOURS, colour, thousands
 from fem_snh.render import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"
-#: Colours of the kinds of tangent, in the order of `MEANINGS`.
+#: Colours of the kinds of tangent, in the order of ``MEANINGS``.
 SHADES = ("0.80", "white", "#B9DCF0", "#0072B2")
 MEANINGS = (
     "infinite energy",
