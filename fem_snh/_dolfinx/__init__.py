@@ -53,6 +53,7 @@ from fem_snh._dolfinx.programs import (
     set_bcs,
 )
 from fem_snh._dolfinx.spaces import (
+    cell_measures,
     constant,
     degree,
     function,
@@ -74,13 +75,13 @@ version: str = dolfinx.__version__
 
 __all__ = [
     "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
-    "bc_dofs", "bc_space_is_within", "bounding_box", "cell_name", "constant", "coordinates",
-    "create_matrix", "create_mesh", "create_vector", "degree", "form", "function", "function_space",
-    "geometry_degree", "geometry_dofs", "geometry_x", "gmsh_permutation", "has_real_values",
-    "input_cells", "input_vertices", "integrals", "interpolate", "is_function", "is_lagrange",
-    "is_measure", "kernel_arguments", "local_to_global", "locate", "locate_dofs", "measure_cells",
-    "mesh_dimension", "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes",
-    "num_owned", "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners",
-    "reference_nodes", "set_bcs", "surface_measure", "tabulate", "tabulate_geometry",
-    "tabulate_values", "version",
+    "bc_dofs", "bc_space_is_within", "bounding_box", "cell_measures", "cell_name", "constant",
+    "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form", "function",
+    "function_space", "geometry_degree", "geometry_dofs", "geometry_x", "gmsh_permutation",
+    "has_real_values", "input_cells", "input_vertices", "integrals", "interpolate", "is_function",
+    "is_lagrange", "is_measure", "kernel_arguments", "local_to_global", "locate", "locate_dofs",
+    "measure_cells", "mesh_dimension", "newton_solver", "node_dofs", "num_cells",
+    "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed",
+    "quadrature", "reference_corners", "reference_nodes", "set_bcs", "surface_measure", "tabulate",
+    "tabulate_geometry", "tabulate_values", "version",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import basix
@@ -45,6 +46,32 @@ def surface_measure(domain: Any, facets: Array) -> Any:
     facets = np.unique(facets).astype(np.int32)
     tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+
+
+def cell_measures(
+    domain: Any, regions: Sequence[Array], cell: str, degree: int
+) -> list[ufl.Measure]:
+    """Return the UFL measure of each region, with the quadrature rule of `quadrature`.
+
+    Parameters
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    regions : sequence of (n,) int32
+        This rank's cells of each region; every cell is in one region.
+    cell, degree : str, int
+        As for `quadrature`.
+    """
+    rule = "default" if _has_positive_weights(cell, degree) else "Xiao-Gimbutas"
+    metadata = {"quadrature_degree": degree, "quadrature_rule": rule}
+    if len(regions) == 1:
+        return [ufl.Measure("dx", domain=domain, metadata=metadata)]
+    cells = np.concatenate(regions).astype(np.int32)
+    values = np.repeat(np.arange(len(regions), dtype=np.int32), [len(r) for r in regions])
+    order = np.argsort(cells)
+    tags = dolfinx.mesh.meshtags(domain, domain.topology.dim, cells[order], values[order])
+    dx = ufl.Measure("dx", domain=domain, subdomain_data=tags, metadata=metadata)
+    return [dx(i) for i in range(len(regions))]
 
 
 def constant(domain: Any, value: npt.ArrayLike) -> Any:
@@ -127,13 +154,19 @@ def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
     """
     kind = getattr(basix.CellType, cell)
     points, weights = basix.make_quadrature(kind, degree)
-    if weights.min() < 0:
+    if not _has_positive_weights(cell, degree):
         rule = basix.QuadratureType.xiao_gimbutas
         try:
             points, weights = basix.make_quadrature(kind, degree, rule=rule)
         except TypeError:  # the rule comes first up to 0.6, last since 0.7
             points, weights = basix.make_quadrature(rule, kind, degree)
     return points, weights
+
+
+def _has_positive_weights(cell: str, degree: int) -> bool:
+    """Return whether basix's default rule has no negative weight."""
+    weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)[1]
+    return bool(weights.min() >= 0)
 
 
 def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
