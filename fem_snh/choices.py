@@ -17,6 +17,10 @@ GLOBALIZATIONS = ("linesearch", "trust_region")
 #: Eigensolvers of the Hessian's 3x3 scaling block; the default first (docs/results/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")
 
+#: What evaluates the elastic energy and its residual: the compiled kernels, or forms of UFL that
+#: FFCx compiles. The Hessian is always the kernels', which filter it.
+ASSEMBLIES = ("kernels", "ufl")
+
 #: First guesses of a load step.
 PREDICTORS = ("none", "extrapolate", "tangent")
 
@@ -24,6 +28,7 @@ PREDICTORS = ("none", "extrapolate", "tangent")
 DEFAULT_HESSIAN = "adaptive"
 DEFAULT_PREDICTOR = "extrapolate"
 DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
+DEFAULT_ASSEMBLY = ASSEMBLIES[0]
 
 #: The default globalization of each kind of problem, if no Hessian is named either. Without an
 #: energy to minimise there is nothing that a trust region could reduce.

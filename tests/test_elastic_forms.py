@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from bodies import cube, norm
 
+import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
@@ -95,3 +96,35 @@ def test_energy_and_residual(comm, case):
             *(residual(term, u, p, V, Q) for term in (forms, kernels)), strict=True
         ):
             assert norm(comm, r - r_kernels) <= BOUND * norm(comm, r_kernels)
+
+
+def test_stress_without_an_energy(comm):
+    """One line names the key, before anything is compiled."""
+    V, Q = spaces(comm, "P1")
+    region = halves(V, [material("filtered_neo_hookean", nu=0.3)])
+    with pytest.raises(BadInput, match=r"assembly = 'ufl': expected 'kernels': .* only a stress"):
+        ElasticForms(V, ELEMENTS["P1"], region, Q)
+
+
+def test_infinite_outside_the_domain(comm):
+    """log J of a mean volume and of a point, symmetric_dirichlet's barrier."""
+    for element, name in (("Q1P0", "neo_hookean"), ("P1", "symmetric_dirichlet")):
+        V, Q = spaces(comm, element)
+        forms = ElasticForms(V, ELEMENTS[element], halves(V, [material(name, nu=0.4)]), Q)
+        u = _dolfinx.create_vector(V)
+        with u.localForm() as local:
+            local.array[:] = -1.5 * V.tabulate_dof_coordinates().ravel()
+        assert forms.energy(u) == np.inf
+
+
+@pytest.mark.mpi
+def test_run(comm):
+    """A scene with assembly = "ufl" takes the same iterations to the same energy."""
+    values = {"nu": 0.45, "cells": 2, "element": "P1", "angle": 0.4, "progress": False}
+    kernels, forms = (
+        fem_snh.run("twist", **values, assembly=assembly) for assembly in ("kernels", "ufl")
+    )
+    assert [r.record["assembly"] for r in (kernels, forms)] == ["kernels", "ufl"]
+    (a,), (b,) = kernels.record["steps"], forms.record["steps"]
+    assert b["converged"] and b["newton"] == a["newton"]
+    assert b["energy"] == pytest.approx(a["energy"], rel=BOUND)

@@ -7,6 +7,8 @@ import tomllib
 from typing import Any, NoReturn
 
 from fem_snh.choices import (
+    ASSEMBLIES,
+    DEFAULT_ASSEMBLY,
     DEFAULT_HESSIAN,
     DEFAULT_PREDICTOR,
     GLOBALIZATIONS,
@@ -30,6 +32,12 @@ SCENE_OPTIONS = (
         "G",
         f"{' or '.join(GLOBALIZATIONS)}; default: linesearch with --hessian, for Taylor-Hood "
         "elements and for a stress without an energy; else trust_region",
+    ),
+    (
+        "assembly",
+        "A",
+        f"energy and residual by {' or '.join(ASSEMBLIES)} (forms that FFCx compiles); "
+        f"default: {DEFAULT_ASSEMBLY}",
     ),
     ("steps", "N", "load steps"),
     ("predictor", "P", f"start of a step: {', '.join(PREDICTORS)}; default: {DEFAULT_PREDICTOR}"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fem_snh import _dolfinx
-from fem_snh.choices import EIGENSOLVERS
+from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import bad_value
 from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
 from fem_snh.fem.elements import Element
@@ -29,6 +29,7 @@ def create_problem(
     traction: Sequence[SurfaceLoad] = (),
     reactions: Sequence[str | int] = (),
     eigensolver: str = EIGENSOLVERS[0],
+    assembly: str = DEFAULT_ASSEMBLY,
 ) -> Problem:
     """Return a problem whose conditions name physical groups of its mesh. Collective.
 
@@ -50,6 +51,8 @@ def create_problem(
         Physical groups whose reaction forces `Problem.reactions` returns.
     eigensolver : str, optional
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
+    assembly : str, optional
+        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
 
     Raises
     ------
@@ -70,4 +73,5 @@ def create_problem(
         [Traction(V, mesh, traction)] if traction else [],
         Reactions(V, mesh, reactions) if reactions else None,
         eigensolver,
+        assembly,
     )

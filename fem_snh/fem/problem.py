@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.choices import EIGENSOLVERS
+from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import choose
 from fem_snh.fem.assembled_matrix import create_matrix
 from fem_snh.fem.boundary_conditions import Dirichlet
@@ -23,7 +23,7 @@ from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
 from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.taylor_hood import SaddlePoint
-from fem_snh.fem.terms import Elastic, Term
+from fem_snh.fem.terms import ELASTIC, Term
 from fem_snh.fem.unknowns import Displacement, DisplacementPressure
 from fem_snh.kernels.pointwise import Material
 
@@ -68,6 +68,8 @@ class Problem:
         The groups whose reaction forces `reactions` returns.
     eigensolver : str, optional
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
+    assembly : str, optional
+        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
 
     Attributes
     ----------
@@ -115,6 +117,7 @@ class Problem:
         terms: Sequence[Term] = (),
         reactions: Reactions | None = None,
         eigensolver: str = EIGENSOLVERS[0],
+        assembly: str = DEFAULT_ASSEMBLY,
     ) -> None:
         self._unknowns, self.element, self.regions = unknowns, element, list(regions)
         self._dirichlet, self._reactions = dirichlet, reactions
@@ -129,7 +132,10 @@ class Problem:
 
         self.constrained_dofs = dirichlet.dofs
         scale = self.modulus / self.length
-        self.elastic = Elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
+        self.assembly = choose("assembly", assembly, ASSEMBLIES)
+        self.elastic = ELASTIC[self.assembly](
+            self.V, element, regions, unknowns.Q, scale, eigensolver
+        )
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
         self.saddle_point: SaddlePoint | None = None

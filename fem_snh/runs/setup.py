@@ -104,6 +104,7 @@ def make_problem(
         traction=scene.traction,
         reactions=scene.reactions,
         eigensolver=scene.eigensolver,
+        assembly=scene.assembly,
     )
 
 

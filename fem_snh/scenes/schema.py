@@ -8,6 +8,8 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fem_snh.choices import (
+    ASSEMBLIES,
+    DEFAULT_ASSEMBLY,
     DEFAULT_EIGENSOLVER,
     DEFAULT_HESSIAN,
     DEFAULT_PREDICTOR,
@@ -51,6 +53,7 @@ WORDS = {
     "hessian": HESSIANS,
     "globalization": GLOBALIZATIONS,
     "eigensolver": EIGENSOLVERS,
+    "assembly": ASSEMBLIES,
     "predictor": PREDICTORS,
 }
 
@@ -95,6 +98,11 @@ class Scene(Table):
         default=DEFAULT_EIGENSOLVER,
         description="Eigensolver of the Hessian's 3x3 scaling block, "
         f"one of {', '.join(EIGENSOLVERS)}.",
+    )
+    assembly: str = Field(
+        default=DEFAULT_ASSEMBLY,
+        description="What evaluates the elastic energy and its residual: the program's kernels or "
+        "UFL forms compiled by FFCx. The Hessian is always the kernels'.",
     )
     steps: Steps = Field(
         default=1, description="Number of load steps; a step that fails is halved."

@@ -62,6 +62,7 @@ def _accepted(key: str, field: FieldInfo) -> str:
         "hessian": choices.HESSIANS,
         "globalization": getattr(choices, "GLOBALIZATIONS", ()),
         "eigensolver": choices.EIGENSOLVERS,
+        "assembly": choices.ASSEMBLIES,
         "predictor": choices.PREDICTORS,
     }
     if key in words:

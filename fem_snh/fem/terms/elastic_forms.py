@@ -83,7 +83,7 @@ class ElasticForms(Elastic):
             if element.volume == "mean":
                 self._mean = _MeanVolume(V.mesh, F, measures, parts, cells)
             densities = [energy_density(_deviatoric(part), F) for part in parts]
-            if element.volume == "pressure":
+            if self._p is not None:
                 p = pressure_scale * self._p
                 densities = [
                     psi + p * ufl.det(F) - _dual(part, p)
