@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import choose
 from fem_snh.fem.assembled_matrix import create_matrix
 from fem_snh.fem.boundary_conditions import Dirichlet
@@ -132,10 +132,8 @@ class Problem:
 
         self.constrained_dofs = dirichlet.dofs
         scale = self.modulus / self.length
-        self.assembly = choose("assembly", assembly, ASSEMBLIES)
-        self.elastic = ELASTIC[self.assembly](
-            self.V, element, regions, unknowns.Q, scale, eigensolver
-        )
+        elastic = ELASTIC[choose("assembly", assembly, ELASTIC)]
+        self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
         self.saddle_point: SaddlePoint | None = None

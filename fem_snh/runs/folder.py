@@ -69,7 +69,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "hessian": solver_options["snes_hessian"],
         "globalization": solver_options["snes_globalization"],
         "eigensolver": problem.eigensolver,
-        "assembly": problem.assembly,
+        "assembly": problem.elastic.assembly,
         "terms": [term.name for term in problem.terms],
         "cells": problem.num_cells,
         "dofs": problem.dofs,

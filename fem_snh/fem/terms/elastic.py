@@ -84,7 +84,7 @@ class Elastic:
         On every rank, for a material that the element's volume treatment does not support.
     """
 
-    name = "elastic"
+    name, assembly = "elastic", "kernels"
     depends_on_load = False
 
     def __init__(

@@ -54,6 +54,8 @@ class ElasticForms(Elastic):
         On every rank, also for a material that is defined by a stress.
     """
 
+    assembly = "ufl"
+
     def __init__(
         self,
         V: Any,
@@ -65,7 +67,7 @@ class ElasticForms(Elastic):
     ) -> None:
         for material in (region.material for region in regions):
             if not material.expression.has_energy:
-                accepted = f"'kernels': material '{material.name}' has no energy, only a stress"
+                accepted = f"'kernels' for '{material.name}', which has a stress but no energy"
                 raise bad_value("assembly", "ufl", accepted)
         super().__init__(V, element, regions, Q, pressure_scale, eigensolver)
         start = perf_counter()
