@@ -51,7 +51,7 @@ def _errors(name: str, meshes: list[int], nu: float, shear: float, swell: float)
         try:
             newton.append(problem.solve())
         except BadInput as error:
-            return {"cells": meshes, "ok": False, "why": str(error)}
+            return {"cells": meshes, "ok": False, "reason": str(error)}
         found.append(problem.errors())
     columns = dict(zip(NAMES, map(list, zip(*found, strict=True)), strict=False))
     orders = {key: _orders(meshes, errors) for key, errors in columns.items()}

@@ -48,7 +48,7 @@ class EisenstatCG:
 
     Notes
     -----
-    Beside PETSc's usual ones the converged reason is
+    Beside PETSc's own the converged reason is
 
     - CONVERGED_HAPPY_BREAKDOWN if the matrix turns out to be singular,
     - DIVERGED_INDEFINITE_MAT at a direction of negative curvature,
