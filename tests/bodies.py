@@ -50,11 +50,11 @@ MATERIALS: dict[str, dict[str, Any]] = {
 }
 
 _MAIN = "stable_neo_hookean"
-#: A test's parameter ``law``: each of MATERIALS serially...
-every_law_serially = pytest.mark.parametrize("law", MATERIALS)
+#: A test's parameter ``name``: each of MATERIALS serially...
+every_energy_serially = pytest.mark.parametrize("name", MATERIALS)
 #: ... and one of them on several ranks as well.
-every_law = pytest.mark.parametrize(
-    "law", [pytest.param(m, marks=[pytest.mark.mpi] if m == _MAIN else []) for m in MATERIALS]
+every_energy = pytest.mark.parametrize(
+    "name", [pytest.param(m, marks=[pytest.mark.mpi] if m == _MAIN else []) for m in MATERIALS]
 )
 
 
@@ -106,12 +106,12 @@ def one_cell(comm: MPI.Comm, cell: str) -> mesh.Mesh:
 def problem(
     body: mesh.Mesh,
     element: str,
-    law: str = "stable_neo_hookean",
+    name: str = "stable_neo_hookean",
     E: float = 1.0,
     **conditions: Any,
 ) -> Problem:
     """A problem of an element and of one of MATERIALS."""
-    return create_problem(body, ELEMENTS[element], material(E=E, **MATERIALS[law]), **conditions)
+    return create_problem(body, ELEMENTS[element], material(E=E, **MATERIALS[name]), **conditions)
 
 
 def put(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None) -> Any:
@@ -144,7 +144,7 @@ def norm(comm: MPI.Comm, local: np.ndarray) -> float:
     return float(np.sqrt(comm.allreduce(float((np.abs(local) ** 2).sum()))))
 
 
-def held(p: Problem) -> np.ndarray:
+def constrained(p: Problem) -> np.ndarray:
     """Return which of this rank's dofs are constrained, (n,) bool."""
     mask = np.zeros(p.x.getLocalSize(), dtype=bool)
     mask[p.constrained_dofs] = True

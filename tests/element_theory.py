@@ -47,8 +47,8 @@ THEORY = {
 
 def problem(body, element, nu, quadrature=None, E=1.0, **conditions):
     """Of the energy of eq. 13, whatever nu."""
-    law = material("stable_neo_hookean", E=E, nu=nu, barrier=False)
-    return create_problem(body, elements.element(element, quadrature), law, **conditions)
+    chosen = material("stable_neo_hookean", E=E, nu=nu, barrier=False)
+    return create_problem(body, elements.element(element, quadrature), chosen, **conditions)
 
 
 def poissons(*values):

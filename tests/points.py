@@ -38,8 +38,8 @@ STATES = {
 
 
 @lru_cache
-def law(name: str, nu: float, **shape: Any) -> Material:
-    """A material with E = 1.7: an E that is forgotten somewhere changes the result."""
+def make(name: str, nu: float, **shape: Any) -> Material:
+    """Return a material with E = 1.7: an E that is forgotten somewhere changes the result."""
     return material(name, E=1.7, nu=nu, **shape)
 
 

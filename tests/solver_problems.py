@@ -52,10 +52,10 @@ def turned(angle, size=1.0):
     return displacement
 
 
-def twist(comm, element="Q1", law="stable_neo_hookean", cells=3, angle=0.6, size=1.0, **kwargs):
+def twist(comm, element="Q1", name="stable_neo_hookean", cells=3, angle=0.6, size=1.0, **kwargs):
     body = cube(comm, ELEMENTS[element].cell, cells, 0.03, size)
     move = [Condition("top", turned(angle, size))]
-    return problem(body, element, law, hold=[Hold("bottom")], move=move, **kwargs)
+    return problem(body, element, name, hold=[Hold("bottom")], move=move, **kwargs)
 
 
 def solve(p, predictor="none", hessian="adaptive", globalization="linesearch"):

@@ -12,10 +12,10 @@ from bodies import (
     MINIMISING,
     POINTWISE,
     Hold,
+    constrained,
     cube,
-    every_law,
+    every_energy,
     free_components,
-    held,
     norm,
     one_cell,
     problem,
@@ -31,7 +31,7 @@ from fem_snh.fem.elements import ELEMENTS
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)
 pointwise = pytest.mark.parametrize("element", POINTWISE)
-HELD = [Hold("bottom"), Hold("right", ("x", "z"))]
+HOLD = [Hold("bottom"), Hold("right", ("x", "z"))]
 
 
 def free_wave(p, size, shift=0.0):
@@ -44,12 +44,12 @@ def free_wave(p, size, shift=0.0):
 
 
 @pointwise
-@every_law
-def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
+@every_energy
+def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     """27 or 48 bent cells: the last batch of 8 is not full."""
     kind = ELEMENTS[element]
     p = problem(
-        cube(comm, kind.cell, 3 if kind.cell == "hexahedron" else 2, 0.06), element, law, hold=HELD
+        cube(comm, kind.cell, 3 if kind.cell == "hexahedron" else 2, 0.06), element, name, hold=HOLD
     )
     if p.material.expression.needs_stretches:
         pytest.skip("UFL cannot differentiate the stretches")
@@ -72,29 +72,29 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, law):
     p.gradient(p.x, reactions)
     assert norm(comm, reactions.array - expected.array) <= 1e-12 * expected.norm()
     p.residual(p.x, r)
-    expected.array[held(p)] = 0
+    expected.array[constrained(p)] = 0
     assert norm(comm, r.array - expected.array) <= 1e-12 * expected.norm()
-    assert not r.array[held(p)].any()
+    assert not r.array[constrained(p)].any()
 
     p.jacobian(p.x, "exact")
     full = _dolfinx.create_matrix(jacobian)
     _dolfinx.assemble_matrix(full, jacobian)
-    free = ~np.concatenate(comm.allgather(held(p)))
-    mine = ~held(p)
+    free = ~np.concatenate(comm.allgather(constrained(p)))
+    mine = ~constrained(p)
     wanted, got = rows(full), rows(p.A)
     assert norm(comm, (got - wanted)[mine][:, free].data) <= 1e-12 * norm(comm, wanted.data)
     # Prescribed rows and columns: nothing but one positive number on the diagonal.
     diagonal = np.concatenate(comm.allgather(p.A.getDiagonal().array))[~free]
     assert (diagonal > 0).all() and np.ptp(diagonal) == 0
-    outside = got[held(p)]
+    outside = got[constrained(p)]
     assert not got[mine][:, ~free].data.any() and not outside[:, free].data.any()
-    assert np.count_nonzero(outside.data) == held(p).sum()
+    assert np.count_nonzero(outside.data) == constrained(p).sum()
 
 
 @mpi
 def test_the_matrix_after_other_states_is_the_same_as_at_first(comm):
     """Nothing of an earlier assembly stays, whatever filter it had."""
-    p = problem(cube(comm, "hexahedron", 3), "Q1", hold=HELD)
+    p = problem(cube(comm, "hexahedron", 3), "Q1", hold=HOLD)
     put(p, wave(0.02))
     p.jacobian(p.x, "exact")
     first = rows(p.A)
@@ -112,10 +112,10 @@ def order(sizes, errors):
 
 
 @elements
-@every_law
-def test_residual_and_jacobian_are_derivatives(comm, element, law):
+@every_energy
+def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Taylor remainders of the energy (third order) and of the residual (second order)."""
-    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, law, hold=HELD)
+    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, name, hold=HOLD)
     put(p, wave(0.02))
     d = put(p, free_wave(p, 0.1, 0.7), p.x.duplicate())
     r, other, Ad = (p.x.duplicate() for _ in range(3))
@@ -140,9 +140,9 @@ def test_residual_and_jacobian_are_derivatives(comm, element, law):
 # --- ranks ---------------------------------------------------------------------------------------
 
 
-def numbers(comm, element, law, cells):
+def numbers(comm, element, name, cells):
     """Energies and norms that any number of ranks must agree on."""
-    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.05), element, law, hold=HELD)
+    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.05), element, name, hold=HOLD)
     put(p, wave(0.04))
     r = p.x.duplicate()
     p.residual(p.x, r)
@@ -159,7 +159,7 @@ def numbers(comm, element, law, cells):
 @mpi
 @pytest.mark.parametrize("cells", [1, 3])
 @pytest.mark.parametrize(
-    "element, law",
+    "element, name",
     [
         ("Q1", "stable_neo_hookean"),
         ("Q2", "stable_neo_hookean"),
@@ -167,10 +167,10 @@ def numbers(comm, element, law, cells):
         ("P2", "fixed_corotational"),
     ],
 )
-def test_any_number_of_ranks_gives_the_same_numbers(comm, element, law, cells):
+def test_any_number_of_ranks_gives_the_same_numbers(comm, element, name, cells):
     """With one cell, all ranks but one have none."""
-    alone = numbers(MPI.COMM_SELF, element, law, cells)
-    assert numbers(comm, element, law, cells) == pytest.approx(alone, rel=1e-12)
+    alone = numbers(MPI.COMM_SELF, element, name, cells)
+    assert numbers(comm, element, name, cells) == pytest.approx(alone, rel=1e-12)
 
 
 @mpi
@@ -195,7 +195,7 @@ def test_a_rank_without_cells(comm, element):
 @mpi
 def test_a_direct_solver_notices_new_values(comm):
     """The matrix is filled behind PETSc's back; a factorisation must not outlive it."""
-    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=HELD)
+    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=HOLD)
     ksp = PETSc.KSP().create(comm)
     ksp.setOperators(p.A)
     if comm.size == 1:
@@ -222,7 +222,7 @@ def test_a_direct_solver_notices_new_values(comm):
 
 @mpi
 def test_out_of_domain_is_infinite_energy_and_nothing_is_nan(comm):
-    p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=HELD)
+    p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=HOLD)
     put(p, wave(0.6))
     assert p.measures(p.x)["min_J"] < 0
     assert p.energy(p.x) == np.inf

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
-from points import KINDS, every_kind, law, rotations, spread
+from points import KINDS, every_kind, make, rotations, spread
 
 import benchmarks
 from benchmarks import eigensolvers as study
@@ -20,7 +20,7 @@ from fem_snh.errors import BadInput
 from fem_snh.kernels.svd_eigen import eigen3
 
 each_solver = pytest.mark.parametrize("solver", EIGENSOLVERS)
-LAWS = [law("stable_neo_hookean", nu) for nu in (0.49, 0.3)]
+MATERIALS = [make("stable_neo_hookean", nu) for nu in (0.49, 0.3)]
 
 
 def check(A: np.ndarray, solver: str, bound: float = 6e-15) -> None:
@@ -65,7 +65,7 @@ def test_hard_matrices(kind, solver):
 @each_solver
 @every_kind
 def test_scaling_blocks(kind, solver):
-    for m in LAWS:
+    for m in MATERIALS:
         check(study.blocks(m, KINDS[kind]), solver)
 
 

@@ -13,7 +13,7 @@ from points import (
     every_kind,
     every_material,
     every_state,
-    law,
+    make,
     spread,
     vec,
 )
@@ -37,7 +37,7 @@ APPENDIX_A = {
 @every_material
 def test_eigensystem(m, kind, solver):
     """H v = lambda v, orthonormal vectors, the order of Smith et al. 2018 and its Appendix A."""
-    m = law(*m)
+    m = make(*m)
     F = deformations(KINDS[kind], seed=9)
     values, vectors = m.eigensystem(F, solver)
     H = m.hessian(F)
@@ -55,7 +55,7 @@ def test_eigensystem(m, kind, solver):
 @every_state
 def test_eigenvalues_by_equations_45_to_48(state, barrier):
     """eps_k = gamma_H root_k + mu_T, twist and flip = +-gamma_H sigma_i + mu_T."""
-    m = law("stable_neo_hookean", 0.45, barrier=barrier)
+    m = make("stable_neo_hookean", 0.45, barrier=barrier)
     F = deformations(STATES[state], seed=2)
     s = svd(F)[1]
     gamma_I, gamma_H, eta, rho = paper_terms(m, s)

@@ -21,8 +21,8 @@ Reason = PETSc.KSP.ConvergedReason
 
 def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4, hold=("x", "y", "z")):
     """A cube under a wave of displacement, its left side constrained, with its matrix assembled."""
-    held = [Hold("left", components=hold)] if hold else []
-    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=held, E=E)
+    left = [Hold("left", components=hold)] if hold else []
+    p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=left, E=E)
     put(p, wave(size), p.x)
     p.prescribe(p.x)
     p.jacobian(p.x, filter)

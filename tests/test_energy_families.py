@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from points import law
+from points import make
 from stretch_formulas import NU, STATES
 
 import fem_snh
@@ -38,16 +38,16 @@ F = np.array([np.diag(s) for s in STATES])
     ],
 )
 def test_special_cases(name, shape, same):
-    one, other = law(name, NU, **shape), law(same, NU)
+    one, other = make(name, NU, **shape), make(same, NU)
     assert one.energy(F) == pytest.approx(other.energy(F), rel=1e-10, abs=1e-13)
     assert one.pk1(F) == pytest.approx(other.pk1(F), rel=1e-9, abs=1e-11)
 
 
 def test_seth_hill_tends_to_hencky():
     """As n -> 0, with an error of the first order in n."""
-    expected = law("hencky", NU).energy(F)
+    expected = make("hencky", NU).energy(F)
     for family, order in (("seth_hill", 1), ("symmetric_seth_hill", 2)):
-        errors = [abs(law(family, NU, n=n).energy(F) - expected).max() for n in (0.1, 0.05)]
+        errors = [abs(make(family, NU, n=n).energy(F) - expected).max() for n in (0.1, 0.05)]
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
 
 
@@ -63,7 +63,7 @@ def test_families_without_poisson_have_no_volume_term_at_zero(name):
 
 def test_equation_53_as_printed_is_stressed():
     """alpha = 1 + (mu_0 + gamma mu_1)/lambda leaves P(I) = -gamma mu_1/2 in its own constants."""
-    m = law("stable_fung", NU)
+    m = make("stable_fung", NU)
     mu, lam = m.expression.values
     gamma, mu_1 = 0.1 * mu, 1.0
 
@@ -80,13 +80,13 @@ def test_table_1_as_printed_ogden_is_stressed():
     weights, exponents = (6.3, 0.012, -0.1), (1.3, 5.0, -2.0)
     slope = sum(w / a * a for w, a in zip(weights, exponents, strict=True))
     assert slope == pytest.approx(6.212)
-    assert law("ogden", NU).expression.rest_stress == pytest.approx(0, abs=1e-14)
+    assert make("ogden", NU).expression.rest_stress == pytest.approx(0, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["gamma_model", "stable_fung", "stable_arruda_boyce"])
 def test_equation_52(name):
     """gamma_I +- gamma_H s_i are the twists and flips: gammas from derivatives of the energy."""
-    m = law(name, NU)
+    m = make(name, NU)
     for sigma in STATES:
         I_C, J = float(np.dot(sigma, sigma)), float(np.prod(sigma))
         h = 1e-6

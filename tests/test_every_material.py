@@ -12,7 +12,7 @@ from points import (
     deformations,
     every_name,
     filtered,
-    law,
+    make,
     observed_order,
     spread,
     vec,
@@ -70,7 +70,7 @@ def exact(m: Material, s: np.ndarray) -> tuple[list, list]:
 @every_name
 def test_it_is_what_it_says(name):
     """Where it is finite, whether it rests, whether it has an energy."""
-    m = law(name, NU)
+    m = make(name, NU)
     assert m.expression.inversion_safe == (name in FINITE)
     assert m.expression.has_energy == (name not in NO_ENERGY)
     assert (abs(m.expression.rest_stress) > 1e-3 * m.expression.E) == (name in NO_REST)
@@ -86,7 +86,7 @@ def test_it_is_what_it_says(name):
 @every_name
 def test_derivatives_by_order_of_convergence(name):
     """Central differences of psi tend to P, and of P to the Hessian, as h^2 until rounding."""
-    m = law(name, NU)
+    m = make(name, NU)
     chosen = ["random", "stretched", *(["inverted"] if m.expression.inversion_safe else [])]
     h = 0.02 * 2.0 ** -np.arange(9)
     for state in chosen:
@@ -109,7 +109,7 @@ def test_derivatives_by_order_of_convergence(name):
 
 @every_name
 def test_stress_and_eigenvalues_against_fifty_digits(name):
-    m = law(name, NU)
+    m = make(name, NU)
     for sigma in states(m):
         F = np.diag(sigma)
         s = svd(F)[1]
@@ -126,7 +126,7 @@ def test_stress_and_eigenvalues_against_fifty_digits(name):
 @every_name
 def test_eigensystem_and_filters_against_eigh(name):
     """The closed form diagonalises the Hessian; filters are those of eigh, and semidefinite."""
-    m = law(name, NU)
+    m = make(name, NU)
     F = deformations(states(m), seed=3)
     H = m.hessian(F)
     size = spread(H)[:, None, None]
@@ -143,7 +143,7 @@ def test_eigensystem_and_filters_against_eigh(name):
 @every_name
 def test_outside_the_domain(name):
     """Energy +inf and all else zero where it is infinite; nothing is ever NaN."""
-    m = law(name, NU)
+    m = make(name, NU)
     F = np.concatenate(
         [deformations(np.array(INVERTED)), np.zeros((1, 3, 3)), [np.full((3, 3), np.nan)]]
     )
@@ -166,7 +166,7 @@ WITH_UFL = [n for n in materials.names() if not materials.make_energy(n, nu=NU).
 @pytest.mark.parametrize("name", WITH_UFL)
 def test_ufl_agrees(name):
     """psi, P and the Hessian of the UFL form, differentiated by UFL and evaluated at one F."""
-    m = law(name, NU)
+    m = make(name, NU)
     for state in ["random", *(["inverted"] if m.expression.inversion_safe else [])]:
         F = deformations(STATES[state], seed=5)
         variable = ufl.variable(ufl.as_matrix(F.tolist()))
@@ -184,7 +184,7 @@ def test_ufl_agrees(name):
 
 def test_a_stress_that_is_no_gradient():
     """filtered_neo_hookean: below the threshold the derivative of P is not symmetric; ours is."""
-    m = law("filtered_neo_hookean", NU)
+    m = make("filtered_neo_hookean", NU)
     F, h = np.diag([1.4, 0.9, 0.1]), 1e-6
     jacobian = np.array(
         [

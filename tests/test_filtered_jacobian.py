@@ -11,8 +11,8 @@ from bodies import (
     POINTWISE,
     cube,
     dense,
-    every_law,
-    every_law_serially,
+    every_energy,
+    every_energy_serially,
     one_cell,
     problem,
     put,
@@ -38,9 +38,9 @@ def wild(p):
 
 
 @elements
-@every_law
-def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, law):
-    p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, law)
+@every_energy
+def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, name):
+    p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, name)
     wild(p)
     values = {}
     for choice in ("exact", "clamp", "abs"):
@@ -55,7 +55,7 @@ def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, law
             continue
         assert values[choice].min() >= -1e-12 * scale
         assert np.sum(values[choice] < 1e-9 * scale) >= 3  # the translations
-    if law != "neo_hookean":
+    if name != "neo_hookean":
         assert values["exact"].min() < -1e-2  # there was something to filter
 
 
@@ -87,14 +87,14 @@ def by_hand(p, element: Element, clamp):
 
 
 @pointwise
-@every_law_serially
+@every_energy_serially
 @pytest.mark.parametrize(
     "choice, clamp",
     [("exact", lambda e: e), ("clamp", lambda e: np.maximum(e, 0)), ("abs", np.abs)],
 )
-def test_filters_are_numpys_eigh_at_every_point(element, law, choice, clamp):
+def test_filters_are_numpys_eigh_at_every_point(element, name, choice, clamp):
     """One bent cell; as the filtered Hessian's size goes with that of F, so does the bound."""
-    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, law)
+    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
     wild(p)
     p.jacobian(p.x, choice)
     expected, worst = by_hand(p, ELEMENTS[element], clamp)

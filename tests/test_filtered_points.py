@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from points import law
+from points import make
 
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels import build
@@ -47,7 +47,7 @@ def samples() -> np.ndarray:
 @pytest.mark.parametrize("filter", FILTERS)
 @pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean", "stvk", "hencky"])
 def test_every_filter_counts_the_points_with_a_negative_eigenvalue(name, filter, eigensolver):
-    m, F = law(name, 0.45), samples()
+    m, F = make(name, 0.45), samples()
     values = m.eigensystem(F)[0]
     size = abs(values).max(axis=-1)
     zero = abs(values).min(axis=-1) <= 1e-12 * size  # the sign is rounding, or psi is infinite
@@ -59,6 +59,6 @@ def test_every_filter_counts_the_points_with_a_negative_eigenvalue(name, filter,
 @pytest.mark.parametrize("filter", FILTERS)
 def test_a_vanishing_hessian_has_no_negative_eigenvalue(filter):
     """The Hessian is zero outside the domain of psi, here J > 0."""
-    m, F = law("neo_hookean", 0.45), np.tile(np.diag([1.4, 0.9, -0.6]), (9, 1, 1))
+    m, F = make("neo_hookean", 0.45), np.tile(np.diag([1.4, 0.9, -0.6]), (9, 1, 1))
     assert not m.hessian(F).any()
     assert count(m, F, filter, "cubic") == 0

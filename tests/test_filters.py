@@ -13,7 +13,7 @@ from points import (
     every_kind,
     every_material,
     filtered,
-    law,
+    make,
     spread,
 )
 
@@ -25,7 +25,7 @@ from fem_snh.choices import EIGENSOLVERS, FILTERS
 @every_kind
 @every_material
 def test_filters_against_numpy(m, kind, filter, solver):
-    m = law(*m)
+    m = make(*m)
     F = deformations(KINDS[kind], seed=1)
     H, found = m.hessian(F, "exact", solver), m.hessian(F, filter, solver)
     assert np.isfinite(H).all()
@@ -38,7 +38,7 @@ def test_filters_against_numpy(m, kind, filter, solver):
 
 @every_material
 def test_filters_leave_a_positive_definite_hessian_unchanged(m):
-    m = law(*m)
+    m = make(*m)
     rng = np.random.default_rng(3)
     F = np.eye(3) + 0.02 * rng.standard_normal((500, 3, 3))
     H = m.hessian(F)
@@ -51,7 +51,7 @@ def test_filters_leave_a_positive_definite_hessian_unchanged(m):
 @every_material
 def test_a_point_does_not_depend_on_its_neighbours(m):
     """Eight points are evaluated at a time; the neighbours depend on the number of ranks."""
-    m = law(*m)
+    m = make(*m)
     F = deformations(np.concatenate([KINDS[k] for k in KINDS])[::7], seed=4)
     for filter in FILTERS:
         alone = np.array([m.hessian(f, filter) for f in F])
@@ -69,7 +69,7 @@ OUT[4] = np.nan
 
 @every_material
 def test_outside_the_domain_the_energy_is_infinite_and_all_else_zero(m):
-    m = law(*m)
+    m = make(*m)
     F = np.concatenate([OUT, deformations([[2, 1, -1e-3], [1, 1, 0], [3, -1, 2]])])
     psi = m.energy(F)
     assert not np.isnan(psi).any()
@@ -88,14 +88,14 @@ def test_outside_the_domain_the_energy_is_infinite_and_all_else_zero(m):
 @every_material
 @given(F=arrays(float, (3, 3), elements=st.floats(width=64)))
 def test_no_result_is_nan(m, F):
-    m = law(*m)
+    m = make(*m)
     assert m.energy(F) == m.energy(F)
     for part in (m.pk1(F), m.hessian(F), m.hessian(F, "clamp"), *m.eigensystem(F)):
         assert np.isfinite(part).all()
 
 
 def test_shapes_and_choices():
-    m = law("neo_hookean", 0.3)
+    m = make("neo_hookean", 0.3)
     F = np.tile(np.eye(3), (2, 3, 1, 1))
     assert m.energy(F).shape == (2, 3)
     assert m.pk1(F).shape == (2, 3, 3, 3)

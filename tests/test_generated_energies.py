@@ -15,7 +15,7 @@ from points import (
     every_kind,
     filtered,
     inside_domain,
-    law,
+    make,
     observed_order,
     spread,
     vec,
@@ -83,7 +83,7 @@ def make_material(function, nu: float = 0.3) -> Material:
 @every_kind
 def test_by_stretches_or_by_invariants_is_the_same(function, barrier, kind):
     """The same energy through both forms of generated code, nearly equal stretches included."""
-    a, b = make_material(function), law("stable_neo_hookean", 0.3, barrier=barrier)
+    a, b = make_material(function), make("stable_neo_hookean", 0.3, barrier=barrier)
     F = deformations(KINDS[kind], seed=8)
     if kind.startswith("signed"):  # a rotation would lose J in the rounding of F
         F = KINDS[kind][:, :, None] * np.eye(3)
@@ -129,7 +129,7 @@ def test_derivatives_filters_and_rest_state(function):
     error = np.linalg.norm((up - down) / (2 * h[:, None]) - m.hessian(F) @ vec(D), axis=1)
     size = np.linalg.norm(m.hessian(F)) * 2
     assert observed_order(h, error, 1e-16 * size / h) == pytest.approx(2, abs=0.15)
-    assert m.lame == pytest.approx(law("neo_hookean", 0.3).lame, rel=1e-10)
+    assert m.lame == pytest.approx(make("neo_hookean", 0.3).lame, rel=1e-10)
     F = deformations(np.random.default_rng(2).uniform(-2, 2, (200, 3)))
     H = m.hessian(F)
     size = spread(H)[:, None, None]

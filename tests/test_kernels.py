@@ -17,7 +17,7 @@ from points import (
     every_material,
     every_state,
     inside_domain,
-    law,
+    make,
     observed_order,
     rotations,
     vec,
@@ -35,7 +35,7 @@ from fem_snh.materials.energy import Energy
 @every_material
 def test_stress_and_hessian_by_order_of_convergence(m, state):
     """Central differences of psi converge to P, and of P to the Hessian, with order h^2."""
-    m = law(*m)
+    m = make(*m)
     F = inside_domain(m, deformations(STATES[state], seed=7))
     D = np.random.default_rng(8).standard_normal((3, 3))
     D /= np.linalg.norm(D)
@@ -78,7 +78,7 @@ def psi_exactly(energy: Energy, F: mpmath.matrix) -> mpmath.mpf:
 @every_material
 def test_energy_stress_and_hessian_with_80_digits(m, state):
     """Reference: differences of the energy in 80 digits, exact to 25 digits."""
-    m = law(*m)
+    m = make(*m)
     F = inside_domain(m, deformations(STATES[state], seed=3))
     P, H = m.pk1(F), m.hessian(F)
     with mpmath.workdps(80):
@@ -112,7 +112,7 @@ NEAR = [1e-3, 1e-5, 1e-6, 1e-8, 1e-12, 1e-15]
 )
 def test_eigenvalues_with_60_digits(m, sigma):
     """Reference: sympy's derivatives in the stretches, nearly equal ones too."""
-    m = law(*m)
+    m = make(*m)
     F = inside_domain(m, np.diag(sigma))
     s = svd(F)[1]
     values, _ = m.eigensystem(F)
@@ -138,7 +138,7 @@ def rounding(m: Material, F: np.ndarray) -> tuple[float, float, float]:
 @given(F=gradients, Q=turns)
 def test_frame_invariance_and_isotropy(m, F, Q):
     """psi(QF) = psi(FQ) = psi(F), P(QF) = Q P(F), P(FQ) = P(F) Q."""
-    m = law(*m)
+    m = make(*m)
     assume(abs(np.linalg.det(F)) > 1e-3)  # rounding must not decide whether psi is finite
     psi, P = m.energy(F), m.pk1(F)
     if np.isinf(psi):
@@ -158,7 +158,7 @@ def test_frame_invariance_and_isotropy(m, F, Q):
 @given(F=gradients, order=st.permutations(range(3)), mirror=st.integers(0, 2))
 def test_hessian_is_independent_of_the_convention_of_the_svd(nu, F, order, mirror):
     """Smith et al. 2018, eq. 41, with any order and signs of the stretches."""
-    m = law("stable_neo_hookean", nu)
+    m = make("stable_neo_hookean", nu)
     U, s, V = np.linalg.svd(F)
     V = V.T
     U, s, V = U[:, order], s[list(order)], V[:, order]

@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import deformations, every_material, every_name, law, vec
+from points import deformations, every_material, every_name, make, vec
 
 import fem_snh
 from fem_snh import materials
@@ -126,7 +126,7 @@ def test_lame_is_what_was_asked(name, nu):
 @every_material
 def test_rest(m):
     """psi = 0, P = 0, and small strains obey Hooke's law, in every orientation."""
-    m = law(*m)
+    m = make(*m)
     F = np.concatenate([np.eye(3)[None], deformations(np.ones((20, 3)))])
     scale = np.linalg.norm(hooke(m.expression.E, m.expression.nu))
     assert abs(m.energy(F)).max() <= 1e-14 * scale
@@ -157,13 +157,13 @@ def test_linear_in_E(m):
 )
 def test_barrier_by_default_below_two_fifths(nu, default):
     F = deformations([1.2, 0.7, 0.4])
-    found = {b: law("stable_neo_hookean", nu, barrier=b).energy(F) for b in (True, False)}
-    assert law("stable_neo_hookean", nu).energy(F) == found[default] != found[not default]
+    found = {b: make("stable_neo_hookean", nu, barrier=b).energy(F) for b in (True, False)}
+    assert make("stable_neo_hookean", nu).energy(F) == found[default] != found[not default]
 
 
 @pytest.mark.parametrize("nu", [0.1, 0.3, 0.45])
 def test_without_barrier_is_equation_13(nu):
-    m = law("stable_neo_hookean", nu, barrier=False)
+    m = make("stable_neo_hookean", nu, barrier=False)
     mu, lam = m.lame[0], m.lame[1] + m.lame[0]
     assert m.expression.values == pytest.approx((mu, lam), rel=1e-13)
     F = deformations(np.random.default_rng(2).uniform(-2, 2, (50, 3)))
@@ -178,7 +178,7 @@ def test_with_barrier_is_equation_14_with_the_right_alpha(nu):
 
     The material's own mu and lam are not Lame's: mu = 4/3 mu_lame, lam = lam_lame + 5/6 mu_lame.
     """
-    m = law("stable_neo_hookean", nu, barrier=True)
+    m = make("stable_neo_hookean", nu, barrier=True)
     mu_lame, lam_lame = m.lame
     mu, lam = 4 / 3 * mu_lame, lam_lame + 5 / 6 * mu_lame
     assert m.expression.values == pytest.approx((mu, lam), rel=1e-13)
@@ -205,7 +205,7 @@ def test_with_barrier_is_equation_14_with_the_right_alpha(nu):
 def test_origin_is_stable_only_without_barrier(nu):
     """What the barrier is for: near F = 0 the Hessian of eq. 13 is mu I, of eq. 14 about 0."""
     F = 1e-4 * np.eye(3)
-    free, barred = (law("stable_neo_hookean", nu, barrier=b).hessian(F) for b in (False, True))
+    free, barred = (make("stable_neo_hookean", nu, barrier=b).hessian(F) for b in (False, True))
     assert np.linalg.eigvalsh(free).min() > 0.1
     assert np.linalg.eigvalsh(barred).min() < 0
 
@@ -213,8 +213,8 @@ def test_origin_is_stable_only_without_barrier(nu):
 def test_finite_everywhere_and_infinite_where_it_must_be():
     F = deformations([[0, 0, 0], [1, 0, 0], [1, 1, -1], [3, 2, -1e-9], [1e8, 1, -1e-8]])
     for nu in (0.3, 0.49):
-        assert np.isfinite(law("stable_neo_hookean", nu).energy(F)).all()
-    assert np.isinf(law("neo_hookean", 0.3).energy(F)).all()
+        assert np.isfinite(make("stable_neo_hookean", nu).energy(F)).all()
+    assert np.isinf(make("neo_hookean", 0.3).energy(F)).all()
 
 
 # --- one expression, several arithmetics ---------------------------------------------------------
@@ -222,7 +222,7 @@ def test_finite_everywhere_and_infinite_where_it_must_be():
 
 @every_material
 def test_expression_in_stretches_and_in_measures_agree(m):
-    energy = law(*m).expression
+    energy = make(*m).expression
     s = [mpmath.mpf("1.7"), mpmath.mpf("0.6"), mpmath.mpf("0.9")]
     with mpmath.workdps(50):
         values = {

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Condition, Hold, cube, dense, held, problem, put, wave
+from bodies import MINIMISING, Condition, Hold, constrained, cube, dense, problem, put, wave
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
@@ -46,7 +46,7 @@ def test_against_a_dense_solver(comm, element, strained):
     found = modes.lowest(p, 2.0, 8)
     p.jacobian(p.x, "exact")
     K, M = dense(p.A), dense(mass_matrix(p.V, 2.0))
-    free = np.concatenate(comm.allgather(~held(p)))
+    free = np.concatenate(comm.allgather(~constrained(p)))
     K, M = K[free][:, free], M[free][:, free]
     expected = hertz(eigh((K + K.T) / 2, M, eigvals_only=True)[:8])
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
@@ -113,14 +113,14 @@ def test_the_oracle_is_euler_and_bernoullis_in_the_limit():
 def test_a_slender_beam(comm, element, nu, bound):
     """A bar of 1 x 1 x 20 held at its end bends as Timoshenko's beam, to 0.1 %.
 
-    With nu = 0.3 to 0.6 %: its section cannot shrink where it is held.
+    With nu = 0.3 to 0.6 %: its section cannot shrink where it is constrained.
     """
     length, E, density = 20.0, 5.0, 3.0
     # The coarsest cylinder has a square section.
     body = generate(comm, "cylinder", ELEMENTS[element].cell, cells=3, radius=0.5**0.5, length=20)
-    law = fem_snh.material("neo_hookean", E=E, nu=nu)
+    name = fem_snh.material("neo_hookean", E=E, nu=nu)
     found = modes.lowest(
-        create_problem(body, ELEMENTS[element], law, hold=[Hold("left")]), density, 4
+        create_problem(body, ELEMENTS[element], name, hold=[Hold("left")]), density, 4
     )
     unit = np.sqrt(E / 12 / density) / length**2 / (2 * np.pi)
     expected = np.repeat(timoshenko(length, nu, 2), 2) * unit
@@ -128,7 +128,7 @@ def test_a_slender_beam(comm, element, nu, bound):
     euler_bernoulli = 1.8751040687**2 * unit
     assert found.frequencies[:2] == pytest.approx([euler_bernoulli] * 2, rel=5e-3)
     for shape in found.shapes:
-        assert shape.norm() > 0 and not shape.array_r[held(found.problem)].any()
+        assert shape.norm() > 0 and not shape.array_r[constrained(found.problem)].any()
 
 
 # --- free bodies, multiple eigenvalues -----------------------------------------------------------
@@ -192,7 +192,7 @@ def test_an_unstable_state_has_negative_frequencies(comm):
     found = modes.lowest(p, 1.0, 6)
     p.jacobian(p.x, "exact")
     K, M = dense(p.A), dense(mass_matrix(p.V, 1.0))
-    free = np.concatenate(comm.allgather(~held(p)))
+    free = np.concatenate(comm.allgather(~constrained(p)))
     expected = hertz(eigh(K[free][:, free], M[free][:, free], eigvals_only=True)[:6])
     assert expected[0] < 0
     assert found.frequencies == pytest.approx(expected, rel=1e-7)

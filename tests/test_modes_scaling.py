@@ -41,9 +41,9 @@ def test_frequencies_scale_as_the_square_root_of_E_over_density_over_length(comm
 
 
 def rest_stiffness(name, E, nu):
-    law = fem_snh.material(name, E=E, nu=nu)
+    chosen = fem_snh.material(name, E=E, nu=nu)
     p = create_problem(
-        cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], law, hold=[Hold("left")]
+        cube(MPI.COMM_SELF, "hexahedron", 2, 0.05), ELEMENTS["Q1"], chosen, hold=[Hold("left")]
     )
     p.jacobian(p.x, "exact")
     return dense(p.A)

@@ -9,11 +9,11 @@ import pytest
 from bodies import (
     MINIMISING,
     Hold,
+    constrained,
     cube,
     dense,
-    every_law,
-    every_law_serially,
-    held,
+    every_energy,
+    every_energy_serially,
     one_cell,
     problem,
     put,
@@ -29,15 +29,15 @@ elements = pytest.mark.parametrize("element", MINIMISING)
 
 
 @elements
-@every_law_serially
+@every_energy_serially
 @pytest.mark.parametrize("body", ["cell", "cube"])
-def test_rest_stiffness_has_the_six_rigid_motions_and_no_more(element, law, body):
+def test_rest_stiffness_has_the_six_rigid_motions_and_no_more(element, name, body):
     """Even of one cell alone: the quadrature leaves no spurious modes."""
     kind = ELEMENTS[element]
     made = (
         one_cell(MPI.COMM_SELF, kind.cell) if body == "cell" else cube(MPI.COMM_SELF, kind.cell, 1)
     )
-    p = problem(made, element, law)
+    p = problem(made, element, name)
     assert p.energy(p.x) == pytest.approx(0, abs=1e-15)
     assert p.jacobian(p.x, "exact") == 0
     A = dense(p.A)
@@ -59,15 +59,15 @@ def test_near_null_space_under_conditions(comm, element):
     vectors = p.A.getNearNullSpace().getVecs()
     gram = np.array([[v.dot(w) for w in vectors] for v in vectors])
     assert abs(gram - np.eye(6)).max() <= 1e-12
-    assert not any(v.array_r[held(p)].any() for v in vectors)
+    assert not any(v.array_r[constrained(p)].any() for v in vectors)
 
 
-@every_law
-def test_a_rotated_body_is_at_rest(comm, law):
+@every_energy
+def test_a_rotated_body_is_at_rest(comm, name):
     angle = 2.5
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    p = problem(cube(comm, "hexahedron", 2, 0.05), "Q1", law)
+    p = problem(cube(comm, "hexahedron", 2, 0.05), "Q1", name)
     put(p, lambda X: X @ R.T - X + [1, 2, 3])
     r = p.x.duplicate()
     p.gradient(p.x, r)

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import every_name, exact, law, vec
+from points import every_name, exact, make, vec
 
 from fem_snh.kernels import build
 from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
@@ -43,7 +43,7 @@ def test_a_strain_of_1e_9_keeps_six_digits_of_stress(name):
     """At every nu, also where F changes shape alone and lambda is five million mu."""
     chosen = dict.fromkeys([0.3, STIFF])
     for nu in chosen:
-        m = law(name, nu)
+        m = make(name, nu)
         for seed in (0, 1, 2):  # symmetric, any, free of volume
             (F,) = (g.F for g in groups(1, seed) if g.name == "strain 1e-09")
             with mpmath.workdps(90):
@@ -71,7 +71,7 @@ def test_every_combination_of_the_issue_is_there():
 @pytest.mark.parametrize("strain", [1e-9, 1e-12, 1e-15])
 def test_near_rest_nothing_cancels(name, strain):
     """Stress to nine digits, energy to its first-order terms, of any strain: lambda = 5e6 mu."""
-    m = law(name, STIFF)
+    m = make(name, STIFF)
     A = np.array([[0.5, -0.25, 0.75], [0.125, 0.25, -0.5], [0.5, 1.0, -0.75]])  # tr A = 0
     F = np.eye(3) + 2.0 ** round(np.log2(strain)) * A
     with mpmath.workdps(90):
@@ -82,7 +82,7 @@ def test_near_rest_nothing_cancels(name, strain):
 
 def test_a_thin_element_keeps_its_volume():
     """One long stretch, two short ones: the cofactors of F cancel, and the sign of J with them."""
-    m = law("neo_hookean", 0.3)
+    m = make("neo_hookean", 0.3)
     for seed in range(8):
         (F,) = (g.F[0] for g in groups(1, 3 * seed) if g.name == "regular")
         U, _, V = np.linalg.svd(F)
@@ -96,7 +96,7 @@ def test_a_thin_element_keeps_its_volume():
 @pytest.mark.parametrize("apart", [1e-3, 1e-4, 2e-5, 1e-6, 1e-9])
 def test_near_equal_stretches_keep_their_digits(name, apart):
     """Where the division loses digits and its limit has not begun: it was ten digits at 1e-5."""
-    m = law(name, 0.3)
+    m = make(name, 0.3)
     F = np.diag([1.3 + apart, 1.3, 0.7])
     with mpmath.workdps(90):
         values = np.array([float(x) for x in exact(m, F).eigenvalues])
@@ -180,7 +180,7 @@ def test_a_displacement_of_any_strain_keeps_its_residual(name, volume, strain):
 
 def test_a_sum_of_reciprocals_survives_one_long_stretch():
     """symmetric_arap by its invariants had sum 1/s_i = (I1^2 - I_C)/(2 J)."""
-    m = law("symmetric_arap", 0.3)
+    m = make("symmetric_arap", 0.3)
     for c in compare(m, np.diag([1e9, 1e-4, 1e-4]), np.random.default_rng(0)):
         assert c.ratio <= 1, c
 
@@ -191,7 +191,7 @@ def test_rest_is_without_stress_to_the_last_digit(name):
         "stable_fung": {"gamma": 0.3, "mu_1": 0.7},
         "stable_arruda_boyce": {"betas": (0.1, 0.3)},
     }
-    m = law(name, 0.45, **shape[name])
+    m = make(name, 0.45, **shape[name])
     assert not m.pk1(np.eye(3)).any()
 
 
@@ -205,11 +205,11 @@ def test_opposite_stretches_have_a_limit_only_where_the_energy_does():
     smooth = material(by_stretches, E=1.7, nu=0.3)
     F = np.diag([2.0, 1.0, -1.0 + 1e-9])
     assert vec(F) @ smooth.hessian(F) @ vec(F) == pytest.approx(
-        vec(F) @ law("stable_neo_hookean", 0.3, barrier=False).hessian(F) @ vec(F), rel=1e-14
+        vec(F) @ make("stable_neo_hookean", 0.3, barrier=False).hessian(F) @ vec(F), rel=1e-14
     )
-    H, K = (x.hessian(F) for x in (smooth, law("stable_neo_hookean", 0.3, barrier=False)))
+    H, K = (x.hessian(F) for x in (smooth, make("stable_neo_hookean", 0.3, barrier=False)))
     assert abs(H - K).max() <= 1e-14 * abs(K).max()
-    pole = law("filtered_neo_hookean", 0.3)
+    pole = make("filtered_neo_hookean", 0.3)
     F = np.diag([2.0, 1.0, -1.0 + 2.0**-20])
     with mpmath.workdps(90):
         H = exact(pole, F).hessian()

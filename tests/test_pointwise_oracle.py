@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import every_name, exact, law
+from points import every_name, exact, make
 
 from fem_snh.kernels.pointwise import Material
 from fem_snh.studies.extremes.pointwise.bounds import compare
@@ -24,7 +24,7 @@ INVERTED = [[1.3, 0.2, -0.4], [0.1, -0.8, 0.3], [0.25, -0.6, 1.1]]
 @pytest.mark.parametrize("F", [SAMPLE, INVERTED])
 def test_oracle_against_stable_neo_hookean_by_hand(F):
     """Energy, stress and Hessian of eq. 13 without a stretch: F, cof F and dcof F/dF."""
-    m = law("stable_neo_hookean", 0.45)
+    m = make("stable_neo_hookean", 0.45)
     with mpmath.workdps(90):
         f = exactly(F)
         point = exact(m, f)
@@ -51,7 +51,7 @@ def test_oracle_against_stable_neo_hookean_by_hand(F):
 @every_name
 def test_oracle_against_mpmath_derivatives(name):
     """P is the derivative of the energy, and the Hessian that of P, by differences in 90 digits."""
-    m = law(name, 0.3)
+    m = make(name, 0.3)
     with mpmath.workdps(90):
         f, h, A = (
             exactly(SAMPLE),
@@ -70,7 +70,7 @@ def test_oracle_against_mpmath_derivatives(name):
 @pytest.mark.parametrize("name", ["stable_neo_hookean", "fixed_corotational", "stvk"])
 def test_oracle_against_a_dense_eigendecomposition(name, F):
     """Filters and eigenvalues by mpmath's eigsy of the 9x9 Hessian itself."""
-    m = law(name, 0.45)
+    m = make(name, 0.45)
     with mpmath.workdps(90):
         point = exact(m, np.array(F))
         H = point.hessian()
@@ -84,7 +84,7 @@ def test_oracle_against_a_dense_eigendecomposition(name, F):
 
 def test_a_wrong_kernel_is_found():
     """The bounds are no formality: a modulus off by 1e-12 breaks them."""
-    m = law("neo_hookean", 0.3)
+    m = make("neo_hookean", 0.3)
     wrong = Material(m.expression)
     wrong.constants = m.constants * (1 + 1e-12)
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from bodies import (
     Force,
     Hold,
     cube,
-    every_law,
+    every_energy,
     norm,
     problem,
     put,
@@ -47,15 +47,15 @@ G = np.array([[0.12, 0.05, -0.03], [0.02, -0.08, 0.06], [-0.04, 0.03, 0.1]])
 
 
 @elements
-@every_law
-def test_patch(comm, element, law):
+@every_energy
+def test_patch(comm, element, name):
     """With an affine displacement on the boundary, all nodes of a bent mesh follow it."""
 
     def affine(X, load=1.0):
         return load * (X @ G.T + 0.1)
 
     body = cube(comm, ELEMENTS[element].cell, 3 if element in ("Q1", "P1") else 2, 0.05)
-    p = problem(body, element, law, move=[Condition(face, affine) for face in FACES])
+    p = problem(body, element, name, move=[Condition(face, affine) for face in FACES])
     solve(p)
     X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
     assert norm(comm, p.x.array - affine(X).ravel()) <= 1e-10 * p.x.norm()
@@ -66,11 +66,11 @@ def test_patch(comm, element, law):
     assert found["min_J"] == pytest.approx(found["volume_ratio"], rel=1e-9)
 
 
-def bar(comm, element, law="stable_neo_hookean", size=1.0, bend=0.03, **kwargs):
+def bar(comm, element, name="stable_neo_hookean", size=1.0, bend=0.03, **kwargs):
     """A cube on three rollers, its sides free to slide."""
     rollers = [Hold("left", ("x",)), Hold("front", ("y",)), Hold("bottom", ("z",))]
     body = cube(comm, ELEMENTS[element].cell, 2, bend, size)
-    return problem(body, element, law, hold=rollers, **kwargs)
+    return problem(body, element, name, hold=rollers, **kwargs)
 
 
 @mpi
@@ -104,14 +104,14 @@ def test_uniaxial_stretch_is_exact(comm, element, stretch):
 
 
 @pytest.mark.parametrize("element", ["Q1", "P2"])
-@every_law
-def test_small_traction_is_linear_elasticity(comm, element, law):
+@every_energy
+def test_small_traction_is_linear_elasticity(comm, element, name):
     """u = t L / E along, -nu t L / E across, for every material: they agree at small strain."""
     E, t = 50.0, 50.0 * 1e-4
-    p = bar(comm, element, law, E=E, traction=[Force("right", (t, 0, 0))])
+    p = bar(comm, element, name, E=E, traction=[Force("right", (t, 0, 0))])
     solve(p, tolerance=1e-12)
     assert [term.name for term in p.terms] == ["elastic", "traction"]
-    nu = MATERIALS[law]["nu"]
+    nu = MATERIALS[name]["nu"]
     X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
     expected = t / E * X * [1, -nu, -nu]
     assert norm(comm, p.x.array - expected.ravel()) <= 1e-3 * norm(comm, expected)
@@ -142,11 +142,11 @@ def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
 @mpi
 def test_without_an_energy_there_are_forces(comm):
     """Stresses that are no gradient balance all the same, and do so in an unmoved body."""
-    law = material("filtered_neo_hookean", nu=0.3)
+    filtered = material("filtered_neo_hookean", nu=0.3)
     p = create_problem(
         cube(comm, "hexahedron", 2, 0.05),
         ELEMENTS["Q1"],
-        law,
+        filtered,
         hold=[Hold("left")],
         reactions=["left"],
     )
@@ -156,7 +156,7 @@ def test_without_an_energy_there_are_forces(comm):
     assert p.reactions(p.x)["left"] == pytest.approx([0, 0, 0], abs=1e-14)
     put(p, lambda X: 0.1 * X * [1, 0, 0])
     (force,) = p.reactions(p.x).values()
-    assert force[0] == pytest.approx(-law.pk1(np.diag([1.1, 1, 1]))[0, 0], rel=1e-10)
+    assert force[0] == pytest.approx(-filtered.pk1(np.diag([1.1, 1, 1]))[0, 0], rel=1e-10)
 
 
 # --- conditions ----------------------------------------------------------------------------------

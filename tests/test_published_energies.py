@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from points import law
+from points import make
 from stretch_formulas import NU, STATES, areas, green, strains, sums
 
 from fem_snh import materials
@@ -129,7 +129,7 @@ PUBLISHED = SMITH | CHEN_BARBIC
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_energy_and_stress(name):
     """Energy less that at rest, and principal stresses by mpmath's derivative."""
-    m = law(name, NU)
+    m = make(name, NU)
     psi, lame = PUBLISHED[name], [mp.mpf(x) for x in m.lame]
     with mp.workdps(30):
         rest = psi([mp.mpf(1)] * 3, *lame)
@@ -152,7 +152,7 @@ def test_all_of_them_are_here():
 
 def test_mooney_rivlin():
     """Table 1's isochoric form with a volume term; (C1, C2) as the library chose them."""
-    m = law("mooney_rivlin", NU)
+    m = make("mooney_rivlin", NU)
     C1, C2, kappa = m.expression.values
     for sigma in STATES:
         s = np.array(sigma)
@@ -165,7 +165,7 @@ def test_mooney_rivlin():
 
 def test_filtered_neo_hookean():
     """Eq. 5's stress above the threshold; below it only mu s changes, and the rest is as at it."""
-    m, plain = law("filtered_neo_hookean", NU), law("neo_hookean", NU)
+    m, plain = make("filtered_neo_hookean", NU), make("neo_hookean", NU)
     for sigma in STATES:
         F = np.diag(sigma)
         assert m.pk1(F) == pytest.approx(plain.pk1(F), rel=1e-12, abs=1e-14)
@@ -178,7 +178,7 @@ def test_filtered_neo_hookean():
 
 def test_c2_neo_hookean():
     """Eq. 5 above J = threshold; two derivatives continuous there, finite and convex in J below."""
-    m, plain = law("c2_neo_hookean", NU), law("neo_hookean", NU)
+    m, plain = make("c2_neo_hookean", NU), make("neo_hookean", NU)
     for sigma in STATES:
         if np.prod(sigma) >= 0.4:
             assert m.energy(np.diag(sigma)) == pytest.approx(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from points import law, vec
+from points import make, vec
 from smith_formulas import ANY, LENGTH, NU, UPRIGHT, VOLUME, cofactor, invariants, rotation
 
 from fem_snh import materials
@@ -129,7 +129,7 @@ SHAPES = {"gamma_model": {"length": LENGTH, "volume": VOLUME}}
 def test_stress(name):
     """P(F) as a matrix, at rest too, where mooney_length and neo_hookean_wang are stressed."""
     stress, own, everywhere = STRESSES[name]
-    m = law(name, NU, **SHAPES.get(name, {}))
+    m = make(name, NU, **SHAPES.get(name, {}))
     mu, lam = own(1.7 / (2 * (1 + NU)), 1.7 * NU / ((1 + NU) * (1 - 2 * NU)))
     assert m.expression.values == pytest.approx((mu, lam), rel=1e-12)
     for F in [*(ANY if everywhere else UPRIGHT), np.eye(3)]:
@@ -177,7 +177,7 @@ def four(name, I_C, J, mu, lam):
 def test_the_general_model(name):
     """The whole Hessian is gamma_I I + gamma_F f f^T + gamma_G g g^T + gamma_H H (eq. 52), and its
     twists and flips are gamma_I +- gamma_H sigma_i (eq. 46-48)."""
-    m = law(name, NU, **SHAPES.get(name, {}))
+    m = make(name, NU, **SHAPES.get(name, {}))
     for F in ANY:
         g_I, g_F, g_G, g_H = four(name, *invariants(F), *m.expression.values)
         f, g = vec(F), vec(cofactor(F))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from points import deformations, law, observed_order, vec
+from points import deformations, make, observed_order, vec
 from smith_formulas import NU
 
 from fem_snh import materials
@@ -64,7 +64,7 @@ def by_clamping(s, mu, lam, limit=0.25):
 
 def test_filter_of_the_volume():
     """bound="J" is eq. 5 continued linearly from the surface J = sigma_f; continuous there."""
-    m = law("filtered_neo_hookean", NU, bound="J")
+    m = make("filtered_neo_hookean", NU, bound="J")
     rng = np.random.default_rng(0)
     s = -np.sort(-rng.uniform(0, 2, (400, 3)) * rng.choice([0.2, 1], (400, 3)), axis=1)
     s[::2, 2] *= -1
@@ -74,7 +74,7 @@ def test_filter_of_the_volume():
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-12)
     above = s.prod(axis=1) >= 0.25
     assert 20 < above.sum() < len(s) - 20
-    plain = law("neo_hookean", NU).pk1(np.array([np.diag(x) for x in s[above]]))
+    plain = make("neo_hookean", NU).pk1(np.array([np.diag(x) for x in s[above]]))
     assert np.diagonal(plain, axis1=1, axis2=2) == pytest.approx(expected[above], rel=1e-11)
     with pytest.raises(BadInput, match="bound"):
         materials.make_energy("filtered_neo_hookean", bound="area")
@@ -82,7 +82,7 @@ def test_filter_of_the_volume():
 
 def test_filter_of_the_volume_has_a_tangent():
     """Its Hessian is the symmetric part of the derivative of its stress, filtered or not."""
-    m, h = law("filtered_neo_hookean", NU, bound="J"), 1e-6
+    m, h = make("filtered_neo_hookean", NU, bound="J"), 1e-6
     for sigma in [(1.4, 0.9, 0.6), (1.4, 0.9, 0.1), (2.0, 0.3, 0.2), (0.5, 0.4, -0.3)]:
         F = deformations(sigma, seed=11)
         columns = [
@@ -96,7 +96,7 @@ def test_filter_of_the_volume_has_a_tangent():
 def test_extrapolated_energies_agree_to_second_order():
     """Along the ray from the identity, ours (in J) and Stomakhin et al.'s (all of psi, in the
     stretches) differ by the third power of the distance beyond J = threshold."""
-    m, plain = law("c2_neo_hookean", NU), law("neo_hookean", NU)
+    m, plain = make("c2_neo_hookean", NU), make("neo_hookean", NU)
     end, a = np.array([1.2, 0.5, -0.7]), 0.4
     t = min(x.real for x in np.roots(_along(end, a)) if abs(x.imag) < 1e-12 and 0 < x.real < 1)
     q, u = 1 + t * (end - 1), (end - 1) / np.linalg.norm(end - 1)
@@ -124,7 +124,7 @@ def _along(end, a):
 
 def test_wang_has_a_pressure_for_a_volume_term():
     """Uniform stretch: the energy is linear in J, so it falls all the way to J = 0."""
-    m = law("neo_hookean_wang", NU)
+    m = make("neo_hookean_wang", NU)
     J = np.array([0.01, 0.25, 1.0, 4.0, 64.0])
     F = np.cbrt(J)[:, None, None] * np.eye(3)
     lam = m.expression.values[1]
@@ -134,13 +134,13 @@ def test_wang_has_a_pressure_for_a_volume_term():
 
 def test_mooney_length_deflates():
     """P(I) = mu I (eq. 10): the energy falls from rest as the body shrinks; SNH's rises."""
-    m, snh = law("mooney_length", NU), law("stable_neo_hookean", NU)
+    m, snh = make("mooney_length", NU), make("stable_neo_hookean", NU)
     assert m.pk1(np.eye(3)) == pytest.approx(m.expression.values[0] * np.eye(3), rel=1e-12)
     smaller = 0.99 * np.eye(3)
     assert m.energy(smaller) < 0 < snh.energy(smaller)
 
 
 def test_neo_hookean_bower_lets_go_under_uniform_compression():
-    m = law("neo_hookean_bower", NU)
+    m = make("neo_hookean_bower", NU)
     assert m.energy(1e-3 * np.eye(3)) == pytest.approx(m.expression.values[1] / 2, rel=1e-6)
     assert m.energy(np.diag([1, 1, 1e-6])) > 1e3 * m.expression.E

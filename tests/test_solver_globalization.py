@@ -42,8 +42,8 @@ def note(comm):
     ],
 )
 def test_default_globalization_depends_on_the_problem(comm, element, name, expected):
-    law = material(name, nu=0.4)
-    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], law, hold=[Hold("left")])
+    chosen = material(name, nu=0.4)
+    p = create_problem(cube(comm, "hexahedron", 2), ELEMENTS[element], chosen, hold=[Hold("left")])
     assert solver.default_globalization(p) == expected
     assert choices(solver.create(p)) == {"hessian": "adaptive", "globalization": expected}
 

@@ -48,10 +48,10 @@ def test_every_choice_reaches_the_same_state(comm, element, hessian, globalizati
 @mpi
 @pytest.mark.parametrize("globalization", GLOBALIZATIONS)
 @pytest.mark.parametrize("hessian", ["clamp", "abs", "adaptive"])  # exact may fail
-@pytest.mark.parametrize("law", ["stable_neo_hookean", "neo_hookean", "fixed_corotational"])
-def test_energy_and_history_of_a_strong_twist(comm, law, hessian, globalization):
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean", "fixed_corotational"])
+def test_energy_and_history_of_a_strong_twist(comm, name, hessian, globalization):
     """From a distant start the energy decreases in every iteration; the history is complete."""
-    p = twist(comm, law=law, cells=3, angle=0.8)
+    p = twist(comm, name=name, cells=3, angle=0.8)
     snes, context = solve(p, hessian=hessian, globalization=globalization)
     assert snes.getConvergedReason() > 0
     history = context.history

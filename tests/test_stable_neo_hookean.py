@@ -113,10 +113,10 @@ def threshold() -> float:
     dpsi/ds over its trivial roots s^2 (s - 1) is a quartic; where its discriminant vanishes two
     more stationary points are born.
     """
-    law = made("stable_neo_hookean", -0.8, barrier=True).expression
+    name = made("stable_neo_hookean", -0.8, barrier=True).expression
     s, r = sympy.symbols("s r", positive=True)
-    mu, lam = law.constants
-    along = law.psi_sigma.subs(dict.fromkeys(SIGMA, s)).subs({mu: 1, lam: r})
+    mu, lam = name.constants
+    along = name.psi_sigma.subs(dict.fromkeys(SIGMA, s)).subs({mu: 1, lam: r})
     slope = sympy.numer(sympy.together(sympy.diff(along, s)))
     quartic, rest = sympy.div(sympy.Poly(slope, s), sympy.Poly(s**2 * (s - 1), s))
     assert rest == 0 and quartic.degree() == 4

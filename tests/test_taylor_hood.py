@@ -9,7 +9,7 @@ import pytest
 import ufl
 from bodies import cube, dense, norm, wave
 from volume_energies import (
-    LAWS,
+    ENERGIES,
     TAYLOR_HOOD,
     moduli,
     mpi,
@@ -27,17 +27,17 @@ from fem_snh.kernels.pointwise import material
 @mpi
 @pytest.mark.parametrize("element", TAYLOR_HOOD)
 @pytest.mark.parametrize(
-    "law, nu",
+    "name, nu",
     [("stable_neo_hookean", nu) for nu in (0.1, 0.49, 0.4999, 0.5)]
     + [("stable_neo_hookean+barrier", 0.3)],
 )
-def test_taylor_hood_is_what_ufl_derives(comm, element, law, nu):
+def test_taylor_hood_is_what_ufl_derives(comm, element, name, nu):
     """psi' + p J - U*(p), U* = p J(p) - U(J(p)), J(p) = 1 + p/k; at nu = 0.5 U* = p."""
-    kind, volume = ELEMENTS[element], LAWS[law]
+    kind, volume = ELEMENTS[element], ENERGIES[name]
     # Rules that are the same for FFCx whatever degree an element has by default.
     kind = replace(kind, quadrature={"tetrahedron": 2, "hexahedron": 5}[kind.cell])
     body = cube(comm, kind.cell, 2, 0.05)
-    keywords = volume.keywords | {"nu": nu, "barrier": "barrier" in law}
+    keywords = volume.keywords | {"nu": nu, "barrier": "barrier" in name}
     p = put(create_problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
     r = p.x.duplicate()
     energy = p.energy(p.x)

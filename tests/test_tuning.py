@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import deformations, every_name, law, observed_order, vec
+from points import deformations, every_name, make, observed_order, vec
 
 import fem_snh
 from fem_snh import materials
@@ -80,7 +80,7 @@ def test_alpha_leaves_the_linear_properties(name):
 )
 def test_equations_16_to_18(name, alpha):
     """Energy, stresses and their derivatives from those of the plain material at s^alpha."""
-    m, plain = law(name, NU, alpha=alpha), law(name, NU)
+    m, plain = make(name, NU, alpha=alpha), make(name, NU)
     for s in UPRIGHT:
         t, power_1 = s**alpha, s ** (alpha - 1)
         F, G = np.diag(s), np.diag(t)
@@ -97,11 +97,11 @@ def test_seth_hill_is_corotational_made_nonlinear():
     """Chen & Barbic, section 5: StVK is alpha = 2; Hencky's energy knows no alpha."""
     F = deformations(UPRIGHT)
     for n in (0.5, 1.5, -1.0):
-        a = law("seth_hill", NU, n=abs(n)).energy(F)
-        assert law("corotational", NU, alpha=abs(n)).energy(F) == pytest.approx(a, rel=1e-11)
-    a = law("corotational", NU, alpha=2, epsilon=0).energy(F)
-    assert a == pytest.approx(law("stvk", NU).energy(F), rel=1e-11)
-    assert law("hencky", NU, alpha=2.3).energy(F) == pytest.approx(law("hencky", NU).energy(F))
+        a = make("seth_hill", NU, n=abs(n)).energy(F)
+        assert make("corotational", NU, alpha=abs(n)).energy(F) == pytest.approx(a, rel=1e-11)
+    a = make("corotational", NU, alpha=2, epsilon=0).energy(F)
+    assert a == pytest.approx(make("stvk", NU).energy(F), rel=1e-11)
+    assert make("hencky", NU, alpha=2.3).energy(F) == pytest.approx(make("hencky", NU).energy(F))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_seth_hill_is_corotational_made_nonlinear():
 )
 def test_inverted_elements(name, alpha):
     """Finite; energy, stress and Hessian of one another; no stationary state but rest."""
-    m = law(name, NU, alpha=alpha)
+    m = make(name, NU, alpha=alpha)
     F = deformations(INVERTED, seed=4)
     assert m.expression.inversion_safe
     assert np.isfinite(m.energy(F)).all()
@@ -132,7 +132,7 @@ def test_inverted_elements(name, alpha):
 @pytest.mark.parametrize("at", [EPSILON, 0.0, -EPSILON])
 def test_hessian_is_continuously_differentiable_where_the_pieces_meet(alpha, at):
     """The jump of the Hessian and of its slope across a piece's end vanishes with the distance."""
-    m = law("stable_neo_hookean", NU, alpha=alpha)
+    m = make("stable_neo_hookean", NU, alpha=alpha)
 
     def H(d):
         return m.hessian(np.diag([1.3, 0.9, at + d]))
@@ -146,7 +146,7 @@ def test_hessian_is_continuously_differentiable_where_the_pieces_meet(alpha, at)
 
 def test_energy_that_is_reflection_stable_stays_so():
     """Any stretch may carry the sign: g is odd."""
-    m = law("stable_neo_hookean", NU, alpha=1.5)
+    m = make("stable_neo_hookean", NU, alpha=1.5)
     one = m.energy(np.diag([1.3, 0.9, -0.05]))
     for signs in ((-1, 1, 1), (1, -1, 1), (-1, -1, -1)):
         s = np.array(signs) * [1.3, 0.9, 0.05]
@@ -157,7 +157,7 @@ def test_tension_at_two_and_a_half():
     """Figure 3's order: the larger alpha, the stiffer under large stretch, equal at small."""
     F = np.diag([2.5, 0.7, 0.7])
     small = np.diag([1 + 1e-6, 1, 1])
-    P = [law("stable_neo_hookean", NU, alpha=a) for a in (0.5, 1.0, 1.5, 3.7)]
+    P = [make("stable_neo_hookean", NU, alpha=a) for a in (0.5, 1.0, 1.5, 3.7)]
     stress = [m.pk1(F)[0, 0] for m in P]
     assert np.all(np.diff(stress) > 0)
     assert [m.pk1(small)[0, 0] for m in P] == pytest.approx([P[0].pk1(small)[0, 0]] * 4, rel=1e-5)
@@ -204,18 +204,18 @@ def test_every_material_becomes_c(name):
 def test_parts_make_the_whole(name):
     """A material mixed with itself is itself (eq. 19)."""
     F = deformations(UPRIGHT)
-    same = law(name, NU, lambda_part=name)
-    assert same.energy(F) == pytest.approx(law(name, NU).energy(F), rel=1e-11)
-    assert same.expression.values == same.expression.lame == pytest.approx(law(name, NU).lame)
+    same = make(name, NU, lambda_part=name)
+    assert same.energy(F) == pytest.approx(make(name, NU).energy(F), rel=1e-11)
+    assert same.expression.values == same.expression.lame == pytest.approx(make(name, NU).lame)
 
 
 def test_corotational_with_the_volume_of_another():
     """mu of corotational, lambda of (J - 1)^2: fixed_corotational (Chen & Barbic, section 6)."""
     F = deformations(np.concatenate([UPRIGHT, INVERTED]))
-    mixed = law("corotational", NU, lambda_part="stable_neo_hookean")
-    assert mixed.energy(F) == pytest.approx(law("fixed_corotational", NU).energy(F), rel=1e-11)
+    mixed = make("corotational", NU, lambda_part="stable_neo_hookean")
+    assert mixed.energy(F) == pytest.approx(make("fixed_corotational", NU).energy(F), rel=1e-11)
     assert mixed.expression.inversion_safe
-    logs = law("corotational", NU, lambda_part="neo_hookean")
+    logs = make("corotational", NU, lambda_part="neo_hookean")
     mu, lam = logs.lame
     expected = mu * ((UPRIGHT - 1) ** 2).sum(1) + lam / 2 * np.log(UPRIGHT.prod(1)) ** 2
     assert logs.energy(F[: len(UPRIGHT)]) == pytest.approx(expected, rel=1e-11)
@@ -224,20 +224,20 @@ def test_corotational_with_the_volume_of_another():
 
 def test_equation_20():
     """Each part with its own alpha."""
-    mixed = law("stvk", NU, lambda_part="neo_hookean", alpha_mu=1.5, alpha_lambda=0.7)
+    mixed = make("stvk", NU, lambda_part="neo_hookean", alpha_mu=1.5, alpha_lambda=0.7)
     mu, lam = mixed.lame
-    assert (mu, lam) == pytest.approx(law("stvk", NU).lame, rel=1e-12)
+    assert (mu, lam) == pytest.approx(make("stvk", NU).lame, rel=1e-12)
     a, b = UPRIGHT**1.5, np.log((UPRIGHT**0.7).prod(1))
     expected = mu / 1.5**2 * ((a**2 - 1) ** 2).sum(1) / 4 + lam / 0.7**2 / 2 * b**2
     assert mixed.energy(deformations(UPRIGHT)) == pytest.approx(expected, rel=1e-11)
-    one, both = law("sts", NU, alpha_mu=2, alpha_lambda=2), law("sts", NU, alpha=2)
+    one, both = make("sts", NU, alpha_mu=2, alpha_lambda=2), make("sts", NU, alpha=2)
     F = deformations(UPRIGHT)
     assert one.energy(F) == pytest.approx(both.energy(F), rel=1e-11)
 
 
 def test_a_stress_without_energy_can_be_tuned():
-    m = law("filtered_neo_hookean", NU, alpha=2)
-    plain = law("neo_hookean", NU, alpha=2)
+    m = make("filtered_neo_hookean", NU, alpha=2)
+    plain = make("neo_hookean", NU, alpha=2)
     F = deformations(UPRIGHT[:3])
     assert m.pk1(F) == pytest.approx(plain.pk1(F), rel=1e-10)
     assert np.isfinite(m.pk1(deformations(INVERTED))).all()

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from points import deformations, law
+from points import deformations, make
 from ufl_values import energy_and_derivatives, value
 
 from fem_snh import _dolfinx, materials
@@ -58,7 +58,7 @@ def assert_agrees(m, F, constant):
 
 @pytest.mark.parametrize("name", OF_STRETCHES)
 def test_value_and_derivatives(name, constant):
-    m = law(name, NU)
+    m = make(name, NU)
     assert_agrees(m, points(m), constant)
 
 
@@ -72,17 +72,17 @@ def test_value_and_derivatives(name, constant):
     ],
 )
 def test_tuned_energies(name, tuning, constant):
-    m = law(name, NU, **tuning)
+    m = make(name, NU, **tuning)
     assert m.expression.needs_stretches
     assert_agrees(m, points(m), constant)
 
 
 def test_nan_outside_the_domain(constant):
     """Also for energies that are finite beyond the singularity that they must not cross."""
-    infinite = [n for n in ENERGIES if not law(n, NU).expression.inversion_safe]
+    infinite = [n for n in ENERGIES if not make(n, NU).expression.inversion_safe]
     F = deformations(np.array(INVERTED), seed=12)
     for name in infinite:
-        m = law(name, NU)
+        m = make(name, NU)
         found = value(m.ufl(constant), {constant: F})
         assert np.isnan(found).all() and np.isinf(m.energy(F)).all(), name
 
@@ -108,9 +108,9 @@ def test_a_frozen_number_has_no_derivative(constant):
 
 
 def test_it_prints_short(constant):
-    assert len(repr(law("ogden", NU).ufl(constant))) < 10_000
+    assert len(repr(make("ogden", NU).ufl(constant))) < 10_000
 
 
 def test_a_stress_without_an_energy(constant):
     with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
-        law("filtered_neo_hookean", NU).ufl(constant)
+        make("filtered_neo_hookean", NU).ufl(constant)

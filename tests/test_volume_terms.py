@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from bodies import cube, dense, norm, one_cell, wave
 from volume_energies import (
-    HELD,
-    LAWS,
+    ENERGIES,
+    HOLD,
     MEAN,
     MIXED,
     moduli,
@@ -103,14 +103,14 @@ def block_by_hand(p, volume, keep):
 
 @pairs(MIXED)
 @pytest.mark.parametrize("choice", FILTERS)
-def test_filters_are_numpys_eigh_at_every_point(element, law, choice):
+def test_filters_are_numpys_eigh_at_every_point(element, name, choice):
     """One cell that is no unit cell, inverted at some points."""
-    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, law)
+    p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
     wild(p, p.material.expression.inversion_safe)
     p.jacobian(p.x, choice)
     found = dense(p.A)
     n = 3 * _dolfinx.num_nodes(p.V)[0]
-    expected = block_by_hand(p, LAWS[law], FILTERS[choice])
+    expected = block_by_hand(p, ENERGIES[name], FILTERS[choice])
     assert abs(found[:n, :n] - expected).max() <= 1e-10 * abs(expected).max()
     assert abs(found - found.T).max() <= 1e-14 * abs(found).max()
     if choice == "exact":
@@ -121,11 +121,11 @@ def test_filters_are_numpys_eigh_at_every_point(element, law, choice):
 
 
 @pairs(MEAN)
-def test_mean_dilatation_energy(element, law):
+def test_mean_dilatation_energy(element, name):
     """psi - U(J) at each point, and U of the mean of J once a cell."""
-    p = problem(cube(MPI.COMM_SELF, ELEMENTS[element].cell, 2, 0.05), element, law)
+    p = problem(cube(MPI.COMM_SELF, ELEMENTS[element].cell, 2, 0.05), element, name)
     put(p, wave(0.05))
-    found, volume = p.energy(p.x), LAWS[law]
+    found, volume = p.energy(p.x), ENERGIES[name]
     k, expected = moduli(p)[2], 0.0
     for _, w, F, _ in cells(p):
         J = np.linalg.det(F)
@@ -150,9 +150,9 @@ def difference(function, x, d, h):
 
 @mpi
 @pairs(MIXED)
-def test_residual_and_jacobian_are_derivatives(comm, element, law):
+def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Of the energy and of the residual, along a random direction, pressures included."""
-    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, law, hold=HELD)
+    p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, name, hold=HOLD)
     put(p, wave(0.03), 0.3)
     r, d, Ad = (p.x.duplicate() for _ in range(3))
     d.array[:] = np.random.default_rng(comm.rank).uniform(-1, 1, d.getLocalSize())

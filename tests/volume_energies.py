@@ -58,7 +58,7 @@ def barrier(F, mu, local):
     return mu / 2 * (I_C - 3) - mu / 2 * ufl.ln((I_C + 1) / 4) + volume
 
 
-LAWS = {
+ENERGIES = {
     "stable_neo_hookean": Volume({"name": "stable_neo_hookean", "nu": 0.49}, quadratic, stable),
     "stable_neo_hookean+barrier": Volume(
         {"name": "stable_neo_hookean", "nu": 0.3}, quadratic, barrier
@@ -66,13 +66,13 @@ LAWS = {
     "neo_hookean": Volume({"name": "neo_hookean", "nu": 0.45}, logarithmic, closed=False),
     "fixed_corotational": Volume({"name": "fixed_corotational", "nu": 0.45}, quadratic),
 }
-HELD = [Hold("bottom"), Hold("right", ("x", "z"))]
+HOLD = [Hold("bottom"), Hold("right", ("x", "z"))]
 
 
 def pairs(elements):
-    """``element`` with each law that it takes."""
-    taken = [(e, law) for e in elements for law in LAWS if e in MEAN or LAWS[law].closed]
-    return pytest.mark.parametrize("element, law", taken)
+    """``element`` with each energy that it supports."""
+    taken = [(e, name) for e in elements for name in ENERGIES if e in MEAN or ENERGIES[name].closed]
+    return pytest.mark.parametrize("element, name", taken)
 
 
 def moduli(p):
@@ -83,9 +83,9 @@ def moduli(p):
     return mu, local, lam - local
 
 
-def problem(body, element, law, **conditions):
+def problem(body, element, name, **conditions):
     return create_problem(
-        body, ELEMENTS[element], material(E=1.0, **LAWS[law].keywords), **conditions
+        body, ELEMENTS[element], material(E=1.0, **ENERGIES[name].keywords), **conditions
     )
 
 

@@ -139,6 +139,6 @@ def torque_at(problem: Problem, x: float) -> float:
     X = problem.coordinates
     there = X + problem.u.x.array[: X.size].reshape(-1, 3)
     forces = gradient.array_r[: X.size].reshape(-1, 3)
-    held = np.isclose(X[:, 0], x)
-    mine = np.cross(there[held], forces[held])[:, 0].sum()
+    fixed_end = np.isclose(X[:, 0], x)
+    mine = np.cross(there[fixed_end], forces[fixed_end])[:, 0].sum()
     return float(problem.comm.allreduce(mine, op=MPI.SUM))
