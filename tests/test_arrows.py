@@ -37,6 +37,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("solver",),
     ("runs", "nonlinear_problem"),
     ("plots", "render", "doctor"),
+    ("view",),
     ("studies",),
     ("reports",),
     ("cli",),
@@ -86,7 +87,8 @@ ALLOWED = {
         "fem.mesh",
     },
     "plots": {"errors", "render"},
-    "render": {"errors", "output_fields"},
+    "render": {"errors", "output_fields", "atomic_files"},
+    "view": {"errors", "atomic_files", "plots", "render"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots: `Report.plot`
     "doctor": {"errors"},
     # The solver calls methods of a problem (solver/protocol.py); it does not import fem.
@@ -111,7 +113,7 @@ THIRD_PARTY = {
         "fem.nodal_projection",
     },
     "gmsh": {"fem.gmsh_input"},
-    "pyvista": {"render"},
+    "pyvista": {"render", "view"},
     "matplotlib": {"plots", "render"},
     "pydantic": {"scenes"},
     "slepc4py": {"fem.eigenproblem", "fem.modes"},

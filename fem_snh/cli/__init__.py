@@ -33,6 +33,7 @@ COMMANDS = {
     "materials": ("materials", "list the materials, describe one, or characterise them"),
     "plot": ("tools", "draw curves from run folders or a study's table"),
     "render": ("tools", "draw the deformed body of a run"),
+    "view": ("tools", "write a run as one interactive HTML page"),
     "doctor": ("tools", "check the installation"),
 }
 _format = warnings.formatwarning

@@ -1,4 +1,4 @@
-"""The commands ``plot``, ``render`` and ``doctor``."""
+"""The commands ``plot``, ``render``, ``view`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -92,6 +92,31 @@ def _movie(args: Namespace) -> int:
             lambda drawn, frames: bar.update(task, completed=drawn, total=frames),
         )
     print(path)
+    return 0
+
+
+def view_parser() -> Parser:
+    """Return the parser of ``fem-snh view``."""
+    parser = Parser(
+        "view",
+        "Write a run as one HTML page that needs no other file and no network: the body in three "
+        "dimensions, curves, steps, settings and versions.",
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
+    parser.add_argument("--out", metavar="HTML", type=Path, help="the page; default: DIR/view.html")
+    parser.add_argument(
+        "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
+    )
+    return parser
+
+
+def view(argv: list[str]) -> int:
+    """Write the HTML page of a run folder. Return 0."""
+    args = view_parser().parse(argv)
+
+    from fem_snh.view import main
+
+    print(main(args.folder, args.out, args.field))
     return 0
 
 
