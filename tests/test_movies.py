@@ -81,7 +81,7 @@ def test_movie_has_its_frames_and_moves(twisted, tmp_path, suffix):
 def test_mistakes_are_one_line(twisted, tmp_path):
     assert ".mp4 or .gif" in bad(movie.main, twisted, tmp_path / "a.avi")
     assert "--seconds" in bad(movie.main, twisted, tmp_path / "a.gif", "J", 0.0)
-    assert "has no 'mises'" in bad(movie.main, twisted, tmp_path / "a.gif", "mises", SECONDS)
+    assert "field = 'mises'" in bad(movie.main, twisted, tmp_path / "a.gif", "mises", SECONDS)
     blocked = tmp_path / "file"
     blocked.write_text("")
     assert "cannot be written" in bad(movie.main, twisted, blocked / "a.gif", "J", SECONDS)

@@ -14,6 +14,7 @@ from pathlib import Path
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.render import Panel, panel_label, read_record, stored_loads
+from fem_snh.render.fields import check_field
 from fem_snh.render.worker import draw_elsewhere, require
 
 #: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
@@ -39,7 +40,7 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
     out : Path, optional
         The page; default: ``folder/view.html``.
     field : str
-        The field that the colours show.
+        The field that the colours show, or a component of it: see `fem_snh.render.main`.
 
     Raises
     ------
@@ -54,6 +55,7 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
     require("view", ("trame_vtk",), "'fem_snh[view]'")
     record = read_record(folder)
     stored = stored_loads(folder / "fields.pvd")
+    check_field(folder / "fields.pvd", field)
     states = [
         Panel([str(file) for file in stored[load]], panel_label(record, load))
         for load in choose_states(sorted(stored))

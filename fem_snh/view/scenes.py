@@ -24,7 +24,8 @@ from trame_vtk.modules.vtk.serializers import (
 )
 
 from fem_snh.errors import BadInput
-from fem_snh.render.drawing import NAMES, colours, view
+from fem_snh.render.drawing import colours, view
+from fem_snh.render.fields import label
 from fem_snh.render.surfaces import Body, body
 
 #: Of the off-screen window [pixels]; the page draws with its own size.
@@ -54,7 +55,7 @@ def export(job: dict[str, Any]) -> None:
 
 def _add(plotter: Any, item: Body, field: str, cmap: str, limits: tuple[float, float]) -> None:
     """Add the deformed body, its element edges and its edges at rest."""
-    bar = {"title": NAMES[field].replace("  ", " "), "color": "black", "vertical": True}
+    bar = {"title": label(field).replace("  ", " "), "color": "black", "vertical": True}
     plotter.add_mesh(
         item.surface,
         scalars=field,
