@@ -7,6 +7,7 @@ import re
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 
 SOURCE = "int answer(void) { return 42; }\n"
+NOBODY = 65534  # Debian's user id of nobody
 
 
 @pytest.fixture(autouse=True)
@@ -124,11 +126,26 @@ def test_a_cache_that_cannot_be_written_is_bad_input(monkeypatch, tmp_path):
     assert "FEM_SNH_CACHE" in message
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+@pytest.fixture
+def ordinary_user():
+    """A user other than root, who may read and write everything."""
+    if os.geteuid():
+        yield
+        return
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
 @pytest.mark.parametrize("mode", [0o500, 0o000])
-def test_a_cache_without_permission_is_bad_input(cache, mode):
-    cache.mkdir(mode=mode)
-    assert str(cache) in one_line(build.library, SOURCE)
+def test_a_cache_without_permission_is_bad_input(monkeypatch, ordinary_user, mode):
+    with tempfile.TemporaryDirectory(dir="/tmp") as parent:  # tmp_path is closed to other users
+        folder = Path(parent, "cache")
+        folder.mkdir(mode=mode)
+        monkeypatch.setenv("FEM_SNH_CACHE", str(folder))
+        assert str(folder) in one_line(build.library, SOURCE)
 
 
 def test_a_library_that_cannot_be_opened_is_bad_input():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -61,7 +60,6 @@ def test_pictures_of_the_page_are_committed_and_small(demo: Path) -> None:
         assert 1000 < (ROOT / "docs" / "gallery" / picture).stat().st_size < 300_000, picture
 
 
-@pytest.mark.skipif(not shutil.which("mpirun"), reason="needs mpirun")
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
 def test_demo_runs(demo: Path, tmp_path: Path) -> None:
     command = ["mpirun", "-n", "2", sys.executable, str(demo), *SMALLER.get(demo.stem, [])]

@@ -106,7 +106,8 @@ def test_interpolating_an_expression(comm, space):
 
 @mpi
 def test_pvd_files_read_back_in_pyvista(comm, folder, space):
-    pyvista = pytest.importorskip("pyvista")
+    import pyvista
+
     domain, degree = space.mesh, _dolfinx.degree(space)
     field = quadratic if degree == 2 else linear
     u = _dolfinx.function(space, "displacement")

@@ -14,7 +14,7 @@ from points import (
     deformations,
     every_kind,
     filtered,
-    inside_domain,
+    is_outside_domain,
     make,
     observed_order,
     spread,
@@ -111,8 +111,8 @@ def test_divided_differences_and_their_limits(function, sigma):
     """Ten digits where the division by s_j - s_k would leave none."""
     m = make_material(function)
     F = np.diag(sigma)
-    s = svd(F)[1]
-    assert_eigenvalues(m, s, m.eigensystem(inside_domain(m, F))[0], 1e-10)
+    if not is_outside_domain(m, F):
+        assert_eigenvalues(m, svd(F)[1], m.eigensystem(F)[0], 1e-10)
 
 
 @each_energy

@@ -35,7 +35,8 @@ def hertz(values):
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_record_table_and_shapes(comm, folder, element):
-    pyvista = pytest.importorskip("pyvista")
+    import pyvista
+
     count = 4
     result = solve(cells=3, count=count, aspect=2.0, element=element, density=500.0, out=folder)
     comm.barrier()

@@ -90,7 +90,8 @@ def test_on_another_number_of_ranks_it_is_the_same_to_the_solvers_tolerance(
 @mpi
 def test_resumed_twice_its_fields_are_whole(comm, folder):
     """And its seconds are those of all three."""
-    pyvista = pytest.importorskip("pyvista")
+    import pyvista
+
     for number, comms in enumerate((ALL, ALONE)):
         with cut(2):
             solve("stretch", comms, out=folder, resume=number > 0, **STRETCH)

@@ -93,7 +93,8 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
 @mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_fields_are_read_by_pyvista(comm, folder, element):
-    pyvista = pytest.importorskip("pyvista")
+    import pyvista
+
     result = solve("twist", cells=2, angle=0.8, element=element, out=folder)
     comm.barrier()
     reader = pyvista.get_reader(str(folder / "fields.pvd"))
@@ -130,7 +131,8 @@ def cell_volumes(grid):
 @mpi
 def test_a_material_without_energy_has_none_in_its_record(comm, folder):
     """Null in run.json, nothing in steps.csv, no field; stresses are all that it has."""
-    pyvista = pytest.importorskip("pyvista")
+    import pyvista
+
     result = solve("pull", cells=2, steps=2, material="filtered_neo_hookean", out=folder)
     comm.barrier()
     assert result.converged and not result.problem.has_energy
