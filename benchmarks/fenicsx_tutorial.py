@@ -56,7 +56,8 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     comm = MPI.COMM_WORLD
     element = elements.element(scene.element, scene.quadrature)
     domain = make_mesh(comm, scene, element)
-    energy = material(scene.material.name, scene.material.E, scene.material.nu).expression
+    (chosen,) = scene.materials
+    energy = material(chosen.name, chosen.E, chosen.nu).expression
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))
     u, v = _dolfinx.function(V, "displacement"), ufl.TestFunction(V)
     dx = ufl.Measure("dx", domain=domain.domain, metadata={"quadrature_degree": element.quadrature})

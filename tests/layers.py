@@ -61,7 +61,7 @@ ALLOWED = {
     "fem.regions": {"errors", "_dolfinx", "kernels", "fem.mesh"},
     "fem.boundary_conditions": {"_dolfinx", "fem.mesh"},
     "fem.measures": {"_dolfinx", "fem.mesh", "fem.boundary_conditions"},
-    "fem.eigenproblem": {"errors", "fem.terms", "fem.problem"},
+    "fem.eigenproblem": {"errors", "fem.regions", "fem.terms", "fem.problem"},
     "fem.modes": {"errors", "fem.problem", "fem.eigenproblem"},
     "fem.probes": {"errors", "_dolfinx"},
     "fem.initial_state": {"_dolfinx", "fem.problem"},

@@ -35,7 +35,7 @@ def uniaxial(elements: str = "P2P1,Q2Q1") -> Iterator[Row]:
     """Yield a cube stretched to twice its length (scikit-fem ex36), then at nu = 1/2."""
     for element in elements.split(","):
         for lame in (1e4, np.inf):
-            constants = _of_shear_modulus(1.0, lame)
+            constants: dict[str, Any] = _of_shear_modulus(1.0, lame)
             scene = Scene(
                 name="uniaxial",
                 mesh=Geometry(source="cube"),

@@ -110,7 +110,7 @@ def _by_accuracy(
 
     asked = accuracy.fraction(args.accuracy)
     own = scenes.load(args.scene, **overrides)
-    chosen = accuracy.choose(args.scene, own.material.nu, asked, args.accuracy_table)
+    chosen = accuracy.choose(args.scene, own.nu, asked, args.accuracy_table)
     overrides = overrides | chosen.values(overrides)
     if not args.quiet:
         print(chosen.message(), flush=True)

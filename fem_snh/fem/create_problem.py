@@ -12,7 +12,7 @@ from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import whole_body
+from fem_snh.fem.regions import Filling, regions_of_groups
 from fem_snh.fem.terms import Traction
 from fem_snh.fem.terms.traction import SurfaceLoad
 from fem_snh.fem.unknowns import create_unknowns
@@ -22,7 +22,7 @@ from fem_snh.kernels.pointwise import Material
 def create_problem(
     mesh: Mesh,
     element: Element,
-    material: Material,
+    material: Material | Sequence[Filling],
     *,
     hold: Sequence[Constraint] = (),
     move: Sequence[Motion] = (),
@@ -39,8 +39,8 @@ def create_problem(
         The body in its reference configuration.
     element : Element
         The finite element; its cell must be the mesh's.
-    material : Material
-        The material of the whole body.
+    material : Material or sequence of Filling
+        The material of the whole body, or several with the physical groups that they fill.
     hold : sequence of Constraint, optional
         Components of the displacement that are zero on physical groups.
     move : sequence of Motion, optional
@@ -64,11 +64,12 @@ def create_problem(
         raise bad_value("element", element.name, accepted)
     domain = mesh.domain
     V = _dolfinx.function_space(domain, element.degree, (3,))
+    fillings = [Filling(material)] if isinstance(material, Material) else material
     unknowns = create_unknowns(_dolfinx.function(V, "displacement"), element)
     return Problem(
         unknowns,
         element,
-        whole_body(domain, material),
+        regions_of_groups(mesh, fillings),
         DirichletConditions(V, mesh, hold, move),
         [Traction(V, mesh, traction)] if traction else [],
         Reactions(V, mesh, reactions) if reactions else None,

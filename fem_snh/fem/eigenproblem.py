@@ -18,6 +18,7 @@ import numpy as np
 
 from fem_snh.errors import BadInput
 from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import cell_constant, volume_mean
 from fem_snh.fem.terms import mass_matrix
 
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
@@ -41,21 +42,31 @@ class Eigenproblem:
     problem : Problem
         The problem, in the state the eigenproblem is about.
     density : float
-        Mass per reference volume [kg/m^3].
+        Mass per reference volume [kg/m^3] of the regions that have none of their own.
     prefix : str
         Prefix of SLEPc's options.
+
+    Attributes
+    ----------
+    density : float
+        The body's mean mass per reference volume [kg/m^3].
     """
 
     def __init__(self, problem: Problem, density: float, prefix: str) -> None:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
-        self._scale = problem.modulus / (density * problem.length**2)
+        domain, regions = problem.domain, problem.regions
+        densities = [density if r.density is None else r.density for r in regions]
+        self.density = volume_mean(domain, regions, densities)
+        same = len(set(densities)) == 1
+        rho = densities[0] if same else cell_constant(domain, regions, densities)
+        self._scale = problem.modulus / (self.density * problem.length**2)
         owned = problem.x.getLocalSize()
         self._free = np.delete(np.arange(owned), problem.constrained_dofs)
         first = problem.x.getOwnershipRange()[0]
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), problem.comm)
         problem.jacobian(problem.x, "exact")
         self.K = problem.A.createSubMatrix(rows, rows)
-        self.M = mass_matrix(problem.V, density).createSubMatrix(rows, rows)
+        self.M = mass_matrix(problem.V, rho).createSubMatrix(rows, rows)
         for A in (self.K, self.M):
             A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._size = int(self.K.getSize()[0])

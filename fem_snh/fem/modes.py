@@ -34,7 +34,7 @@ class Modes:
     problem : Problem
         The problem, in the state the modes are about.
     density : float
-        Mass per reference volume [kg/m^3].
+        Mean mass per reference volume [kg/m^3].
     mass : float
         The body's mass [kg].
     frequencies : list of float
@@ -76,7 +76,7 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
     problem : Problem
         The problem.
     density : float
-        Mass per reference volume [kg/m^3].
+        Mass per reference volume [kg/m^3] of the regions that have none of their own.
     count : int
         Number of modes.
     prefix : str, optional
@@ -94,10 +94,10 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
         values, vectors = eigenproblem.lowest(count)
     problem.seconds["assemble"] = assembly_seconds  # assembly here counts as time of the modes
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
-    mass = density * problem.length**3
+    mass = eigenproblem.density * problem.length**3
     return Modes(
         problem,
-        density,
+        eigenproblem.density,
         mass,
         frequencies.tolist(),
         [eigenproblem.residual(*pair) for pair in zip(values, vectors, strict=True)],

@@ -162,10 +162,26 @@ def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
     float
         Modulus [Pa]; with one material its own, without materials 1.
     """
-    moduli = np.array([region.material.expression.E for region in regions])
+    moduli = [region.material.expression.E for region in regions]
     if len(set(moduli)) <= 1:
-        return float(moduli[0]) if regions else 1.0
+        return moduli[0] if moduli else 1.0
+    return 1 / volume_mean(domain, regions, [1 / modulus for modulus in moduli])
+
+
+def volume_mean(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> float:
+    """Return the mean over the volume of a quantity with one value in each region. Collective."""
+    if len(set(values)) == 1:
+        return values[0]
     volume = cell_volumes(domain)
-    local = np.array([volume[region.cells].sum() for region in regions])
-    volumes = domain.comm.allreduce(local)
-    return float(volumes.sum() / (volumes / moduli).sum())
+    volumes = domain.comm.allreduce(np.array([volume[region.cells].sum() for region in regions]))
+    return float(volumes @ np.array(values) / volumes.sum())
+
+
+def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
+    """Return the dolfinx Function, constant in each cell, with one value in each region."""
+    constant = _dolfinx.function_space(domain, 0, family="DG")
+    function = _dolfinx.function(constant, "coefficient")
+    dofs = _dolfinx.node_dofs(constant)[:, 0]
+    for region, value in zip(regions, values, strict=True):
+        function.x.array[dofs[region.cells]] = value
+    return function

@@ -24,6 +24,7 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.fem.regions import cell_constant
 from fem_snh.fem.terms.elastic import Part
 from fem_snh.fem.unknowns import DisplacementPressure
 
@@ -178,11 +179,8 @@ class SaddlePoint:
         """Return the mass matrix with a coefficient that has one value in each region."""
         if len(values) == 1:
             return _ScaledMass(values[0], self._mass)
-        constant = _dolfinx.function_space(self.Q.mesh, 0, family="DG")
-        coefficient = _dolfinx.function(constant, "coefficient")
-        dofs = _dolfinx.node_dofs(constant)[:, 0]
-        for part, value in zip(self._parts, values, strict=True):
-            coefficient.x.array[dofs[part.region.cells]] = value
+        regions = [part.region for part in self._parts]
+        coefficient = cell_constant(self.Q.mesh, regions, values)
         return _ScaledMass(1.0, self._assembled_mass(coefficient))
 
     def _assembled_mass(self, coefficient: Any) -> PETSc.Mat:

@@ -20,7 +20,7 @@ def smoothers(E: float) -> dict[str, Any]:
     Parameters
     ----------
     E : float
-        Young's modulus [Pa].
+        Young's modulus [Pa]; of several materials the smallest.
     """
     sweeps = {"ksp_type": "richardson", "pc_type": "sor", "pc_sor_diagonal_shift": _SHIFT * E}
     blocks = ("", "fieldsplit_u_")

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter
 
 from fem_snh.plots import save
 from fem_snh.plots.style import COLOURS, colour, thousands
-from fem_snh.render import pretty
+from fem_snh.render.records import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"
 #: Colours of the kinds of tangent, in the order of ``MEANINGS``.

@@ -12,7 +12,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.plots.style import colour, failure, from_zero, legend, legend_entry, style, subplots
-from fem_snh.render import number, one_line, pretty
+from fem_snh.render import number, one_line
+from fem_snh.render.records import material_name, materials, poisson_ratio
 
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
 PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}
@@ -51,7 +52,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
         legend_entry(axes[0], "not converged", "x")
     legend(figure, axes[0])
     common = {str(record["scene"]) for record in records}
-    nus = {f"{record['material']['nu']:g}" for record in records}
+    nus = {poisson_ratio(record) for record in records}
     if len(common) == len(nus) == 1:
         figure.suptitle(rf"{common.pop()}  ·  $\nu$ = {nus.pop()}", fontsize=11)
     return figure
@@ -86,7 +87,7 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
     """Return a legend entry per record: the material and all that differs between the records."""
     traits = [
         {
-            "nu": f"ν = {r['material']['nu']:g}",
+            "nu": f"ν = {poisson_ratio(r)}",
             "scene": str(r["scene"]),
             "hessian": f"{r.get('hessian')} Hessian",
             "element": str(r.get("element")),
@@ -96,7 +97,7 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
     ]
     differ = [k for k in traits[0] if len({t[k] for t in traits}) > 1]
     return [
-        ", ".join([pretty(r["material"]["name"]), *(t[k] for k in differ)])
+        ", ".join([material_name(r), *(t[k] for k in differ)])
         for r, t in zip(records, traits, strict=True)
     ]
 
@@ -105,7 +106,7 @@ def _paper_marks(ax: Axes, records: Sequence[dict[str, Any]]) -> None:
     """Mark the volume changes of Smith et al. 2018 beside runs of their experiment."""
     drawn = False
     for index, record in enumerate(records):
-        name, nu = record["material"]["name"], record["material"]["nu"]
+        name, nu = (materials(record)[0][key] for key in ("name", "nu"))
         same = record["scene"] == "stretch" and nu == 0.49 and name in PAPER
         if same and max(load_range(record)) > PAPER_STRETCH - 1e-9:
             ax.plot(PAPER_STRETCH, PAPER[name], "D", ms=8, mfc="none", mec=colour(index), mew=1.5)

@@ -13,7 +13,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.plots.style import failure, from_zero, legend, legend_entry, style, subplots, thousands
-from fem_snh.render import one_line, pretty
+from fem_snh.render import one_line
+from fem_snh.render.records import pretty
 
 #: The columns that are plotted, with their axis labels.
 MEASURES = {

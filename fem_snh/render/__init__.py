@@ -16,6 +16,7 @@ from typing import Any
 
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import check_field
+from fem_snh.render.records import material_name, materials, poisson_ratio
 from fem_snh.render.worker import draw_elsewhere, require
 
 
@@ -92,7 +93,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
     try:
-        float(record["material"]["nu"]), str(record["material"]["name"]), record["scene"]
+        [(float(m["nu"]), str(m["name"])) for m in materials(record)], record["scene"]
         [float(step["load"]) for step in record["steps"]]
     except (KeyError, TypeError, ValueError):
         raise BadInput(
@@ -150,8 +151,8 @@ def _listed(loads: list[float]) -> str:
 
 def title(record: dict[str, Any]) -> str:
     """Return scene, material, nu, element and number of cells in one line."""
-    material = record["material"]
-    parts = [str(record["scene"]), pretty(material["name"]), rf"$\nu$ = {material['nu']:g}"]
+    ratio = rf"$\nu$ = {poisson_ratio(record)}"
+    parts = [str(record["scene"]), material_name(record), ratio]
     if "cells" in record and "element" in record:
         parts.append(f"{record['cells']:,} {record['element']} cells".replace(",", "\u2009"))
     return "  ·  ".join(parts)
@@ -180,11 +181,6 @@ def number(x: float) -> str:
         return f"{x:.3g}"
     top = {1: "π", -1: "-π"}.get(turn.numerator, f"{turn.numerator}π")
     return top if turn.denominator == 1 else f"{top}/{turn.denominator}"
-
-
-def pretty(name: str) -> str:
-    """Return the name of a material for a label: "stable Neo-Hookean"."""
-    return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
 
 
 def one_line(error: object) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from fem_snh import render
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import check_field
+from fem_snh.render.records import material_name
 
 
 def main(
@@ -39,7 +40,7 @@ def main(
     records = [render.read_record(folder) for folder in folders]
     if not records:
         raise BadInput("nothing to draw: give folders of runs")
-    names = labels or [render.pretty(record["material"]["name"]) for record in records]
+    names = labels or [material_name(record) for record in records]
     panels = []
     for folder, record, name in zip(folders, records, names, strict=True):
         stored = render.stored_loads(folder / "fields.pvd")

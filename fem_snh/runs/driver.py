@@ -94,7 +94,7 @@ def run(
     folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
     stored = Checkpoint.read(folder, scene) if resume and folder else None
     printed = Progress(comm, progress, expected)
-    defaults = multigrid.smoothers(scene.material.E)
+    defaults = multigrid.smoothers(min(material.E for material in scene.materials))
     with (
         solver.petsc_failures(),
         petsc_options(solver.PREFIX, scene.petsc, defaults) as unused,

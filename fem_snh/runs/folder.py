@@ -20,7 +20,8 @@ from fem_snh import _dolfinx, solver
 from fem_snh.atomic_files import remove, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
-from fem_snh.scenes import Scene
+from fem_snh.fem.regions import Region
+from fem_snh.scenes import MaterialChoice, Scene
 
 #: Columns of steps.csv that every run has.
 COLUMNS = (
@@ -50,20 +51,14 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
     dict
         The scene, its material, discretisation and solver, and no steps.
     """
-    energy = problem.material.expression
-    mu, lam = problem.material.lame
     solver_options = snes.getPythonContext().options
-    constants = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
+    materials = [
+        _describe_material(choice, region)
+        for choice, region in zip(scene.materials, problem.regions, strict=True)
+    ]
     return {
         "scene": scene.name,
-        "material": {
-            "name": energy.name,
-            "E": energy.E,
-            "nu": energy.nu,
-            "mu_lame": mu,
-            "lambda_lame": lam,
-            "parameters": constants | energy.shape,
-        },
+        "material": materials[0] if len(materials) == 1 else materials,
         "element": scene.element,
         "quadrature": problem.element.quadrature,
         "hessian": solver_options["snes_hessian"],
@@ -90,6 +85,23 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
             "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
             "python": platform.python_version(),
         },
+    }
+
+
+def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]:
+    """Return a material's entry in run.json, with group and density if the scene has them."""
+    energy = region.material.expression
+    mu, lam = region.material.lame
+    constants = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
+    own = {"group": choice.group, "density": choice.density}
+    return {
+        "name": energy.name,
+        "E": energy.E,
+        "nu": energy.nu,
+        "mu_lame": mu,
+        "lambda_lame": lam,
+        "parameters": constants | energy.shape,
+        **{key: value for key, value in own.items() if value is not None},
     }
 
 

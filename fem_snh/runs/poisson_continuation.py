@@ -2,7 +2,8 @@
 
 At nu close to 1/2 the volume term dominates the energy, and an inverted cell can unfold only by
 increasing it. The same material with a smaller Poisson's ratio has no such barrier; its equilibrium
-is a good initial guess for the next ratio.
+is a good initial guess for the next ratio. Of several materials, those that are more compressible
+keep their own ratio.
 """
 
 from __future__ import annotations

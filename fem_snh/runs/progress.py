@@ -36,12 +36,16 @@ class Progress:
 
     def start(self, record: dict[str, Any]) -> None:
         """Print the scene, the material, the discretisation and the solver."""
-        m = record["material"]
+        found = record["material"]
+        materials = " + ".join(
+            f"{m['name']}, E = {m['E']:g}, nu = {m['nu']:g}"
+            for m in (found if isinstance(found, list) else [found])
+        )
         method = f"{record['hessian']} Hessian"
         if "globalization" in record:
             method += f", {record['globalization']}"
         self._console.print(
-            f"[bold]{record['scene']}[/]: {m['name']}, E = {m['E']:g}, nu = {m['nu']:g}; "
+            f"[bold]{record['scene']}[/]: {materials}; "
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{method}; {record['ranks']} rank(s)"
         )

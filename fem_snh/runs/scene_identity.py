@@ -25,8 +25,9 @@ def identity(scene: Scene) -> dict[str, Any]:
     data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
     if isinstance(scene.mesh, Path):
         data["mesh"] = _digest("mesh", scene.mesh)
-    for path in scene.material.files:
-        data["material"][path.name] = _digest("material", path)
+    tables = data["material"] if isinstance(data["material"], list) else [data["material"]]
+    for material, table in zip(scene.materials, tables, strict=True):
+        table |= {path.name: _digest("material", path) for path in material.files}
     return _flat(data)
 
 

@@ -20,6 +20,7 @@ from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.initial_state import set_initial_state
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.stepping import Stepper
@@ -63,10 +64,10 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     mesh = make_mesh(comm, scene, element)
     meshed = perf_counter()
 
-    def make(nu: float) -> Problem:
+    def make(nu: float | None = None) -> Problem:
         return make_problem(scene, mesh, element, nu)
 
-    problem = make(scene.material.nu)
+    problem = make()
     if scene.start:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
@@ -91,14 +92,23 @@ def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) ->
 
 
 def make_problem(
-    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float
+    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float | None = None
 ) -> Problem:
-    """Return the scene's problem with a Poisson's ratio. Collective."""
-    chosen = scene.material
+    """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
+
+    Of several materials, those with a smaller ratio keep their own.
+    """
+    fillings = []
+    for chosen in scene.materials:
+        ratio = chosen.nu if nu is None else nu
+        if len(scene.materials) > 1:
+            ratio = min(ratio, chosen.nu)
+        made = material(chosen.name, chosen.E, ratio, **chosen.parameters)
+        fillings.append(Filling(made, chosen.group, chosen.density))
     return create_problem(
         mesh,
         element,
-        material(chosen.name, chosen.E, nu, **chosen.parameters),
+        fillings,
         hold=scene.hold,
         move=scene.move,
         traction=scene.traction,

@@ -172,3 +172,17 @@ class Start(Table):
         if self.through is not None and self.map is None:
             raise BadInput("missing key 'map': expected with 'through', which is its fixed point")
         return self
+
+
+def check_constraints(holds: list[Hold], moves: list[Move]) -> None:
+    """Raise BadInput if a group has two conditions on one component."""
+    taken = [(str(h.group), set(h.components), "hold") for h in holds]
+    for move in moves:
+        for group, components, table in taken:
+            both = components & set(move.components)
+            if group == str(move.group) and both:
+                raise BadInput(
+                    f"move.group = '{group}': expected components other than "
+                    f"{', '.join(sorted(both))}, which [[{table}]] constrains for this group"
+                )
+        taken.append((str(move.group), set(move.components), "move"))

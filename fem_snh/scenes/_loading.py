@@ -14,7 +14,7 @@ from fem_snh.materials import Reference
 from fem_snh.references import is_reference
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes._validation import one_line
-from fem_snh.scenes.schema import RENAMED, Scene
+from fem_snh.scenes.schema import RENAMED, MaterialChoice, Scene
 
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
@@ -34,7 +34,8 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
         Parameters of the scene's function; keys of `Scene`; ``material`` (a name or a table), ``E``
         and ``nu``; dotted keys such as ``material.barrier`` or ``move.0.translate``. A table
         ``petsc`` is merged with the scene's. None leaves a value unchanged. Another material drops
-        the shape parameters of the scene's.
+        the shape parameters of the scene's. Of a scene with several materials, ``material``, ``E``,
+        ``nu`` and ``material.KEY`` change each of them, ``material.0.KEY`` the first.
 
     Raises
     ------
@@ -129,27 +130,59 @@ def _locate(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return tables whose relative paths start from ``folder``: the mesh, and references."""
     if isinstance(data.get("mesh"), str | Path):
         data = data | {"mesh": folder / data["mesh"]}
-    if isinstance(material := data.get("material"), dict):
-        found = {key: material[key] for key in _REFERENCES if isinstance(material.get(key), str)}
-        found = {key: Reference(text, folder) for key, text in found.items()}
-        data = data | {"material": material | found}
+    if isinstance(data.get("material"), dict | list):
+        data = data | {"material": _each(data["material"], lambda m: _located(m, folder))}
     return data
+
+
+def _located(material: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a material whose references start from ``folder``."""
+    found = {key: material[key] for key in _REFERENCES if isinstance(material.get(key), str)}
+    return material | {key: Reference(text, folder) for key, text in found.items()}
+
+
+def _each(materials: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
+    """Return the material, or each of several, changed; what is no table stays as it is."""
+    if isinstance(materials, list):
+        return [_each(material, change) for material in materials]
+    return change(materials) if isinstance(materials, dict) else materials
 
 
 def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     """Put the overrides into the tables ``data``, which are changed in place."""
     choice = overrides.get("material", {})
     name = choice.get("name") if isinstance(choice, Mapping) else choice
-    material = data.get("material")
-    if name is not None and isinstance(material, dict) and material.get("name") != name:
-        data["material"] = {key: material[key] for key in ("E", "nu") if key in material}
+    if name is not None and not isinstance(name, list):
+        data["material"] = _each(data.get("material"), lambda m: _renamed(m, name))
     for key, value in overrides.items():
-        if isinstance(value, Mapping) and key in ("material", "petsc"):
+        if isinstance(value, Mapping) and key == "material":
+            several = isinstance(data.get(key), list)
+            table = data[key] if several else data.get(key) or {}
+            data[key] = _each(table, lambda m, value=value: m | dict(value))  # type: ignore[misc]
+        elif isinstance(value, Mapping) and key == "petsc":
             table = data.get(key)
             data[key] = (table if isinstance(table, dict) else {}) | dict(value)
+        elif isinstance(value, list) and key == "material":
+            data[key] = value
         else:
-            _put(data, _SHORT.get(key, key), value)
+            for long in _keys(data, _SHORT.get(key, key)):
+                _put(data, long, value)
     return data
+
+
+def _renamed(material: dict[str, Any], name: Any) -> dict[str, Any]:
+    """Return the table without the parameters of a material that another one replaces."""
+    kept = {key: material[key] for key in MaterialChoice.model_fields if key in material}
+    return material if material.get("name") == name else kept
+
+
+def _keys(data: dict[str, Any], key: str) -> list[str]:
+    """Return the dotted keys for which ``key`` stands: ``material.E`` is E of every material."""
+    table, _, rest = key.partition(".")
+    materials = data.get("material")
+    if table != "material" or not isinstance(materials, list) or rest[:1].isdigit():
+        return [key]
+    return [f"material.{number}.{rest}" for number in range(len(materials))]
 
 
 def _put(data: Any, key: str, value: Any) -> None:

@@ -1,4 +1,4 @@
-"""The table ``[material]`` of a scene: an energy density, its moduli and its parameters."""
+"""The tables ``[material]`` and ``[[material]]`` of a scene: energy densities and moduli."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from pydantic import (
+    AfterValidator,
     ConfigDict,
+    Discriminator,
     Field,
     SerializationInfo,
+    Tag,
     TypeAdapter,
     ValidationError,
     field_validator,
@@ -19,13 +22,16 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.scenes._types import GroupKey, Positive
 from fem_snh.scenes._validation import Expect, Finite, Table
 
 _STRICT = ConfigDict(allow_inf_nan=False, strict=True)
+#: Keys that only some materials have.
+_OPTIONAL = ("group", "density")
 
 
 class MaterialChoice(Table):
-    """The material of a scene.
+    """The material of a scene, or one of several that fill groups of volumes.
 
     Further keys are the material's shape parameters, the constants [Pa] that may be prescribed if
     it has more than two, and the keywords of every material (`fem_snh.materials.TUNING`).
@@ -39,6 +45,10 @@ class MaterialChoice(Table):
         Young's modulus [Pa].
     nu : float
         Poisson's ratio.
+    group : str, int or None
+        The physical group of volumes that it fills; None for all cells without another material.
+    density : float or None
+        Mass per reference volume [kg/m^3].
     """
 
     model_config = ConfigDict(extra="allow")  # `_check_parameters` validates them
@@ -54,6 +64,15 @@ class MaterialChoice(Table):
         Field(gt=-1, le=0.5),
         Expect("a number in (-1, 0.5]; 0.5 itself takes a Taylor-Hood element"),
     ] = Field(description="Poisson's ratio at small strain; 0.5 requires a Taylor-Hood element.")
+
+    group: GroupKey | None = Field(
+        default=None,
+        description="Physical group of volumes that the material fills, by name or number; "
+        "default: all cells that are in no other material's group.",
+    )
+    density: Positive | None = Field(
+        default=None, description="Mass per reference volume [kg/m^3], for gravity and modes."
+    )
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -95,7 +114,7 @@ class MaterialChoice(Table):
         kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
         kinds |= _type_hints(function(self.name))
         kinds |= dict.fromkeys(pins(self.name), float | None)
-        known = ["name", "E", "nu", *defaults(self.name), *pins(self.name), *TUNING]
+        known = [*type(self).model_fields, *defaults(self.name), *pins(self.name), *TUNING]
         given = self.model_extra or {}
         for key, value in given.items():
             if key not in known:
@@ -119,9 +138,51 @@ class MaterialChoice(Table):
         from fem_snh.materials import label
 
         table = {"name": self.name, "E": self.E, "nu": self.nu} | self.parameters
+        table |= {key: v for key in _OPTIONAL if (v := getattr(self, key)) is not None}
         if info.mode == "json":
             return {key: label(v) if callable(v) else v for key, v in table.items()}
         return table
+
+
+def _check_materials(
+    materials: MaterialChoice | list[MaterialChoice],
+) -> MaterialChoice | list[MaterialChoice]:
+    """Return a list of one material as the material.
+
+    Raises BadInput for an empty list, and for materials that fill the same cells.
+    """
+    if isinstance(materials, MaterialChoice):
+        return materials
+    if not materials:
+        raise bad_value("material", [], "at least one table")
+    groups = [material.group for material in materials]
+    if groups.count(None) > 1:
+        raise BadInput("missing key 'group': expected in all materials but one")
+    for group in groups:
+        if [str(other) for other in groups].count(str(group)) > 1:
+            raise bad_value("group", group, "another group for each material")
+    return materials[0] if len(materials) == 1 else materials
+
+
+def common_ratio(materials: list[MaterialChoice]) -> float:
+    """Return the Poisson's ratio of all materials. Raises BadInput if they differ."""
+    found = sorted({material.nu for material in materials})
+    if len(found) > 1:
+        raise bad_value("material.nu", found, "the same in all materials, as --nu makes it")
+    return found[0]
+
+
+def _tag(value: Any) -> str:
+    return "several materials" if isinstance(value, list | tuple) else "one material"
+
+
+#: One material, or a list of several.
+Materials = Annotated[
+    Annotated[MaterialChoice, Tag("one material")]
+    | Annotated[list[MaterialChoice], Tag("several materials")],
+    Discriminator(_tag),
+    AfterValidator(_check_materials),
+]
 
 
 def _type_hints(function: Any) -> dict[str, Any]:

@@ -34,7 +34,10 @@ class Modes(Table):
     """Eigenfrequencies of the body, computed at the end of the run (needs SLEPc)."""
 
     count: Count = Field(default=10, description="Number of modes, from the lowest.")
-    density: Positive = Field(default=1000.0, description="Mass per reference volume [kg/m^3].")
+    density: Positive = Field(
+        default=1000.0,
+        description="Mass per reference volume [kg/m^3] of materials without a density.",
+    )
 
 
 def _split_text(names: object) -> object:

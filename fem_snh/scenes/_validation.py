@@ -92,8 +92,9 @@ _EXPECTED = {
     "int_type": "expected a whole number",
     "string_type": "expected a text",
 }
-#: Tags by which pydantic distinguishes the two kinds of a scene's ``mesh``; no user wrote them.
-_TAGS = ("built-in", "file")
+#: Tags by which pydantic distinguishes the kinds of a scene's ``mesh`` and ``material``; no user
+#: wrote them.
+_TAGS = ("built-in", "file", "one material", "several materials")
 
 
 def one_line(error: ValidationError) -> str:

@@ -21,9 +21,9 @@ from fem_snh.choices import (
 )
 from fem_snh.errors import BadInput, bad_value, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start
+from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, check_constraints
 from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction
-from fem_snh.scenes._material import MaterialChoice
+from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._outputs import Geometry, Location, Mesh, Modes, OutputFields, Probe
 from fem_snh.scenes._tables import Amplitude, amplitude, check_names, check_references
 from fem_snh.scenes._types import (
@@ -107,7 +107,9 @@ class Scene(Table):
     steps: Steps = Field(
         default=1, description="Number of load steps; a step that fails is halved."
     )
-    material: MaterialChoice = Field(description="The material.")
+    material: Materials = Field(
+        description="The material; or several, [[material]], which fill groups of volumes."
+    )
     hold: list[Hold] = Field(default=[], description="Groups that do not move.")
     move: list[Move] = Field(default=[], description="Groups that move with the load.")
     traction: list[Traction] = Field(default=[], description="Dead loads on surfaces.")
@@ -202,6 +204,16 @@ class Scene(Table):
         return {key.lstrip("-"): value for key, value in options.items()}
 
     @property
+    def materials(self) -> list[MaterialChoice]:
+        """The materials: one, or several with their groups."""
+        return self.material if isinstance(self.material, list) else [self.material]
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio. Raises BadInput unless all materials have the same."""
+        return common_ratio(self.materials)
+
+    @property
     def motions(self) -> list[Motion]:
         """The motions of ``move`` with their amplitudes."""
         found = []
@@ -232,15 +244,5 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _check_constraints(self) -> Scene:
-        """Raise BadInput if a group has two conditions on one component."""
-        taken = [(str(h.group), set(h.components), "hold") for h in self.hold]
-        for move in self.move:
-            for group, components, table in taken:
-                both = components & set(move.components)
-                if group == str(move.group) and both:
-                    raise BadInput(
-                        f"move.group = '{group}': expected components other than "
-                        f"{', '.join(sorted(both))}, which [[{table}]] constrains for this group"
-                    )
-            taken.append((str(move.group), set(move.components), "move"))
+        check_constraints(self.hold, self.move)
         return self

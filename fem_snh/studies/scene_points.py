@@ -67,10 +67,14 @@ def value_text(value: Any) -> str:
 def requested_columns(scene: scenes.Scene) -> dict[str, Any]:
     """Return the settings of a scene as the columns REQUESTED."""
     values = {key: getattr(scene, key) for key in REQUESTED if key not in ("scene", "E", "nu")}
-    material = scene.material
-    return values | {
-        "scene": scene.name, "material": material.name, "E": material.E, "nu": material.nu
-    }  # fmt: skip
+    materials = {key: [getattr(m, key) for m in scene.materials] for key in ("name", "E", "nu")}
+    name, E, nu = (v[0] if len(v) == 1 else _joined(v) for v in materials.values())
+    return values | {"scene": scene.name, "material": name, "E": E, "nu": nu}
+
+
+def _joined(values: Iterable[Any]) -> str:
+    """Return the values of several materials as text."""
+    return " + ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
 
 
 def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
@@ -78,7 +82,7 @@ def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str,
     paths = {file_of(str(scene))}
     for each in loaded:
         paths |= {each.mesh} if isinstance(each.mesh, Path) else set()
-        paths |= set(each.material.files)
+        paths |= {path for material in each.materials for path in material.files}
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for path in sorted(paths)

@@ -15,7 +15,7 @@ from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
 from fem_snh.errors import BadInput
 from fem_snh.plots.runs import run_figure
-from fem_snh.render import pretty
+from fem_snh.render.records import material_name, poisson_ratio
 
 #: Columns of the step table, in this order, as far as the steps have them.
 COLUMNS = (
@@ -38,8 +38,7 @@ def page(record: dict[str, Any], labels: Sequence[str], scenes: Sequence[bytes])
     scenes : sequence of bytes
         The states' scenes, from `fem_snh.view.scenes`.
     """
-    material = record["material"]
-    title = f"{record['scene']}: {pretty(material['name'])}, ν = {material['nu']:g}"
+    title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
     states = [
         {"label": label, "scene": b64encode(scene).decode()}
         for label, scene in zip(labels, scenes, strict=True)
@@ -95,11 +94,13 @@ def _pairs(pairs: Iterable[tuple[str, Any]]) -> str:
     return f"<table><tbody>{rows}</tbody></table>"
 
 
-def flatten(data: dict[str, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
+def flatten(data: dict[Any, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
     """Yield the values of nested tables with their keys, as ``material.nu``."""
     for key, value in data.items():
         if isinstance(value, dict):
             yield from flatten(value, f"{prefix}{key}.")
+        elif key == "material":  # several
+            yield from flatten(dict(enumerate(value)), f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
 

@@ -12,18 +12,18 @@ import ufl
 from fem_snh import _dolfinx
 
 
-def mass_matrix(V: Any, density: float) -> PETSc.Mat:
+def mass_matrix(V: Any, density: Any) -> PETSc.Mat:
     """Return the consistent mass matrix [kg] of the space V. Collective.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
-    density : float
+    density : float or dolfinx Function
         Mass per reference volume [kg/m^3].
     """
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    rho = _dolfinx.constant(V.mesh, np.array(density))
+    rho = _dolfinx.constant(V.mesh, np.array(density)) if np.isscalar(density) else density
     form = _dolfinx.form(rho * ufl.inner(u, v) * ufl.dx)
     M = _dolfinx.create_matrix(form)
     _dolfinx.assemble_matrix(M, form)

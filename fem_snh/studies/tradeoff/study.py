@@ -157,7 +157,7 @@ def _plan(
         choose("default", knob, (*KNOBS, "steps"))
     if "solver" in base:  # an element without this solver keeps its default
         choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
-    nus = list(dict.fromkeys(nus)) or [own.material.nu]
+    nus = list(dict.fromkeys(nus)) or [own.nu]
     names = list(elements) or fitting(own, meshes)
     scene_values = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}
     scene_values["tolerance"] = own.petsc.get("snes_scaled_tol")
