@@ -111,7 +111,7 @@ def test_the_oracle_is_euler_and_bernoullis_in_the_limit():
 @pytest.mark.parametrize("element", ["Q2", "P2"])
 @pytest.mark.parametrize("nu, bound", [(0.0, 1e-3), (0.3, 6e-3)])
 def test_a_slender_beam(comm, element, nu, bound):
-    """A bar of 1 x 1 x 20 held at its end bends as Timoshenko's beam, to 0.1 %.
+    """A bar of 1 x 1 x 20 with one end constrained bends as Timoshenko's beam, to 0.1 %.
 
     With nu = 0.3 to 0.6 %: its section cannot shrink where it is constrained.
     """

@@ -19,9 +19,12 @@ from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 def press(cells: int = 2, depth: float = 0.1):
     """A cube of 1 m whose top is pressed down.
 
-    Args:
-        cells: along an edge.
-        depth: by which the top moves [m].
+    Parameters
+    ----------
+    cells : int
+        Cells along an edge.
+    depth : float
+        Displacement of the top [m].
     """
     return Scene(
         name="press",
@@ -85,7 +88,7 @@ def test_its_mesh_is_relative_to_the_file(folder: Path, monkeypatch: pytest.Monk
         ("press", {"deep": 1}, r"unknown parameter 'deep': .*\(did you mean 'depth'\?\)"),
         ("plain", {}, "returned dict: expected a fem_snh.scenes.Scene"),
         ("wrong", {}, r"translate = \(0, 0, nan\): expected three finite numbers"),
-        ("fails", {}, "line 29: RuntimeError: no such body"),
+        ("fails", {}, "line 32: RuntimeError: no such body"),
         ("needs", {}, "missing parameter 'cells': expected a value"),
         ("pres", {}, r"has no function 'pres' \(did you mean 'press'\?\)"),
     ],

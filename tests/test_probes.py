@@ -140,7 +140,7 @@ def test_outside_a_cylinder_but_within_its_box(comm: MPI.Comm) -> None:
 
 @mpi
 def test_probes_of_a_run_are_in_its_record_and_table(comm: MPI.Comm, folder: Path) -> None:
-    """A quarter of the top's turn at a quarter of the height; held at the bottom."""
+    """A quarter of the top's turn at a quarter of the height; the bottom is constrained."""
     points = [{"name": "foot", "point": [1, 0, 0]}, {"name": "head", "point": [1, 0.5, 1]}]
     setup = {"cells": 2, "angle": 0.4, "probe": points, "progress": False}
     result = fem_snh.run("twist", **setup, out=folder, comm=comm)

@@ -153,8 +153,8 @@ def test_torsion_at_the_quadrature_points(comm, element):
     p = displaced(comm, element, torsion, slope)
     F, volume = gradients(p), ELEMENTS[element].volume
     J = np.linalg.det(F)
-    law = material("stable_neo_hookean", E=E, nu=NU, barrier=False)
-    P = law.pk1(F)
+    chosen = material("stable_neo_hookean", E=E, nu=NU, barrier=False)
+    P = chosen.pk1(F)
     points = FieldValues(p)
     if volume != "pointwise":
         weights = points._stresses.evaluate(p.x).weights
@@ -203,8 +203,8 @@ def test_a_linear_field_is_projected_exactly(comm, element):
 @mpi
 @pytest.mark.parametrize("element", ["P2", "Q2Q1"])
 def test_reaction_forces_add_up_to_those_of_the_groups(comm, element):
-    held = [Hold("bottom"), Hold("right", ("x",))]
-    p = displaced(comm, element, torsion, slope, hold=held, reactions=["bottom", "right"])
+    hold = [Hold("bottom"), Hold("right", ("x",))]
+    p = displaced(comm, element, torsion, slope, hold=hold, reactions=["bottom", "right"])
     force = FieldValues(p).evaluate(["reaction_force"])["reaction_force"]
     n = _dolfinx.num_nodes(p.V)[0]
     X, total = p.coordinates, p.reactions(p.x)

@@ -217,3 +217,22 @@ def test_what_runs_out_of_time_is_a_row(own: Path, tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="holds no error"):
         plots.main([tmp_path / "tradeoff.csv"])
     assert advice.advice(table).empty
+
+
+GEL = """
+from sympy import log
+def gel(I_C, J, mu, lam):
+    return mu / 2 * (I_C - 3) - mu * log(J) + lam / 2 * log(J) ** 2
+"""
+
+
+def test_a_study_with_a_material_of_ones_own(own: Path, tmp_path: Path) -> None:
+    (own / "gel.py").write_text(GEL)
+    table = tradeoff(
+        own / "box.toml", tmp_path, meshes=[str(own / f"box{n}.msh") for n in (1, 2)],
+        elements=["Q1"], vary=[], timeout=60.0, overrides={"material": f"{own / 'gel.py'}:gel"},
+        report=lambda line: None,
+    )  # fmt: skip
+    assert len(table) == 2 and table["converged"].all() and table["newton"].max() > 0
+    records = [json.loads(path.read_text()) for path in tmp_path.rglob("run.json")]
+    assert records and all(r["material"]["name"].endswith("gel.py:gel") for r in records)
