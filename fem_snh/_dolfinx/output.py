@@ -114,7 +114,7 @@ class Series:
             raise BadInput(f"cannot write {seen}: {complaint}")
         if cells or points:
             content = insert_arrays(piece.read_bytes(), cells, points)
-            replace_file(seen, lambda file: file.write(content))
+            replace_file(seen, lambda file: file.writelines(content))
         else:
             os.replace(piece, seen)
 

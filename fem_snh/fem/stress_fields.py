@@ -56,12 +56,9 @@ class PointState:
     @cached_property
     def cauchy_stress(self) -> Array:
         """Cauchy stresses [Pa], (cells, points, 3, 3); NaN where J = 0."""
-        F = self.F
-        a, b, c = (F[..., i] for i in range(3))
-        # Written out: numpy's det and cross take ten times as long for matrices of this size.
+        F, a, b, c = self.F, *(self.F[..., i] for i in range(3))
         J = sum(a[..., i] * (b[..., j] * c[..., k] - b[..., k] * c[..., j]) for i, j, k in _CYCLES)
-        J = np.where(J == 0, np.nan, J)
-        return self.P @ np.swapaxes(F, -1, -2) / J[..., None, None]
+        return _products(self.P, F) / np.where(J == 0, np.nan, J)[..., None, None]
 
     @cached_property
     def von_mises(self) -> Array:
@@ -89,8 +86,8 @@ class PointState:
     @cached_property
     def green_lagrange_strain(self) -> Array:
         """Green-Lagrange strains, (cells, points, 3, 3); accurate also where they are small."""
-        H = self.H
-        return 0.5 * (H + np.swapaxes(H, -1, -2) + np.swapaxes(H, -1, -2) @ H)
+        H, transposed = self.H, np.swapaxes(self.H, -1, -2)
+        return 0.5 * (H + transposed + _products(transposed, transposed))
 
     @cached_property
     def principal_stretches(self) -> Array:
@@ -106,6 +103,15 @@ class PointState:
         """Return the mean of a field over the reference volume of each cell, (cells, ...)."""
         weights = self.weights / self.weights.sum(axis=1, keepdims=True)
         return np.asarray(np.einsum("cq,cq...->c...", weights, self.values(name)))
+
+
+def _products(A: Array, B: Array) -> Array:
+    """Return A B^T, (..., 3, 3); by components it is several times as fast as numpy's matmul."""
+    out = np.empty((3, 3, *A.shape[:-2]))
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = sum(A[..., i, j] * B[..., k, j] for j in range(3))
+    return np.moveaxis(out, (0, 1), (-2, -1))
 
 
 #: Even permutations and pairs of the axes.

@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 class PointStresses(NamedTuple):
     """Displacement gradient and stress at the quadrature points of cells.
 
+    Each component is contiguous in memory.
+
     Attributes
     ----------
     weights : (cells, points)
@@ -71,10 +73,10 @@ class StressLoops:
         """
         shape = self._loops.num_cells, len(self._loops.tables.weights)
         weights = np.empty(shape)
-        H, P = np.empty((*shape, 3, 3)), np.empty((*shape, 3, 3))
+        H, P = np.empty((3, 3, *shape)), np.empty((3, 3, *shape))
         arrays = [
             self._ffi.NULL if a is None else self._ffi.cast("double *", a.ctypes.data)
             for a in (u, pressure, weights, H, P)
         ]
         self._lib.stresses_cells(self._cells, *arrays)
-        return PointStresses(weights, np.swapaxes(H, -1, -2), np.swapaxes(P, -1, -2))
+        return PointStresses(weights, H.transpose(2, 3, 1, 0), P.transpose(2, 3, 1, 0))

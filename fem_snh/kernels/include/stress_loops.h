@@ -1,6 +1,7 @@
 /* The loop over cells for stress_api.h, on cell_batches.h. */
 
 void stresses_cells(const Cells *c, const double *u, const double *pressure, double *weights, double *gradients, double *stresses) {
+  const long points = POINTS * (long)c->cells;
   FOR_EACH_BATCH
     FOR_EACH_POINT
       real P[9];
@@ -9,8 +10,8 @@ void stresses_cells(const Cells *c, const double *u, const double *pressure, dou
         const long point = POINTS * (start + l) + q;
         weights[point] = weight[l];
         for (int i = 0; i < 9; ++i) {
-          gradients[9 * point + i] = H[i][l];
-          stresses[9 * point + i] = P[i][l];
+          gradients[points * i + point] = H[i][l];
+          stresses[points * i + point] = P[i][l];
         }
       }
     }

@@ -1,0 +1,89 @@
+"""Time of writing stresses and strains, relative to one iteration of Newton's method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+
+from mpi4py import MPI
+
+import numpy as np
+
+from benchmarks import Row, split_list
+from fem_snh import _dolfinx, scenes
+from fem_snh.output_fields import LOCATIONS, ON_REQUEST
+from fem_snh.runs.fields import Fields
+from fem_snh.runs.setup import set_up
+
+#: Limit on the time that all fields add to the output of a state, in Newton iterations.
+LIMIT = 1.0
+
+
+def rows(
+    elements: str = "P1,P2,P2P0,P2P1,Q1,Q1P0,Q2,Q2Q1",
+    cells: int = 0,
+    fields: str = "",
+    repeat: int = 5,
+) -> Iterator[Row]:
+    """Yield a row per element and location: the twist's first quarter turn, then its output.
+
+    Parameters
+    ----------
+    elements
+        Comma list.
+    cells
+        Along the edge; default: 15, and 7 for elements of degree 2.
+    fields
+        Comma list; default: all.
+    repeat
+        States written of each kind, in turns; the medians are compared.
+    """
+    names = split_list(fields) or list(ON_REQUEST)
+    for element in split_list(elements):
+        yield from measure(element, cells or (7 if "2" in element else 15), names, repeat)
+
+
+def measure(element: str, cells: int, names: list[str], repeat: int) -> Iterator[Row]:
+    """Yield the rows of an element: processor times, summed over the ranks. Collective."""
+    comm = MPI.COMM_WORLD
+    options = {"cells": cells, "element": element, "angle": np.pi / 4, "steps": 1}
+    setup = set_up(comm, scenes.load("twist", **options))
+    (step,) = setup.stepper
+    problem = setup.problem
+    newton = comm.allreduce(setup.stepper.processor) / step["newton"]
+    kinds: dict[str, tuple[list[str], str]] = {"": ([], LOCATIONS[0])}
+    kinds |= {at: (names, at) for at in LOCATIONS}
+    taken: dict[str, list[float]] = {kind: [] for kind in kinds}
+    with TemporaryDirectory() as own:
+        folder = Path(comm.bcast(own, root=0))
+        outputs = {
+            kind: Fields(folder / f"fields_{kind}.pvd", problem, None, *chosen)
+            for kind, chosen in kinds.items()
+        }
+        for state in range(repeat + 1):
+            problem.load = 1.0 + state  # a series skips a load that it has
+            for kind, output in outputs.items():
+                start = process_time()
+                output.write(problem)
+                taken[kind].append(comm.allreduce(process_time() - start))
+        comm.barrier()
+    seconds = {kind: float(np.median(values[1:])) for kind, values in taken.items()}  # first: warm
+    for at in LOCATIONS:
+        added = seconds[at] - seconds[""]
+        row: Row = {
+            "element": element,
+            "cells": problem.num_cells,
+            "ranks": comm.size,
+            "fields": len(names),
+            "at": at,
+            "dolfinx": _dolfinx.version,
+            "newton_ms": round(1e3 * newton, 2),
+            "output_ms": round(1e3 * seconds[""], 2),
+            "added_ms": round(1e3 * added, 2),
+            "newton_iterations": round(added / newton, 2),
+        }
+        if at == LOCATIONS[0]:
+            row |= {"limit": LIMIT, "ok": bool(added <= LIMIT * newton)}
+        yield row
