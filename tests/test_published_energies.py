@@ -85,7 +85,10 @@ def hardened(s, m, k, fung=True):
         return mu / 2 * (I_C - 3) + extra + lam / 2 * (J - alpha) ** 2
 
     def moduli(mu, lam):
-        f = lambda a, b: psi(a**2 + b**2 + 1, a * b, mu, lam)  # noqa: E731
+
+        def f(a, b):
+            return psi(a**2 + b**2 + 1, a * b, mu, lam)
+
         a, b = mp.diff(f, (1, 1), (2, 0)), mp.diff(f, (1, 1), (1, 1))
         return (a - b) / 2 - m, b - k
 

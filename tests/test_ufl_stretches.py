@@ -16,8 +16,8 @@ from fem_snh.fem import mesh
 from fem_snh.fem.ufl_frame import PrincipalFrame, freeze
 
 NU = 0.3
-ENERGIES = [n for n in materials.names() if materials.make_energy(n, nu=NU).has_energy]
-OF_STRETCHES = [n for n in ENERGIES if materials.make_energy(n, nu=NU).needs_stretches]
+ENERGIES = [n for n in materials.names() if make(n, NU).expression.has_energy]
+OF_STRETCHES = [n for n in ENERGIES if make(n, NU).expression.needs_stretches]
 #: F = I; three equal stretches; two equal ones, the third larger or smaller; flat and stretched.
 UPRIGHT = [(1, 1, 1), (0.8, 0.8, 0.8), (1.3, 1.3, 0.7), (1.3, 0.7, 0.7), (1.4, 0.9, 0.6)]
 UPRIGHT += [(3.4, 0.6, 0.5), (1.5, 1.2, 0.05), (30, 20, 10)]
