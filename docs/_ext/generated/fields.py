@@ -1,0 +1,15 @@
+"""The table of the fields that a scene may name."""
+
+from __future__ import annotations
+
+from fem_snh.output_fields import ON_REQUEST
+from generated.table import table
+
+
+def markdown() -> str:
+    """Return a table of `ON_REQUEST`: name, components, unit and meaning."""
+    rows = [
+        (f"`{name}`", ", ".join(field.components), field.unit, field.meaning)
+        for name, field in ON_REQUEST.items()
+    ]
+    return table(("field", "components", "unit", "meaning"), rows)
