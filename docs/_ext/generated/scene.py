@@ -16,7 +16,7 @@ from generated.table import table
 #: The tables of a scene file, in the order of the page, each with the model that validates it.
 TABLES = (
     ("Top-level keys", schema.Scene),
-    ("[material]", schema.MaterialChoice),
+    ("[material], [[material]]", schema.MaterialChoice),
     ("[[hold]]", schema.Hold),
     ("[[move]]", schema.Move),
     ("rotate", schema.Rotate),
