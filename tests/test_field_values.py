@@ -1,0 +1,75 @@
+"""Stresses at nodes and of degenerate states; reaction forces."""
+
+from __future__ import annotations
+
+import warnings
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Hold
+from stress_states import affine, close, displaced, evaluated, quadrature_points, slope, torsion
+
+from fem_snh import _dolfinx
+from fem_snh.fem.field_values import FieldValues
+from fem_snh.fem.nodal_projection import NodalProjection
+from fem_snh.fem.stress_fields import POINT_FIELDS
+from fem_snh.output_fields import ON_REQUEST
+
+mpi = pytest.mark.mpi
+
+# --- nodes ---------------------------------------------------------------------------------------
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2", "Q2"])
+def test_a_linear_field_is_projected_exactly(comm, element):
+    p = displaced(comm, element, np.zeros_like)
+    state = FieldValues(p)._stresses.evaluate(p.x)
+    X = quadrature_points(p)
+    values = np.stack([slope(X), np.ones_like(X[..., 0]), X[..., 1]], axis=-1)
+    nodes = p.V.tabulate_dof_coordinates()
+    found = NodalProjection(p, state.weights).project(values)
+    close(found, np.column_stack([slope(nodes), np.ones(len(nodes)), nodes[:, 1]]))
+
+
+@mpi
+@pytest.mark.parametrize("element", ["P2", "Q2Q1"])
+def test_reaction_forces_add_up_to_those_of_the_groups(comm, element):
+    hold = [Hold("bottom"), Hold("right", ("x",))]
+    p = displaced(comm, element, torsion, slope, hold=hold, reactions=["bottom", "right"])
+    force = FieldValues(p).evaluate(["reaction_force"])["reaction_force"]
+    n = _dolfinx.num_nodes(p.V)[0]
+    X, total = p.coordinates, p.reactions(p.x)
+    bottom = np.isclose(X[:, 2], 0)
+    assert comm.allreduce(force[:n][bottom].sum(axis=0)) == pytest.approx(
+        total["bottom"], abs=1e-12
+    )
+    right = np.isclose(X[:, 0], 1)
+    assert comm.allreduce(force[:n][right, 0].sum()) == pytest.approx(total["right"][0], abs=1e-12)
+    assert abs(comm.allreduce(abs(force[:n]).sum())) > 1
+    assert not force[:n][~(bottom | right)].any() and not force[:n][right & ~bottom, 1:].any()
+    assert set(ON_REQUEST) == {*POINT_FIELDS, "reaction_force"}
+
+
+# --- degenerate states ---------------------------------------------------------------------------
+
+
+def test_an_inverted_and_a_flat_cell_are_reported_as_they_are():
+    comm = MPI.COMM_SELF
+    inverted = evaluated(displaced(comm, "Q1", affine(np.diag([2.0, 1, -0.5]))))
+    close(inverted["principal_stretches"], [2, 1, -0.5])
+    close(inverted["green_lagrange_strain"], np.diag([3, 0, -0.75]) / 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        flat = evaluated(displaced(comm, "Q1", affine(np.diag([1.0, 1, 0]))))
+    assert np.isfinite(flat["pk1_stress"]).all() and not (flat["von_mises"] < 1e10).any()
+
+
+def test_a_small_strain_is_accurate_to_its_own_digits():
+    tiny = 1e-12 * np.array([[1.0, 2, 0], [0.5, -1, 3], [0, 1, 2]])
+    found = evaluated(displaced(MPI.COMM_SELF, "Q1", affine(np.eye(3) + tiny)))
+    expected = (tiny + tiny.T) / 2
+    got = found["green_lagrange_strain"]
+    assert abs(got - expected).max() < 1e-3 * 1e-12
