@@ -1,4 +1,4 @@
-"""Compile C source into shared libraries, kept in a cache.
+"""Compile C source into shared libraries, kept in a cache. Every module with C code calls it.
 
 Ranks, jobs and machines may share the cache: the key is a hash of the source, the compiler, its
 flags and the processor, and files are moved into place atomically. The source is kept beside its
@@ -65,7 +65,7 @@ def compiler() -> str:
 
 @lru_cache
 def _environment(command: str) -> str:
-    """The compiler's version and the processor, which decide the machine code too."""
+    """Return the compiler's version and the processor: the machine code depends on both."""
     try:
         version = subprocess.run(
             [*shlex.split(command), "--version"], capture_output=True, text=True, check=True

@@ -1,4 +1,7 @@
-"""The cell loops of one material on one element: energy, residual, Jacobian and fields."""
+"""The cell loops of one material on one element: energy, residual, Jacobian and fields.
+
+`fem_snh.fem.terms.elastic` calls them at each evaluation of a Newton step.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +61,7 @@ class ElementTables:
 
     @property
     def sizes(self) -> list[str]:
-        """The element's sizes as C definitions."""
+        """Return the element's sizes as C definitions."""
         points, nodes, _ = self.gradients.shape
         return [
             f"#define POINTS {points}",
@@ -145,7 +148,7 @@ class CellLoops:
 
     @property
     def cells_address(self) -> int:
-        """The address of the struct Cells (cell_api.h), which lives as long as this object."""
+        """Return the address of the struct Cells (cell_api.h), valid as long as this object."""
         return int(self._ffi.cast("uintptr_t", self._cells))
 
     def address(self, number: int) -> Any:

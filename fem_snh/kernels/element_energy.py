@@ -1,4 +1,7 @@
-"""The energy that an element evaluates: the material's, whole or without its volume term."""
+"""Choose the energy that an element evaluates: the material's, whole or without its volume term.
+
+`fem_snh.fem.terms.elastic` and `fem_snh.kernels.pointwise` call it before they compile a kernel.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ class ElementEnergy(NamedTuple):
     volume_stiffness : float
         U''(1) of the volume term that is split off [Pa], or 0.
     lambda_local : float
-        The Lame constant lambda that is left in psi' [Pa], or 0 if nothing is split off.
+        The Lame constant lambda that remains in psi' [Pa], or 0 if nothing is split off.
     """
 
     energy: Energy

@@ -1,4 +1,7 @@
-"""Element matrices of UFL forms: FFCx's kernels called entity by entity, and filtered."""
+"""Tabulate the element matrices of UFL forms with FFCx's kernels, and filter their eigenvalues.
+
+`fem_snh.fem.terms.ufl_term` calls it for the energies that users write in UFL.
+"""
 
 from __future__ import annotations
 
@@ -158,6 +161,6 @@ class FormCells:
             yield cells[start : start + count], count, asymmetry
 
     def _pointer(self, array: Array) -> Any:
-        """A C pointer to the memory of ``array``, which the caller keeps alive."""
+        """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
         kind = {"float64": "double *", "int32": "int *"}[array.dtype.name]
         return self._ffi.cast(kind, array.ctypes.data)

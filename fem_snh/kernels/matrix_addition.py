@@ -1,4 +1,7 @@
-"""The addition of stored element matrices to the value arrays of an AIJ matrix, in C."""
+"""Add stored element matrices to the value arrays of an AIJ matrix, in C.
+
+`fem_snh.fem.assembled_matrix` calls it for terms whose element matrices come from UFL forms.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ _DECLARATIONS = ("cell_api.h", "matrix_addition_api.h")
 
 
 class MatrixAddition:
-    """Adds element matrices where a ``MatrixTarget`` of cell_api.h tells.
+    """Addition of element matrices at the positions that a ``MatrixTarget`` (cell_api.h) holds.
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ class MatrixAddition:
     def add(self, addresses: Sequence[int], cells: Array, matrices: Array) -> None:
         """Add element matrices (n, k, k) of ``cells`` (n,) to the value arrays at ``addresses``.
 
-        k is the number of dofs of a cell's first blocks: of all, or of the displacement's.
+        k is the number of dofs of all blocks of a cell, or of its displacement blocks.
         """
         if not len(cells):
             return

@@ -1,4 +1,7 @@
-"""Materials at given deformation gradients, evaluated by the kernels of the assembly."""
+"""Evaluate a material at given deformation gradients, with the kernels of the assembly.
+
+`Material` and `material` are public: ``fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)``.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +66,7 @@ class Material:
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
-        """The compiled kernels; BadInput at nu = 0.5."""
+        """Return the compiled kernels; raise BadInput at nu = 0.5."""
         energy = element_energy(self.expression, "pointwise").energy
         path = build.library(source.material_source(energy))
         return build.load(path, source.header("pointwise_api.h"))

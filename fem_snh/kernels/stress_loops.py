@@ -1,6 +1,7 @@
-"""Strains and stresses at the quadrature points of cells: a library of its own.
+"""Evaluate strains and stresses at the quadrature points of cells.
 
-It is compiled only where stresses are asked for.
+The loop is a library of its own, so that a run without stress fields does not compile it.
+`fem_snh.fem.stress_fields` calls it.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def stress_loops_source(loops: CellLoops) -> str:
 
 
 class StressLoops:
-    """The loop that returns strains and stresses at quadrature points.
+    """The compiled loop over cells for strains and stresses at quadrature points.
 
     Parameters
     ----------

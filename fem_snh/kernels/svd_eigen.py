@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 @lru_cache
 def _svd_eigen_library() -> tuple[Any, Any]:
-    """The compiled SVD and eigensolvers."""
+    """Return the compiled SVD and eigensolvers."""
     path = build.library(source.svd_eigen_source())
     return build.load(path, source.header("svd_eigen_api.h"))
 

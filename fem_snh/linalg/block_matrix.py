@@ -1,4 +1,7 @@
-"""A symmetric matrix of 3x3 blocks in single precision, and its SSOR sweeps."""
+"""A symmetric matrix of 3x3 blocks in single precision, and its SSOR sweeps.
+
+`fem_snh.linalg.ssor_system` sweeps over it; `fem_snh.linalg.coarse_space` reads its pattern.
+"""
 
 from __future__ import annotations
 
@@ -109,5 +112,5 @@ class SymmetricBlockMatrix:
 
 
 def _padded(lengths: Array) -> Array:
-    """Lengths rounded up to a multiple of _LANES."""
+    """Return lengths rounded up to a multiple of _LANES."""
     return (lengths + _LANES - 1) // _LANES * _LANES

@@ -1,4 +1,7 @@
-"""The deflation space: subdomains, linear functions on them, and the matrix's product with them."""
+"""The deflation space: subdomains, linear functions on them, and the matrix's product with them.
+
+`fem_snh.linalg.deflation` builds its projections on it.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
 
-#: Singular values below this part of the largest are dropped: linear functions that the free nodes
-#: of a subdomain do not distinguish (a plane of nodes), with a margin for single precision.
+#: Singular values below this fraction of the largest are dropped: linear functions that coincide at
+#: the free nodes of a subdomain (a plane of nodes), with a margin for single precision.
 _RANK_TOLERANCE = 1e-3
 
 

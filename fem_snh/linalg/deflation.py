@@ -43,8 +43,8 @@ from fem_snh.linalg.library import COLUMNS
 Array = npt.NDArray[Any]
 
 _Reason = PETSc.KSP.ConvergedReason
-#: E is scaled to a unit diagonal; entries below this part of the largest are scaled as if they were
-#: that large, so that the rounding errors of a subdomain without stiffness are not amplified.
+#: E is scaled to a unit diagonal. Diagonal entries below this fraction of the largest are scaled by
+#: that fraction instead: the rounding errors of a subdomain without stiffness are not amplified.
 _MIN_DIAGONAL = 1e-5
 #: Eigenvalues of the scaled E below this are rounding errors of zero: rigid motions of a free body.
 _ZERO_EIGENVALUE = 1e-10
@@ -68,7 +68,7 @@ class Deflation:
     coordinates : (rows, 3)
         Reference coordinates of this rank's nodes.
     subdomains : int
-        Wanted number on all ranks; every rank has at least one.
+        Number of subdomains on all ranks together; every rank has at least one.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Deflation:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of A Z on this rank, which an iteration reads twice."""
+        """Return the bytes of A Z on this rank, which an iteration reads twice."""
         return self._coarse.nbytes
 
     def update(self, values: int, off_diagonal: int, scale: float) -> int:
@@ -136,7 +136,7 @@ class Deflation:
         self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, r)
 
     def project(self, t: Any, w: Any) -> None:
-        """w -= A Q A t."""
+        """Compute w -= A Q A t."""
         self._solve("coarse_image_transposed", t)
         self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, w)
 
@@ -146,7 +146,7 @@ class Deflation:
         self._matrix.lib.coarse_prolong(self._coarse.struct, self._single_pointer, x)
 
     def _solve(self, transposed: str, vector: Any) -> Array:
-        """E^-1 y for y = Z^T v (coarse_restrict) or (A Z)^T v; in single precision in _single."""
+        """Store E^-1 y in _single, for y = Z^T v (coarse_restrict) or y = (A Z)^T v."""
         self._rhs[:] = 0
         getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
         if self._comm.size > 1:
@@ -171,7 +171,7 @@ class Deflation:
 
 
 def _pseudo_inverse(E: Array) -> Array | None:
-    """The (pseudo-)inverse of a symmetric matrix, or None if it has a negative eigenvalue."""
+    """Return the (pseudo-)inverse of a symmetric matrix; None if it has a negative eigenvalue."""
     diagonal = E.diagonal()
     largest = diagonal.max(initial=0.0)
     if largest <= 0:

@@ -1,4 +1,7 @@
-"""A sparse direct solver (MUMPS): insensitive to nu, and cheap on small or slender bodies."""
+"""PETSc options of a sparse direct solver (MUMPS): insensitive to nu, cheap on slender bodies.
+
+Studies and benchmarks use it for reference solutions.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Halo exchange: the values of nodes that other ranks own, in single precision."""
+"""Halo exchange: receive the values of nodes that other ranks own, in single precision.
+
+An iteration of the linear solver exchanges once.
+"""
 
 from __future__ import annotations
 

@@ -18,14 +18,14 @@ import numpy as np
 from fem_snh.linalg.ssor_system import AUTOMATIC, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
-#: Residual reduction per refinement cycle: single precision rounds to 6e-8, so 1e-4 leaves three
-#: digits for the rounding errors of an iteration.
+#: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
+#: 1000 is for the accumulated rounding errors of the iterations.
 _CYCLE_REDUCTION = 1e-4
-#: The refinement ends if a cycle does not reduce the residual at least to this part.
+#: The refinement ends if a cycle does not reduce the residual at least to this fraction.
 _MIN_REDUCTION = 0.5
 #: A curvature above -1e-6 p.D^-1 p counts as zero: the rounding error of a sum in single precision.
 _ZERO_CURVATURE = 1e-6
-#: Iterations allowed on the smallest matrices, where the number of unknowns is no useful limit.
+#: Lower bound of the limit on iterations, for matrices of a few unknowns.
 _MIN_ITERATION_LIMIT = 100
 
 
@@ -72,7 +72,7 @@ class EisenstatCG:
 
     @property
     def nbytes(self) -> int:
-        """Bytes on this rank that an iteration reads twice."""
+        """Return the bytes on this rank that an iteration reads twice."""
         return self._system.nbytes
 
     def update_matrix(self, A: PETSc.Mat, force: bool = False) -> None:
@@ -167,7 +167,7 @@ class EisenstatCG:
 
 
 def _breakdown_reason(value: float) -> int:
-    """The converged reason for a curvature or norm that is negative or not finite."""
+    """Return the converged reason for a curvature or norm that is negative or not finite."""
     # Sweeps over a positive definite matrix are bounded; an overflow shows an indefinite one.
     overflow = not isfinite(value)
     reason = _Reason.DIVERGED_INDEFINITE_PC if overflow else _Reason.DIVERGED_INDEFINITE_MAT

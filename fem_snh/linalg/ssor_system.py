@@ -108,7 +108,7 @@ class SSORSystem:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the matrix's copy and of A Z on this rank, which an iteration reads twice."""
+        """Return the bytes on this rank that an iteration reads twice (the copy of A, and A Z)."""
         return self._matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
 
     def update(self, A: PETSc.Mat) -> int:
@@ -155,7 +155,7 @@ class SSORSystem:
         return size * sqrt(self.scale * max(rho, 0.0)), size * self.scale, rho
 
     def update_direction(self, beta: float) -> float:
-        """p = z + beta p, q = A-hat p (deflated); return the curvature p.q = t.A t."""
+        """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
         matrix, v = self._matrix, self._pointers
         matrix.lib.matrix_backward_sweep(matrix.struct, beta, v["z"], v["p"], v["t"], v["w"])
         if self._halo:
@@ -166,7 +166,7 @@ class SSORSystem:
         return self._sum(matrix.lib.matrix_forward_sweep(matrix.struct, *vectors))
 
     def update_vectors(self, alpha: float) -> float:
-        """x += alpha t, r -= alpha q, z = D r; return r.z."""
+        """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
         matrix, v = self._matrix, self._pointers
         vectors = (v[key] for key in "tqxrz")
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, alpha, *vectors))
@@ -182,5 +182,5 @@ class SSORSystem:
         x.array[:] += unit * self._x
 
     def _sum(self, own: float) -> float:
-        """Sum over all ranks."""
+        """Return the sum over all ranks."""
         return own if self.comm.size == 1 else float(self.comm.allreduce(own))

@@ -1,4 +1,6 @@
-"""Construct an `Energy` from a material's function: evaluate it, fit its constants, tune it."""
+"""Construct an `Energy` from a material's function: evaluate it, fit its constants, tune it.
+
+`fem_snh.materials.registry` calls it once for each material."""
 
 from __future__ import annotations
 
@@ -101,7 +103,7 @@ def construct(
 
 
 def _fitted(fit: normalise.Fit, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
-    """Return the values of the constants; ``mixed``: only the mu part will be used."""
+    """Return the values of the constants; only their mu part is used if ``mixed``."""
     mu, lam = normalise.lame(E, nu)
     if nu == 0.5:
         solution = fit.solve((mu, LAME[1]), E, mixed)
@@ -150,7 +152,7 @@ def _evaluate(
     return found
 
 
-#: What a division by zero or the logarithm of a negative number leaves in an expression.
+#: Results of a division by zero or of the logarithm of a negative number in an expression.
 _NOT_REAL = (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I)
 #: The most frequent cause of an exception: numpy's and math's functions refuse symbols.
 _HINT = (

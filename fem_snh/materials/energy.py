@@ -46,7 +46,7 @@ class Energy:
     barriers : frozenset of sympy.Expr
         Arguments of `fem_snh.materials.functions.positive`.
     fit : normalise.Fit
-        How ``values`` follow from the small-strain constants.
+        The fit of ``values`` to the small-strain constants.
     pressure : sympy.Symbol or None
         A further unknown in ``psi`` (see `fem_snh.materials.volume_split`).
     """
@@ -66,32 +66,32 @@ class Energy:
 
     @property
     def has_energy(self) -> bool:
-        """True if the stress is the gradient of an energy."""
+        """Return True if the stress is the gradient of an energy."""
         return self.psi is not None
 
     @property
     def incompressible(self) -> bool:
-        """True at nu = 0.5, which requires mixed elements."""
+        """Return True at nu = 0.5, which requires mixed elements."""
         return self.nu == 0.5
 
     @property
     def of_stretches(self) -> bool:
-        """True if the energy is written in the principal stretches themselves."""
+        """Return True if the energy is written in the principal stretches."""
         return bool(set(self.measures) & set(SIGMA))
 
     @property
     def needs_stretches(self) -> bool:
-        """True if the energy needs the singular values of F, not only I_C, II_C and J."""
+        """Return True if the energy needs the singular values of F, not only I_C, II_C and J."""
         return any(str(m) in {"I1", "s0", "s1", "s2"} for m in self.measures)
 
     @property
     def inversion_safe(self) -> bool:
-        """True if the energy is finite for every F."""
+        """Return True if the energy is finite for every F."""
         return not self.domain
 
     @cached_property
     def domain(self) -> tuple[sympy.Expr, ...]:
-        """Expressions in ``measures`` that must be positive; the energy is +inf elsewhere.
+        """Return expressions in ``measures`` that must be positive; elsewhere the energy is +inf.
 
         They are the arguments of log, the bases of real powers and the arguments of `positive`.
         Expressions that are positive for every F and the pieces of a `where` are left out.
@@ -101,19 +101,19 @@ class Energy:
 
     @cached_property
     def psi_sigma(self) -> sympy.Expr:
-        """The energy as a function of the principal stretches ``s0, s1, s2``."""
+        """Return the energy as a function of the principal stretches ``s0, s1, s2``."""
         return None if self.psi is None else self.psi.subs(INVARIANTS)
 
     @cached_property
     def slopes(self) -> tuple[sympy.Expr, ...]:
-        """Principal PK1 stresses dpsi/ds_i [Pa] in the stretches and constants."""
+        """Return the principal PK1 stresses dpsi/ds_i [Pa] in the stretches and constants."""
         if self.stress is not None:
             return self.stress
         return principal_stresses(self.psi)
 
     @cached_property
     def lame(self) -> tuple[float, float]:
-        """(mu_lame, lambda_lame) [Pa], from the energy itself by differentiation at rest.
+        """Return (mu_lame, lambda_lame) [Pa], the second derivatives of the energy at rest.
 
         lambda_lame is infinite at nu = 0.5.
 
@@ -129,13 +129,13 @@ class Energy:
 
     @cached_property
     def rest_stress(self) -> float:
-        """Principal PK1 stress at F = I [Pa]; 0 if the rest state is free of stress."""
+        """Return the principal PK1 stress at F = I [Pa]; 0 if the rest state is free of stress."""
         stress = sympy.simplify(normalise.at_rest(self.slopes[0]))
         return float(stress.subs(self._numbers))
 
     @property
     def lambda_symbol(self) -> sympy.Symbol:
-        """The symbol of lambda_lame in `by_lame`."""
+        """Return the symbol of lambda_lame in `by_lame`."""
         return LAME[1]
 
     @property

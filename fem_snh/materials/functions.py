@@ -8,17 +8,18 @@ from typing import Any
 
 import sympy
 
-#: Largest exponent: the generated C multiplies as often, and sympy would expand 9**9**9.
+#: Largest exponent: the generated C has one multiplication for each unit, and sympy would expand
+#: 9**9**9.
 MAX_EXPONENT = 64
-#: Largest denominator for which a double is read as the simple fraction that it rounds.
+#: A double is read as a fraction if one with at most this denominator rounds to it.
 _LARGEST_DENOMINATOR = 1000
 
 
 class where(sympy.Function):
     """Piecewise expression ``where(x, a, b)``: a if x > 0, else b.
 
-    Only the chosen piece has to be finite. The derivative is that of the chosen piece: an energy is
-    as smooth as its pieces meet.
+    Only the chosen piece has to be finite. The derivative is that of the chosen piece, so the
+    energy is differentiable where the derivatives of both pieces agree at x = 0.
     """
 
     nargs = (3,)
@@ -46,7 +47,7 @@ class where(sympy.Function):
 class positive(sympy.Function):
     """Barrier ``positive(x)`` = x; the energy is +inf where x <= 0.
 
-    For energies that are finite beyond a singularity that they must not cross, such as 1/J^2.
+    It is for energies with a singularity that a deformation must not cross, such as 1/J^2 at J = 0.
     """
 
     nargs = (1,)
@@ -98,13 +99,13 @@ def _restricts(base: sympy.Expr, measures: set[sympy.Symbol]) -> bool:
 
 
 def exact(parameter: Any) -> sympy.Expr:
-    """Return a parameter as the decimal fraction that it is written as; a symbol unchanged."""
+    """Return a parameter as the exact decimal fraction of its digits; a symbol unchanged."""
     written = isinstance(parameter, int | float)
     return sympy.Rational(str(parameter)) if written else sympy.sympify(parameter)
 
 
 def fractions(expression: sympy.Expr) -> sympy.Expr:
-    """Return the expression with its floats as fractions, simple ones if they round to the float.
+    """Return the expression with fractions instead of floats, the simplest that round to them.
 
     1/30.0 becomes 1/30, so that 1 - 30 (1/30.0) is exactly 0.
     """

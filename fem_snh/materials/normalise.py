@@ -11,7 +11,7 @@ more than two
     pinned by the user.
 one
     The equation for mu_lame is solved. Poisson's ratio is then a property of the energy, and any
-    other is refused.
+    other value of nu is an error.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 Pair = tuple[sympy.Expr, sympy.Expr]
 
-#: Accepted difference between the lambda_lame of an energy with one constant and the requested
-#: one, relative to mu_lame: rounding of the given nu.
+#: Accepted difference, relative to mu_lame, between the requested lambda_lame and that of an energy
+#: with one constant: the rounding error of nu.
 _LAMBDA_TOLERANCE = 1e-12
 
 
@@ -64,7 +64,7 @@ def lame(E: float, nu: float) -> tuple[float, float]:
 
 
 def at_rest(expression: sympy.Expr) -> sympy.Expr:
-    """Return an expression in the stretches at s0 = s1 = s2 = 1."""
+    """Evaluate an expression in the stretches at s0 = s1 = s2 = 1."""
     return sympy.sympify(expression).subs(_REST)
 
 

@@ -1,4 +1,4 @@
-"""Parse expressions that users write as text, without evaluating them as Python."""
+"""Parse expressions that users write as text, such as Hill's strain, without evaluating Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the function of a material by name, reference or itself, and make its energy."""
+"""Find the function of a material by its name or reference, and make its energy."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from fem_snh.references import entry_points, is_reference, load_reference
 #: The entry point group of packages that provide materials: name -> function.
 GROUP = "fem_snh.materials"
 
-#: Rest stress [E] above which a user's energy is refused: rounding of its parameters is below it.
+#: Largest rest stress [E] of a user's energy: above the rounding errors of its parameters.
 REST_STRESS = 1e-9
 #: Three different stretches, at which an isotropic energy may not depend on their order.
 _STRETCHES = dict(
@@ -43,8 +43,8 @@ _RESERVED = {"name", "E", "group", "density", *TUNING}
 class Reference(str):
     """A reference ``FILE.py:FUNCTION`` whose file is relative to ``folder``.
 
-    It compares and prints as the text that was given. A plain string of the same form is relative
-    to the working directory.
+    It is a string, equal to the reference as the user wrote it. In a plain string of this form the
+    file is relative to the working directory.
     """
 
     folder: Path
@@ -73,7 +73,7 @@ def names() -> list[str]:
 
 
 def label(material: str | Function) -> str:
-    """Return the name of a material: as it was given, or the name of a function."""
+    """Return the name of a material: the given text, or the name of the function."""
     if isinstance(material, str):
         return str(material)
     return str(getattr(material, "__name__", type(material).__name__))

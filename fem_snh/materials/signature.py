@@ -16,7 +16,7 @@ Function = Callable[..., Any]
 ACCEPTED = "I_C (tr C), II_C, J (det F), I1 (sum of the stretches), s0, s1, s2 (the stretches)"
 #: Largest shape parameter: its products with stretches and moduli stay finite.
 LARGEST_PARAMETER = 1e6
-#: Names that other texts use for deformation measures: as constants they would be misunderstood.
+#: Names that the literature uses for deformation measures, which a constant must not have.
 #: I_1, I4, I_Q, IIIC, I1bar, J_bar, F, C, B, sigma_0, lambda_1, ...
 _OTHER_MEASURE = re.compile(
     r"I[I_]*\w{0,2}(_?bar)?|J_?bar|[FCBjs]|s3|s_[012]|sigma_?[012]?|lambda_?[123]|stretch(es)?"
@@ -30,7 +30,7 @@ def measures_of(function: Function) -> list[str]:
 
 
 def shape_parameters(function: Function) -> dict[str, Any]:
-    """Return the keyword-only arguments of a material function and their defaults, but ``nu``."""
+    """Return the keyword-only arguments of a material function, without ``nu``, and defaults."""
     return {
         name: parameter.default
         for name, parameter in inspect.signature(function).parameters.items()
@@ -39,7 +39,7 @@ def shape_parameters(function: Function) -> dict[str, Any]:
 
 
 def constants_of(function: Function) -> dict[str, float | None]:
-    """Return the free constants of a material function and their defaults [units of E] or None."""
+    """Return the free constants of a material function, with defaults [units of E] or None."""
     return {
         name: None if parameter.default is parameter.empty else parameter.default
         for name, parameter in inspect.signature(function).parameters.items()

@@ -50,11 +50,11 @@ TUNING: dict[str, float | str | None] = {
 }
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.
 EPSILON = 0.1
-#: Accepted alpha: s^alpha has to increase with s, and an exponent of 4 may not become larger than
-#: the largest exponent of generated code.
+#: Accepted alpha: s^alpha increases with s, and s^(4 alpha) has at most the largest exponent of
+#: generated code.
 ALPHAS = (0.01, MAX_EXPONENT / 4)
-#: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and epsilon^4 is not
-#: lost beside 1 in double precision.
+#: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and 1 + epsilon^4
+#: differs from 1 in double precision.
 EPSILONS = (1e-4, 0.99)
 
 

@@ -10,9 +10,9 @@ alone; for the stable Neo-Hookean energy it is (lambda - lambda_local)/2 (J - 1)
 A pressure p, positive in tension, replaces U. The energy at a point is then psi' + p J, and its
 Hessian is filtered like that of any other energy.
 
-psi' keeps the resistance to a J that varies within a cell, which neither a mean nor a continuous
-pressure sees: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md).
-With b = 4, psi' has nu -> 0.4, with b = 2, nu -> 1/3, where no element locks.
+psi' resists a J that varies within a cell, on which neither the mean of J nor a continuous pressure
+acts: with b = 0, parts of twisted Taylor-Hood cells collapse (docs/results/elements.md). For
+nu -> 0.5, psi' tends to nu = 0.4 with b = 4 and to nu = 1/3 with b = 2, where no element locks.
 
 Mean dilatation
     p = U'(J_e), where J_e is the mean of J over an element.
@@ -43,7 +43,7 @@ _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]
 
 @dataclass(frozen=True)
 class Split:
-    """An energy in two parts.
+    """An energy split into psi' + p J and the volume term U(J).
 
     Attributes
     ----------
@@ -58,17 +58,17 @@ class Split:
 
     @property
     def stiffness(self) -> float:
-        """U''(1) = lambda_lame - lambda_local [Pa]; infinite at nu = 0.5."""
+        """Return U''(1) = lambda_lame - lambda_local [Pa]; infinite at nu = 0.5."""
         return self.energy.values[1] - self.local
 
     @property
     def local(self) -> float:
-        """lambda_local [Pa]."""
+        """Return lambda_local [Pa]."""
         return self.energy.values[2]
 
     @property
     def volume_curve(self) -> _Curve:
-        """(U, U', U'') in J. Raises BadInput at nu = 0.5."""
+        """Return (U, U', U'') in J; raise BadInput at nu = 0.5."""
         if math.isinf(self.stiffness):
             raise BadInput(
                 f"nu = 0.5: material '{self.energy.name}' is incompressible, and requires "
@@ -79,7 +79,7 @@ class Split:
 
     @property
     def dual_curve(self) -> _Curve:
-        """(U*, J(p) = dU*/dp, dJ/dp) in PRESSURE.
+        """Return (U*, J(p) = dU*/dp, dJ/dp) in PRESSURE.
 
         Raises BadInput where U'(J) = p has no solution in closed form, and unless nu > 0.
         """

@@ -30,7 +30,7 @@ def callback_errors() -> Iterator[None]:
 
 @contextmanager
 def petsc_failures() -> Iterator[None]:
-    """Raise errors of PETSc, and memory that ran out, as `Failed` with a message of one line."""
+    """Raise PETSc's errors and exhausted memory as `Failed`, with a message of one line."""
     try:
         yield
     except MemoryError as error:

@@ -13,7 +13,7 @@ GAMMA, ALPHA = 0.9, 2
 
 @contextmanager
 def relative_tolerance(ksp: PETSc.KSP, rtol: float) -> Iterator[None]:
-    """Solve with this relative tolerance inside the block; restore the earlier one after it."""
+    """Set the relative tolerance of ``ksp`` within a ``with`` block and restore it afterwards."""
     before = ksp.getTolerances()[0]
     ksp.setTolerances(rtol=rtol)
     try:
@@ -33,7 +33,7 @@ class ForcingTerm:
     Parameters
     ----------
     maximum : float
-        Of the relative tolerance, for the first iteration, too. 0: always ``-ksp_rtol``.
+        Largest relative tolerance, also that of the first iteration; 0 for ``-ksp_rtol`` always.
     """
 
     def __init__(self, maximum: float) -> None:
@@ -48,7 +48,7 @@ class ForcingTerm:
 
     @contextmanager
     def applied(self, ksp: PETSc.KSP) -> Iterator[None]:
-        """Solve with the iteration's relative tolerance inside the block."""
+        """Set the iteration's relative tolerance within a ``with`` block."""
         rtol = ksp.getTolerances()[0]
         if self.maximum:
             rtol = min(self.maximum, max(rtol, GAMMA * self._ratio**ALPHA))

@@ -1,4 +1,8 @@
-"""Newton's method with a line search."""
+"""One nonlinear iteration of Newton's method with a line search.
+
+`fem_snh.solver.newton` calls ``step`` once an iteration. The other globalization is in
+`fem_snh.solver.trust_region`.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +19,14 @@ _Reason = PETSc.SNES.ConvergedReason
 
 
 class Globalization(Protocol):
-    """One nonlinear iteration at a time: `LineSearchNewton` or `trust_region.TrustRegion`."""
+    """A strategy that takes one step: `LineSearchNewton` or `trust_region.TrustRegion`."""
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
 
 
 class LineSearchNewton:
-    """A search direction, a line search along it, and L-BFGS iterations from its end.
+    """The strategy of a search direction, a line search along it, then L-BFGS iterations.
 
     Parameters
     ----------

@@ -8,17 +8,17 @@ from petsc4py import PETSc
 
 from fem_snh.solver.step import State, Step
 
-#: Change of the energy below which its sign is rounding, relative to the energy and to E V. The
-#: latter because an energy density is a difference of numbers of size E, however small the strain:
-#: about 20 roundings.
+#: A change of the energy below these fractions of the energy or of E V is a rounding error. The
+#: second is about 20 roundings: an energy density is a difference of numbers of size E.
 _ENERGY_ROUNDING, _STIFFNESS_ROUNDING = 1e-12, 4e-15
 #: A shorter Newton step shows that its quadratic model did not hold.
 SHORT = 0.25
-#: A full step is extended if the slope at its end is more than this fraction of that at its start.
+#: A full step is extended if the slope at its end exceeds this fraction of the slope at its start.
 _STEEP = 0.3
-#: And at most to this length.
+#: Greatest length of an extended step.
 _LONGEST = 3.0
-#: A shorter trial step is between these fractions of the last (Nocedal & Wright 2006, section 3.5).
+#: A shorter trial step is between these fractions of the previous one (Nocedal & Wright 2006,
+#: section 3.5).
 _LEAST_CUT, _MOST_CUT = 0.5, 0.1
 
 
@@ -38,15 +38,15 @@ class LineSearch:
     a residual, and saves most of the linearly convergent iterations of clamp and abs near a
     solution with negative eigenvalues.
 
-    Without an energy the search is on the residual alone: for a step at whose end the residual
-    does not point further back along d than it pointed forward at the start.
+    Without an energy the search uses the residual alone. It accepts a step s with
+    :math:`f(x + s d) \cdot d \le (2 c - 1)\, f(x) \cdot d`, the upper bound of Hager & Zhang.
 
     Parameters
     ----------
     snes : SNES
-        Evaluates energy and residual.
+        The SNES that evaluates energy and residual.
     energy_scale : float
-        E V [J]: the size of the numbers whose small difference the energy is.
+        E V [J]: the rounding error of the energy is proportional to it.
     has_energy : bool
         Whether the SNES has an objective.
     armijo, min_step : float
@@ -78,20 +78,20 @@ class LineSearch:
         """
         step, energy = 1.0, start.energy
         while step >= self.min_step:
-            there = self.evaluate_energy(start.x, d, step, trial)
-            change = there - energy
-            if not isfinite(there):
+            trial_energy = self.evaluate_energy(start.x, d, step, trial)
+            change = trial_energy - energy
+            if not isfinite(trial_energy):
                 step *= _LEAST_CUT
                 continue
-            flat = self.is_rounding(change, energy)
-            if flat or change <= self.armijo * step * slope:
+            rounding = self.is_rounding(change, energy)
+            if rounding or change <= self.armijo * step * slope:
                 end = self._evaluate_slope(d, trial)
-                if not flat or end <= (2 * self.armijo - 1) * slope:
+                if not rounding or end <= (2 * self.armijo - 1) * slope:
                     if step == 1.0 and slope < end < _STEEP * slope:
                         return self._extended(start.x, d, slope, end, trial)
                     return Step(trial, step)
                 if not self.has_energy:
-                    # The secant's zero.
+                    # The zero of the secant through both slopes.
                     step *= min(_LEAST_CUT, max(_MOST_CUT, slope / (slope - end)))
                     continue
             step = self._shortened(step, change, slope)
@@ -116,30 +116,30 @@ class LineSearch:
 
     @staticmethod
     def _shortened(step: float, change: float, slope: float) -> float:
-        """The parabola's minimum, within bounds."""
+        """Return the step to the parabola's minimum, within bounds."""
         parabola = change - step * slope
         best = -slope * step**2 / (2 * parabola) if parabola > 0 else step
         return min(_LEAST_CUT * step, max(_MOST_CUT * step, best))
 
     def _extended(self, x: PETSc.Vec, d: PETSc.Vec, slope: float, end: float, trial: State) -> Step:
-        """The better of the full step to ``trial``, with slope ``end``, and a longer one."""
+        """Return the full step to ``trial``, whose slope is ``end``, or a better longer one."""
         full = self._copy(trial)
         longer = min(_LONGEST, slope / (slope - end))
-        there = self.evaluate_energy(x, d, longer, trial)
-        lower = isfinite(there) and there <= full.energy
+        trial_energy = self.evaluate_energy(x, d, longer, trial)
+        lower = isfinite(trial_energy) and trial_energy <= full.energy
         if lower and abs(self._evaluate_slope(d, trial)) < abs(end):
             return Step(trial, longer)
         full.copy_to(trial)
         return Step(trial, 1.0)
 
     def _copy(self, trial: State) -> State:
-        """A copy of ``trial``, in vectors that are kept."""
+        """Return a copy of ``trial``, in vectors that the next call reuses."""
         if self._stored is None:
             self._stored = State.like(trial)
         trial.copy_to(self._stored)
         return self._stored
 
     def _evaluate_slope(self, d: PETSc.Vec, trial: State) -> float:
-        """The energy's slope along d at ``trial``, whose residual is set."""
+        """Set the residual of ``trial``; return the energy's slope along d there."""
         self.evaluate_residual(trial)
         return float(trial.residual.dot(d))

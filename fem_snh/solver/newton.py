@@ -62,7 +62,7 @@ class ProjectedNewton:
         The linear solver of `TrustRegion`; None with a line search.
     """
 
-    #: The class of the search directions: benchmarks compare others.
+    #: The class of the search directions; benchmarks replace it to compare others.
     search_direction: type[SearchDirection] = SearchDirection
     #: Called as ``update(snes, iteration)`` at the start of every iteration of every SNES that has
     #: no function of its own from ``SNES.setUpdate``. Programs that inject faults set it.
@@ -87,7 +87,7 @@ class ProjectedNewton:
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
     def setFromOptions(self, snes: PETSc.SNES) -> None:
-        """Read the options under the SNES's prefix. BadInput for a bad value."""
+        """Read the options under the SNES's prefix; raise BadInput for a bad value."""
         prefix = snes.getOptionsPrefix()
         self._dtol_given = PETSc.Options(prefix).hasName("snes_divergence_tolerance")
         self.options = options.read(prefix, self.options)
@@ -107,13 +107,13 @@ class ProjectedNewton:
             for name, value in self.options.items():
                 if name.startswith("snes_tr_") and self.trust_ksp is None:
                     continue
-                viewer.printfASCII(f"  {name} = {_plain(value)}\n")
+                viewer.printfASCII(f"  {name} = {_format_value(value)}\n")
             # PETSc's own count below stays 0: only its built-in types can add to it.
             linear = sum(iteration.linear for iteration in self.history)
             viewer.printfASCII(f"  linear iterations of the last solve = {linear}\n")
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat) -> None:
-        """The SNES's Jacobian callback: filtered as the present iteration asks."""
+        """Assemble the Jacobian with the present iteration's filter: the SNES's callback."""
         self._filtered_points = self._assemble(x, self._filter)
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
@@ -156,13 +156,14 @@ class ProjectedNewton:
             PETSc.garbage_cleanup(x.comm)  # petsc4py 3.18 frees dropped objects only when told to
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
-    # --- its parts -------------------------------------------------------------------------------
+    # --- the parts of an iteration ---------------------------------------------------------------
 
     def _forcing(self) -> ForcingTerm:
+        """Return the forcing terms of one solve."""
         return ForcingTerm(float(self.options["snes_forcing_max"]))
 
     def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
-        """The strategy of one solve, with its parts."""
+        """Return the globalization of one solve, with its parts."""
         line_search = self._line_search(snes)
 
         def assemble(x: PETSc.Vec, filter: str) -> int:
@@ -187,6 +188,7 @@ class ProjectedNewton:
         return TrustRegion(ordinary, ksp, quasi_newton, self.options)
 
     def _line_search(self, snes: PETSc.SNES) -> LineSearch:
+        """Return the line search of one solve: on the energy, or on a saddle point's merit."""
         armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
         common = (snes, self.energy_scale, self.has_energy, armijo, shortest)
         if self.saddle_point is not None:
@@ -195,13 +197,13 @@ class ProjectedNewton:
 
     @property
     def _scaled_tolerance(self) -> float:
-        """The residual's norm [N] of a solution."""
+        """Return the norm of the residual [N] below which the solve has converged."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
     def _test_convergence(
         self, snes: PETSc.SNES, its: int, x_norm: float, step_norm: float, norm: float
     ) -> bool:
-        """Report the iteration to the SNES; whether to stop, for PETSc's reasons or the scaled."""
+        """Report the iteration to the SNES; return whether PETSc's or the scaled test stops it."""
         snes.setIterationNumber(its)
         snes.setFunctionNorm(norm)
         snes.logConvergenceHistory(norm)
@@ -215,7 +217,7 @@ class ProjectedNewton:
         return bool(reason)
 
     def _call_update(self, snes: PETSc.SNES, its: int) -> None:
-        """Call the function of ``SNES.setUpdate``, as PETSc's own types do; else `update`."""
+        """Call the function given to ``SNES.setUpdate``, or `update` if there is none."""
         if given := snes.getUpdate():
             function, arguments, keywords = given
             function(snes, its, *arguments, **keywords)
@@ -223,6 +225,6 @@ class ProjectedNewton:
             update(snes, its)
 
 
-def _plain(value: options.Value) -> str:
-    """A value as it would be given: whole numbers without a point."""
+def _format_value(value: options.Value) -> str:
+    """Return a value as a user would write it: whole numbers without a decimal point."""
     return f"{value:g}" if isinstance(value, float) else value

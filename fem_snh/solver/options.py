@@ -1,4 +1,4 @@
-"""PETSc options of projected Newton, beside those of SNES and KSP: one table.
+"""The table of the PETSc options of projected Newton, beside those of SNES and KSP.
 
 ``docs`` and ``-snes_view`` read `OPTIONS`. Options that have a counterpart in PETSc's SNESNEWTONTR
 have its name (PETSc 3.22 and later); their defaults are ours.
@@ -134,8 +134,8 @@ def read_choices(
 ) -> tuple[str, str | None]:
     """Return Hessian and globalization: PETSc's options, where given, before the arguments.
 
-    The globalization is None where neither of the two choices is made. ``warn``: of an alias, on
-    one rank only.
+    The globalization is None where neither of the two choices is made. ``warn`` is true on one rank
+    only, which reports the use of an alias.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def read_choices(
 
 
 def read(prefix: str, given: Values) -> Values:
-    """Return the options in PETSc's database; those that it does not have as in ``given``.
+    """Return the options of PETSc's database, completed by the values ``given``.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""First guesses of Newton's method when the load changes."""
+"""Predict the solution at the next load: the first guess of Newton's method.
+
+`fem_snh.runs.stepping` calls ``predict`` before each solve.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.protocol import NonlinearProblem
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
-#: Relative tolerance of the tangent's linear solve, at least: its model is no better than that.
+#: Smallest relative tolerance of the tangent's linear solve: the linear model is no more accurate.
 _RTOL = 1e-2
 #: Length of the central difference along the boundary's motion, relative to the body: about the
 #: cube root of the rounding error, where truncation and rounding are balanced.
@@ -18,10 +21,10 @@ _DIFFERENCE = 1e-6
 
 
 class Predictor:
-    """Moves ``problem.x`` from the equilibrium at one load to a first guess at the next.
+    """Predictor that moves ``problem.x`` from the equilibrium at one load to a guess at the next.
 
     ===============  ==============================================================================
-    ``none``         the new boundary values; nothing else moves
+    ``none``         the new boundary values; the free unknowns keep theirs
     ``extrapolate``  the last step's displacement, continued in proportion to the load; the tangent
                      at the first step
     ``tangent``      the linearised response to the change of load: one linear solve
@@ -31,7 +34,7 @@ class Predictor:
     ----------
     problem : NonlinearProblem
     snes : SNES
-        Its linear solver is used.
+        The SNES whose linear solver is used.
     kind : str
 
     Attributes
@@ -49,48 +52,49 @@ class Predictor:
         self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float) -> int:
-        """Set the load and the first guess; return the linear iterations it took. Collective."""
+        """Set the load and the first guess; return the linear iterations used. Collective."""
         problem, x, old = self.problem, self.problem.x, self.problem.load
-        here, linear = x.copy(), 0
+        present, linear = x.copy(), 0
         problem.set_load(load)
         if self.kind == "extrapolate" and self.before is not None:
             earlier, before = self.before
-            x.axpy((load - old) / (old - earlier), here)
+            x.axpy((load - old) / (old - earlier), present)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
             linear = self._tangent()
         problem.prescribe(x)
-        self._last = (old, here)
+        self._last = (old, present)
         return linear
 
     def accept(self) -> None:
-        """Extrapolate from the last prediction's start: its step converged."""
+        """Keep the start of the last prediction, whose step converged, for extrapolation."""
         self.before = self._last
 
     def _tangent(self) -> int:
-        """x -= H^-1 (residual at the new load + H_free,constrained * jump of the boundary values).
+        """Subtract H^-1 (r + H_fc j) from x; return the linear iterations.
 
-        The product is a central difference of residuals along the jump: the matrix has no columns
-        for constrained unknowns. H is clamped, so that CG cannot fail.
+        r is the residual at the new load, j the jump of the boundary values, H_fc the block of
+        free rows and constrained columns. The assembled matrix has no such columns, so H_fc j is a
+        central difference of residuals along j. H is clamped, so that CG cannot fail.
         """
         problem, x = self.problem, self.problem.x
         jump = x.copy()
         problem.prescribe(jump)
         jump.axpy(-1.0, x)
         size = jump.norm(PETSc.NormType.INFINITY)
-        right, other, moved = (x.duplicate() for _ in range(3))
-        problem.residual(x, right)
+        rhs, other, moved = (x.duplicate() for _ in range(3))
+        problem.residual(x, rhs)
         if size > 0:
             h = _DIFFERENCE * problem.length / size
             for sign in (1, -1):
                 moved.waxpy(sign * h, jump, x)
                 problem.residual(moved, other)
-                right.axpy(sign / (2 * h), other)
+                rhs.axpy(sign / (2 * h), other)
         problem.jacobian(x, "clamp")
         ksp = self.snes.getKSP()
         ksp.setOperators(problem.A)
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], _RTOL)):
-            ksp.solve(right, other)
+            ksp.solve(rhs, other)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:
             x.axpy(-1.0, other)

@@ -1,4 +1,4 @@
-"""What the solver needs of a problem: `fem_snh.fem.problem.Problem` satisfies these protocols."""
+"""Protocols of the problems that the solver accepts; `fem_snh.fem.problem.Problem` is one."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class SaddlePoint(Protocol):
 
     @property
     def index_sets(self) -> Mapping[str, PETSc.IS]:
-        """{"u": IS, "p": IS}: the unknowns of displacement and pressure."""
+        """Return the unknowns of displacement and pressure, {"u": IS, "p": IS}."""
 
     @property
     def schur_approximation(self) -> PETSc.Mat:
-        """A matrix spectrally equivalent to the Schur complement."""
+        """Return a matrix that is spectrally equivalent to the Schur complement."""
 
     @property
     def inverse_lumped_mass(self) -> Array:
-        """(owned pressures,) inverse of each pressure's share of the volume."""
+        """Return the inverse of each pressure's share of the volume [1/m^3], (owned pressures,)."""
 
     def pressure_dofs(self, x: PETSc.Vec) -> Array:
-        """Return the owned pressures' part of a vector: a view."""
+        """Return a view of the owned pressures in a vector."""
 
     def update_schur_approximation(self, A: PETSc.Mat) -> None:
         """Adapt `schur_approximation` to the matrix ``A``. Collective."""
@@ -62,15 +62,15 @@ class NonlinearProblem(Protocol):
 
     @property
     def has_energy(self) -> bool:
-        """Whether the residual is the gradient of an energy."""
+        """Return whether the residual is the gradient of an energy."""
 
     @property
     def saddle_point(self) -> SaddlePoint | None:
-        """The pressure of a saddle-point problem, or None."""
+        """Return the pressure's part of a saddle-point problem, or None."""
 
     @property
     def coordinates(self) -> npt.NDArray[Any]:
-        """(n, 3) reference coordinates [m] of this rank's own nodes."""
+        """Return the reference coordinates [m] of this rank's own nodes, (n, 3)."""
 
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy [J]; +inf outside the material's domain. Collective."""
@@ -79,7 +79,7 @@ class NonlinearProblem(Protocol):
         """Assemble the energy's gradient [N], zero at constrained unknowns. Collective."""
 
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
-        """Assemble the filtered Hessian into ``A``; return the quadrature points filtered."""
+        """Assemble the filtered Hessian into ``A``; return the number of filtered points."""
 
     def set_load(self, load: float) -> None:
         """Set the load."""

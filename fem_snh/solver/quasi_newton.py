@@ -1,4 +1,4 @@
-"""L-BFGS iterations between Newton's: a curved valley is followed without a new Hessian."""
+"""L-BFGS iterations between Newton steps, which need no new Hessian."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ class _Memory(NamedTuple):
 class QuasiNewton:
     """L-BFGS from the end of a Newton step (Nocedal & Wright 2006, alg. 7.4 and 7.5).
 
-    The first inverse Hessian is the preconditioner of that step. From a distant start a quadratic
-    model holds for a short way only, however well it is minimised. An L-BFGS iteration costs the
-    energies and residuals of its line search and one application of the preconditioner: no Hessian,
-    no factors, no linear solve. The factors of a filtered Hessian are positive definite, so its
-    directions descend. It ends when Newton's method, which is faster near a solution, can be
-    expected to converge.
+    The preconditioner of the Newton step is the initial inverse Hessian. Far from a solution a
+    quadratic model is accurate over a short step only, so an exact minimiser of it is not worth its
+    cost. An L-BFGS iteration costs the energies and residuals of its line search and one
+    application of the preconditioner: no Hessian, no factorisation, no linear solve. The
+    preconditioner of a filtered Hessian is positive definite, so every direction descends. The
+    iterations end once the residual has fallen to ``rtol``: Newton's method is faster near a
+    solution.
 
     Parameters
     ----------
     ksp : KSP
-        Has the preconditioner.
+        The linear solver whose preconditioner is used.
     line_search : LineSearch
     max_it : int
-        Iterations after one Newton step, at most.
+        Greatest number of iterations after one Newton step.
     rtol, atol : float
-        It ends once the residual's norm is below ``rtol`` times that before the Newton step, or
-        below ``atol`` [N].
+        The iterations end once the residual's norm is below ``rtol`` times its value before the
+        Newton step, or below ``atol`` [N].
     """
 
     def __init__(
@@ -49,9 +50,9 @@ class QuasiNewton:
         self._memory: _Memory | None = None
 
     def continue_from(self, step: Step, start_norm: float) -> Step:
-        """Continue from the end of a Newton step that began with a residual of ``start_norm`` [N].
+        """Iterate from the end of a Newton step that began at a residual of ``start_norm`` [N].
 
-        The step is updated, and returned.
+        Updates and returns ``step``.
         """
         end, enough = step.end, max(self.rtol * start_norm, self.atol)
         assert end is not None
@@ -72,7 +73,7 @@ class QuasiNewton:
         return step
 
     def _allocated(self, like: State) -> _Memory:
-        """The vectors and PETSc's matrix, created when they are first needed."""
+        """Return the vectors and PETSc's matrix, created by the first call."""
         if self._memory is None:
             start, d = State.like(like), like.x.duplicate()
             inverse = PETSc.Mat().create(d.comm)

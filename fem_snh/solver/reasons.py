@@ -1,4 +1,4 @@
-"""Why a solve ended, by PETSc's names."""
+"""Converged and diverged reasons of a solve, by PETSc's names."""
 
 from __future__ import annotations
 
@@ -39,5 +39,6 @@ def out_of_memory(snes: PETSc.SNES) -> bool:
 
 
 def _name(reasons: Any, code: int) -> str:
+    """Return PETSc's name of a reason."""
     names = {v: k for k, v in vars(reasons).items() if isinstance(v, int)}
     return names.get(code, str(code))

@@ -50,7 +50,7 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint) -> None:
 
 @contextmanager
 def frozen_preconditioner(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
-    """Set up the preconditioner of A as it is now, and keep it inside the block. Collective."""
+    """Set up the preconditioner of A and keep it within a ``with`` block. Collective."""
     ksp.setOperators(A, P)
     ksp.setUp()
     ksp.getPC().setReusePreconditioner(True)
@@ -61,7 +61,7 @@ def frozen_preconditioner(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterato
 
 
 class MeritLineSearch(LineSearch):
-    r"""A line search for a saddle-point problem: least in u, greatest in p.
+    r"""A line search for a saddle-point problem: a minimum in u and a maximum in p.
 
     The merit function is the augmented Lagrangian [J]
 
@@ -84,34 +84,34 @@ class MeritLineSearch(LineSearch):
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
         """Return the merit function's slope along d, at most -(du.H du + dp.C dp)/2.
 
-        The penalty is raised as needed. None if no penalty gives descent.
+        The penalty is raised where descent requires it. Returns None if no penalty gives descent.
         """
         volume = self._pressures(f)
         local = np.array(
-            [self._pressures(d) @ self._pressures(Ad), self._weigh(volume) @ self._pressures(Ad)]
+            [self._pressures(d) @ self._pressures(Ad), self._weight(volume) @ self._pressures(Ad)]
         )
-        both, gain = f.comm.tompi4py().allreduce(local)
-        curvature, descent = Ad.dot(d) - 2 * both, f.dot(d)
+        pressure_curvature, penalty_slope = f.comm.tompi4py().allreduce(local)
+        curvature, energy_slope = Ad.dot(d) - 2 * pressure_curvature, f.dot(d)
         if not curvature > 0:
             return None
-        excess = descent + curvature / 2
-        if excess + self.penalty * gain > 0:
-            if gain >= 0:
+        excess = energy_slope + curvature / 2
+        if excess + self.penalty * penalty_slope > 0:
+            if penalty_slope >= 0:
                 return None
-            self.penalty = -2 * excess / gain
-        return float(descent + self.penalty * gain)
+            self.penalty = -2 * excess / penalty_slope
+        return float(energy_slope + self.penalty * penalty_slope)
 
     def search(self, start: State, d: PETSc.Vec, slope: float, trial: State) -> Step:
-        """Search from ``start`` along ``d``, the merit function's slope given.
+        """Search from ``start`` along ``d``, where the merit function has this slope.
 
         The step found ends in ``trial``, whose vectors are overwritten in any case.
         """
         norm = start.residual.norm()
-        step, merit = 1.0, start.energy + self.penalty / 2 * self._squares(start.residual)
+        step, merit = 1.0, start.energy + self.penalty / 2 * self._weighted_square(start.residual)
         while step >= self.min_step:
-            there = self.evaluate_energy(start.x, d, step, trial)
+            trial_energy = self.evaluate_energy(start.x, d, step, trial)
             self.evaluate_residual(trial)
-            change = there + self.penalty / 2 * self._squares(trial.residual) - merit
+            change = trial_energy + self.penalty / 2 * self._weighted_square(trial.residual) - merit
             if not isfinite(change):
                 step *= 0.5
                 continue
@@ -123,12 +123,14 @@ class MeritLineSearch(LineSearch):
         return Step()
 
     def _pressures(self, vector: PETSc.Vec) -> Array:
+        """Return a view of the owned pressures in a vector."""
         return self.saddle_point.pressure_dofs(vector)
 
-    def _weigh(self, volume: Array) -> Array:
+    def _weight(self, volume: Array) -> Array:
+        """Return w_a r_a, the residual of the volume condition over each pressure's volume."""
         return self.saddle_point.inverse_lumped_mass * volume
 
-    def _squares(self, f: PETSc.Vec) -> float:
-        """The volume residual's weighted square, of all ranks."""
+    def _weighted_square(self, f: PETSc.Vec) -> float:
+        """Return the weighted square of the volume condition's residual, over all ranks."""
         volume = self._pressures(f)
-        return float(f.comm.tompi4py().allreduce(self._weigh(volume) @ volume))
+        return float(f.comm.tompi4py().allreduce(self._weight(volume) @ volume))

@@ -1,4 +1,7 @@
-"""Newton's search directions: the Hessian filtered or not, the linear system solved inexactly."""
+"""Compute Newton's search directions: assemble a filtered Hessian, solve the system inexactly.
+
+Both globalizations call it once an iteration.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ Assemble = Callable[[PETSc.Vec, str], int]
 
 
 class SearchDirection:
-    r"""Solves :math:`H d = -f` inexactly, with the Hessian that ``-snes_hessian`` names.
+    r"""Inexact solver of :math:`H d = -f`, with the Hessian that ``-snes_hessian`` names.
 
     ============  ==================================================================================
     ``exact``     never filtered; it fails where it gives no descent direction
@@ -101,16 +104,16 @@ class SearchDirection:
         return direction
 
     def accept_step(self, start_norm: float, step: Step) -> None:
-        """Learn from the step accepted along the direction; the residual had norm ``start_norm``.
+        """Record from a short step that the Hessian at its start was indefinite.
 
         In a saddle-point problem an indefinite Hessian may give a descent direction of the merit
-        function. A short step then shows that it was indefinite.
+        function; only the short step shows it. ``start_norm`` is the residual's norm at the start.
         """
         if self._saddle_point is not None and step.length < SHORT:
             self._indefinite = start_norm
 
     def _filters(self, norm: float) -> list[str]:
-        """The filters to try, in this order, for a residual of this norm."""
+        """Return the filters to try, in this order, at a residual of this norm."""
         if self.hessian != "adaptive":
             return [self.hessian]
         exact = [] if norm > self._retry * self._indefinite else ["exact"]
@@ -124,8 +127,8 @@ class SearchDirection:
         filtered = direction.filter in ("clamp", "abs") and self._saddle_point is None
         reason = self._apply(ksp, A, P, f, d, direction)
         if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
-            # A filtered matrix has negative eigenvalues only by rounding in single precision: where
-            # cells are crushed, and their neighbours a million times as stiff.
+            # A filtered matrix is indefinite only by rounding in single precision, where crushed
+            # cells are a million times as stiff as their neighbours.
             self._apply(self._double_precision, A, P, f, d, direction)
         elif reason in _INDEFINITE:
             return None
@@ -156,7 +159,7 @@ class SearchDirection:
 
     @cached_property
     def _double_precision(self) -> PETSc.KSP:
-        """PETSc's conjugate gradients with Jacobi, with the tolerances of the SNES's solver."""
+        """Return PETSc's CG with Jacobi, with the tolerances of the SNES's linear solver."""
         given = self.snes.getKSP()
         ksp = PETSc.KSP().create(given.comm)
         ksp.setType(PETSc.KSP.Type.CG)

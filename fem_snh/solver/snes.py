@@ -13,14 +13,16 @@ from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import NonlinearProblem
 
-#: Of the solver's options.
+#: Prefix of the solver's options in PETSc's database.
 PREFIX = "snh_"
 
-#: Newton iterations, and those of a linear solve (MINRES: see `saddle_point.MAX_IT`), at most.
+#: Largest numbers of Newton iterations and of iterations of a linear solve (MINRES has its own:
+#: `saddle_point.MAX_IT`).
 _MAX_IT, _LINEAR_MAX_IT = 200, 20000
 #: Relative tolerance of a linear solve near the solution; see `forcing.ForcingTerm`.
 _LINEAR_RTOL = 1e-3
-#: Newton iterations are limited, not evaluations: L-BFGS iterations evaluate the function, too.
+#: Limit of function evaluations, never reached: L-BFGS iterations evaluate the function too, so
+#: only Newton iterations are limited.
 _NO_LIMIT = 2**31 - 1
 
 
@@ -36,12 +38,12 @@ def create(
     ----------
     problem : NonlinearProblem
     hessian : str, optional
-        exact, clamp, abs or adaptive: see `SearchDirection`; adaptive without.
+        exact, clamp, abs or adaptive: see `SearchDirection`. The default is adaptive.
     globalization : str, optional
-        linesearch or trust_region; without, `default_globalization`, or linesearch if ``hessian``
-        is given.
+        linesearch or trust_region. The default is linesearch if ``hessian`` is given, otherwise
+        `default_globalization`.
     prefix : str
-        Of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
+        Prefix of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
 
     Raises
     ------
@@ -54,8 +56,8 @@ def create(
     block fieldsplit. Setting ``-ksp_type`` or ``-pc_type`` replaces it by PETSc's; the default is
     then CG with Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of
     each rank's block, with options under ``-trust_``. The relative tolerance of linear solves is
-    between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist),
-    rounding and so the number of ranks decide the path of such inexact solves;
+    between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist), the
+    path of inexact solves depends on rounding, and so on the number of ranks;
     ``-snes_forcing_max 5e-3`` makes it repeatable.
     """
     saddle = problem.saddle_point
@@ -96,7 +98,7 @@ def create(
 
 
 def default_globalization(problem: NonlinearProblem) -> str:
-    """Return the default globalization of a problem: see `DEFAULT_GLOBALIZATIONS`."""
+    """Return the default globalization of a problem from `DEFAULT_GLOBALIZATIONS`."""
     if problem.saddle_point:
         return DEFAULT_GLOBALIZATIONS["saddle-point problem"]
     kind = "minimisation problem" if problem.has_energy else "stress without an energy"

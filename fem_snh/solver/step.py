@@ -1,4 +1,4 @@
-"""What the parts of Newton's method return to each other: states, search directions, steps."""
+"""Data that the parts of Newton's method exchange: states, search directions, steps."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class State:
 
 @dataclass
 class Direction:
-    """A search direction: the vector passed to the search holds it.
+    """The properties of a search direction; its vector is the caller's.
 
     Attributes
     ----------
     slope : float or None
         Derivative of the merit function along it, < 0; None if there is no descent direction.
     filter : str
-        What was done to the Hessian: a filter, or "none needed".
+        The filter applied to the Hessian, or "none needed".
     filtered_points : int
         Quadrature points with a negative eigenvalue.
     linear : int
@@ -66,9 +66,9 @@ class Step:
     Attributes
     ----------
     end : State or None
-        Where it ends, in the trial state that was passed in; None if no step is acceptable.
+        The state at its end, which is the caller's trial state; None if no step is acceptable.
     length : float
-        Of the step, in multiples of the search direction.
+        Length of the step, in multiples of the search direction.
     filter, filtered_points, linear
         See `Direction`; ``filter`` is "trust_region" for a step to the region's boundary.
     lbfgs : int

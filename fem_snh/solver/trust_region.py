@@ -1,4 +1,4 @@
-"""Steps within a trust region: negative curvature is followed instead of filtered away."""
+"""Newton steps within a trust region, which follow negative curvature instead of filtering it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fem_snh.solver.step import State, Step
 _Linear = PETSc.KSP.ConvergedReason
 _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 
-#: Linear solvers that accept a radius. (PETSc's gltr does, too, but frees memory twice.)
+#: Linear solvers that accept a radius. PETSc's gltr does too, but frees memory twice.
 SOLVERS = ("stcg", "nash")
 #: Defaults of the linear solver's PETSc options.
 LINEAR_OPTIONS = {
@@ -49,7 +49,7 @@ def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
 
 
 class _Thresholds(NamedTuple):
-    """The options ``-snes_tr_*``: see `fem_snh.solver.options.OPTIONS`."""
+    """The options ``-snes_tr_*`` of `fem_snh.solver.options.OPTIONS`."""
 
     eta1: float
     eta2: float
@@ -91,7 +91,7 @@ class TrustRegion:
     Parameters
     ----------
     ordinary : LineSearchNewton
-        The steps outside the region.
+        The strategy of steps outside the region.
     ksp : KSP
         See `linear_solver`.
     quasi_newton : QuasiNewton
@@ -143,16 +143,16 @@ class TrustRegion:
         """Enter or exit the region, by the progress of a step."""
         if isnan(self._first_energy):
             self._first_energy = start.energy
-        decrease, whole = start.energy - end.energy, self._first_energy - end.energy
-        left = end.residual.norm() / norm
+        decrease, total_decrease = start.energy - end.energy, self._first_energy - end.energy
+        residual_ratio = end.residual.norm() / norm
         if step.filter in ("clamp", "abs"):
-            little = decrease < self.thresholds.enter_decrease * whole
-            self.entered |= little and left > self.thresholds.enter_residual
-        elif left < self.thresholds.exit_residual:
+            little_progress = decrease < self.thresholds.enter_decrease * total_decrease
+            self.entered |= little_progress and residual_ratio > self.thresholds.enter_residual
+        elif residual_ratio < self.thresholds.exit_residual:
             self.entered = False
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """The exact model's step, or the clamped one's."""
+        """Return the step of the exact model, or that of the clamped one if it has none."""
         A, P = self.snes.getJacobian()[:2]
         ksp, assemble = self.ksp, self.direction.assemble
         step = Step(filtered_points=assemble(start.x, "clamp"))
@@ -171,7 +171,7 @@ class TrustRegion:
         return step
 
     def _minimise_model(self, start: State, d: PETSc.Vec, trial: State, step: Step) -> bool:
-        """Complete ``step`` with the present matrix, adapting the radius; whether it succeeded."""
+        """Find the model's step and adapt the radius; return whether ``step`` is complete."""
         f = start.residual
         for _ in range(int(self.thresholds.max_attempts)):
             size, reason, Ad = self._solve(f, d, step)
@@ -196,7 +196,7 @@ class TrustRegion:
         return False
 
     def _solve(self, f: PETSc.Vec, d: PETSc.Vec, step: Step) -> tuple[float, int, PETSc.Vec]:
-        """Set ``d`` to the model's minimum; its norm, the linear solver's reason, and A d."""
+        """Set ``d`` to the model's minimum; return its norm, the solver's reason, and A d."""
         ksp, norm = self.ksp, ffi.new("double *")
         if self._Ad is None:
             self._Ad = d.duplicate()
@@ -213,22 +213,23 @@ class TrustRegion:
         return norm[0], ksp.getConvergedReason(), self._Ad
 
     def _accept(self, start: State, d: PETSc.Vec, Ad: PETSc.Vec, trial: State) -> bool:
-        """Evaluate a step to the radius, and adapt the radius; whether the step is accepted.
+        """Evaluate a step to the radius and adapt the radius; return whether it is accepted.
 
-        Where the energies differ by rounding, the residual's norm decides instead of the ratio.
+        Where the energies differ only by rounding, the residual's norm replaces the ratio.
         """
         assert self.radius is not None
         search, limits = self.line_search, self.thresholds
         predicted = -(start.residual.dot(d) + Ad.dot(d) / 2)
-        there = search.evaluate_energy(start.x, d, 1.0, trial)
-        flat = isfinite(there) and search.is_rounding(there - start.energy, start.energy)
-        ratio = (start.energy - there) / predicted if isfinite(there) and predicted > 0 else 0.0
-        if flat or ratio >= limits.eta1:
+        trial_energy = search.evaluate_energy(start.x, d, 1.0, trial)
+        change, finite = trial_energy - start.energy, isfinite(trial_energy)
+        rounding = finite and search.is_rounding(change, start.energy)
+        ratio = -change / predicted if finite and predicted > 0 else 0.0
+        if rounding or ratio >= limits.eta1:
             search.evaluate_residual(trial)
-            if not flat or trial.residual.norm() <= start.residual.norm():
+            if not rounding or trial.residual.norm() <= start.residual.norm():
                 if ratio > limits.eta3:
                     self.radius = min(self.radius * limits.t2, limits.deltamax)
-                elif ratio < limits.eta2 and not flat:
+                elif ratio < limits.eta2 and not rounding:
                     self.radius *= limits.t1
                 return True
         self.radius *= limits.t1

@@ -1,6 +1,7 @@
 """The C functions of one energy, in the invariants or the principal stretches.
 
-material_point.h calls them. They exist twice: here, and for small strains in `small_strain`.
+material_point.h calls them. `small_strain` generates the same functions in a form that is accurate
+at small strains; `source` joins both.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 I1, I_C, II_C, J = INVARIANTS
-#: `_is_zero` evaluates an expression at so many random points, with so many digits; a value below
-#: _ZERO is 0.
+#: `_is_zero` evaluates an expression at this many random points, with this many digits. A value
+#: below _ZERO is 0: far above 50-digit rounding, far below the terms of an energy.
 _POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
 
 
@@ -123,14 +123,14 @@ class Derivatives:
         return twist, flip
 
     def _flip(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        """(psi_j - psi_k)/(s_j - s_k), as a divided difference where the stretches are close."""
+        """Return (psi_j - psi_k)/(s_j - s_k), a divided difference where stretches are close."""
         stress = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
         difference = self.principal_stress(sj) - self.principal_stress(sk)
         divided = DividedDifference(sj, sk)(stress)
         return sympy.Function("quotient")(difference, sj - sk, sj + sk, divided)
 
     def _twist(self, sj: sympy.Symbol, sk: sympy.Symbol) -> sympy.Expr:
-        """(psi_j + psi_k)/(s_j + s_k); the sum of stretches vanishes for inverted ones only."""
+        """Return (psi_j + psi_k)/(s_j + s_k); s_j + s_k vanishes for inverted stretches only."""
         total = self.principal_stress(sj) + self.principal_stress(sk)
         stress_j = self.derivatives.get(self.principal_stress(sj), sympy.Integer(0))
         stress_k = self.derivatives.get(self.principal_stress(sk), sympy.Integer(0))

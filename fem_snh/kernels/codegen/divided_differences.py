@@ -56,18 +56,18 @@ class DividedDifference:
         self._known = {x: sympy.Integer(1), y: sympy.Integer(-sign)}
 
     def exchange(self, f: sympy.Expr) -> sympy.Expr:
-        """Return f'."""
+        """Return f': f with the stretches exchanged (and their signs changed if ``sign`` is -1)."""
         return f.xreplace(self._exchange)
 
     def __call__(self, f: sympy.Expr) -> sympy.Expr:
-        """Return [f]."""
+        """Return the divided difference [f]."""
         if f not in self._known:
             constant = not f.free_symbols & set(self._exchange)
             self._known[f] = sympy.Integer(0) if constant else self._apply(f)
         return self._known[f]
 
     def _apply(self, f: sympy.Expr) -> sympy.Expr:
-        """[f] by the rules of the module docstring; of other functions (f - f')/(x - y) itself."""
+        """Return [f] by the rules above, or (f - f')/(x - y) itself for any other function."""
         if f.is_Add:
             return sympy.Add(*map(self, f.args))
         if f.is_Mul:

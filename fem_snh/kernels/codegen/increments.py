@@ -53,7 +53,7 @@ class Increments:
         return self._known[f]
 
     def _apply(self, f: sympy.Expr) -> Pair:
-        """(f0, df) by the rules of the module docstring; of other functions f(x) - f(x at rest)."""
+        """Return (f0, df) by the rules above; df = f(x) - f(x at rest) for any other function."""
         pairs = [self._pair(a) for a in f.args]
         if f.is_Add:
             return sympy.Add(*(a for a, _ in pairs)), sympy.Add(*(d for _, d in pairs))
@@ -80,13 +80,13 @@ class Increments:
 
 
 def _product(f: Pair, g: Pair) -> Pair:
-    """(f0 g0, d(f g))."""
+    """Return (f0 g0, d(f g))."""
     (f0, df), (g0, dg) = f, g
     return f0 * g0, f0 * dg + df * (g0 + dg)
 
 
 def _power(f0: sympy.Expr, df: sympy.Expr, n: int) -> Pair:
-    """(f0^n, d(f^n)) by Horner's rule."""
+    """Return (f0^n, d(f^n)) by Horner's rule."""
     inner: sympy.Expr = _ZERO
     for k in range(n, 0, -1):
         inner = df * (sympy.binomial(n, k) * f0 ** (n - k) + inner)
@@ -94,5 +94,5 @@ def _power(f0: sympy.Expr, df: sympy.Expr, n: int) -> Pair:
 
 
 def _inverse(f0: sympy.Expr, df: sympy.Expr) -> Pair:
-    """(1/f0, d(1/f))."""
+    """Return (1/f0, d(1/f))."""
     return 1 / f0, -df / (f0 * (f0 + df))

@@ -1,4 +1,7 @@
-"""The C functions of one energy at small strains, in terms of increments (small_strain.h)."""
+"""Generate the C functions of one energy at small strains, in terms of increments.
+
+material_point.h calls them with the increments that small_strain.h computes.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ _STRETCHES_AT_REST = dict.fromkeys(SIGMA, 1)
 
 #: The increment J - 1 of a cell's mean volume ratio.
 VOLUME_INCREMENT = sympy.Symbol("change", real=True)
-#: Below this |J - 1| the small-strain form is used. Both are accurate there: F has lost no digit
-#: of J - 1, and the increments' series have not.
+#: The small-strain form is used below this |J - 1|, where both forms are accurate to double
+#: precision.
 _SMALL_VOLUME_CHANGE = sympy.Rational(1, 4)
 
 
@@ -88,7 +91,7 @@ class SmallStrainFunctions:
     def _function(
         self, name: str, results: Mapping[str, sympy.Expr], out: str, outside: str
     ) -> str:
-        """One C function from the increments to ``results``; ``outside`` outside the domain."""
+        """Return a C function from increments to ``results``: ``outside`` outside the domain."""
         lines = [self._c.constants()]
         for number, (m, change) in enumerate(self._change.items()):
             lines.append(f"  const real {change} = change[{number}];")

@@ -1,4 +1,8 @@
-"""The C source of a material's kernels: headers, generated functions, and their callers."""
+"""Assemble the C source of a material's kernels from headers and generated functions.
+
+`fem_snh.kernels.pointwise`, `fem_snh.kernels.cell_loops` and ``fem-snh materials NAME --source``
+call it.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +20,9 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.volume_split import PRESSURE, J, Split
 
 _SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
-#: What the generated functions use, what uses them, and the loops over points for `Material`.
+#: Files that precede the generated functions, which call them.
 _BEFORE = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
+#: The file that calls the generated functions, and the loops over points for `Material`.
 _POINT = "material_point.h"
 _POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
 
@@ -62,7 +67,7 @@ def kernel_source(
     after: Sequence[str] = (),
     functions: Sequence[str] = (),
 ) -> str:
-    """Return the C source of a material at one quadrature point and of what is built on it.
+    """Return the C source of a material at one quadrature point and of the files ``after`` it.
 
     Parameters
     ----------
