@@ -22,6 +22,8 @@ SMALLER = {
     "cook": ["--finest", "16"],
     "gent": ["--cells", "4"],
     "scramble": ["--cells", "6"],
+    "tutorial_beam": ["--cells", "8,2,2"],
+    "foundation": ["--cells", "4"],
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
@@ -34,6 +36,8 @@ PICTURES = {
     "own_mesh": ["own_mesh/J.png"],
     "gent": ["gent/gent.png"],
     "scramble": ["scramble/J.png"],
+    "tutorial_beam": ["tutorial_beam/tutorial_beam.png"],
+    "foundation": ["foundation/foundation.png"],
 }
 
 
