@@ -67,12 +67,16 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         group = domain.group(condition.group)
         nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
         parts.append((condition, nodes, _dolfinx.function(V, "prescribed")))
-    solver = _dolfinx.newton_solver(
-        ufl_forms.residual(energy, u, v, dx), u,
-        [_dolfinx.prescribed(g, n) for _, n, g in parts], JIT, PETSC,
-    )  # fmt: skip
-    solver.rtol, solver.max_it = 0.0, MAX_IT
-    solver.atol = tolerance * energy.E * meshes.volume(domain.domain) ** (2 / 3)
+    F = ufl_forms.residual(energy, u, v, dx)
+    conditions_of_u = [_dolfinx.prescribed(g, n) for _, n, g in parts]
+
+    def create_solver() -> Any:
+        solver = _dolfinx.newton_solver(F, u, conditions_of_u, JIT, PETSC)
+        solver.rtol, solver.max_it = 0.0, MAX_IT
+        solver.atol = tolerance * energy.E * meshes.volume(domain.domain) ** (2 / 3)
+        return solver
+
+    solver = create_solver()
     points = V.tabulate_dof_coordinates()
     dofs = 3 * V.dofmap.index_map.size_global
     record: dict[str, Any] = {"dofs": dofs, "ranks": comm.size, "steps": [], "converged": False}
@@ -100,6 +104,8 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
              "residual": residual, "seconds": perf_counter() - start}
         )  # fmt: skip
         load, size = (to, 2 * size) if good else (load, size / 2)
+        if not good:  # a solver that has met NaN keeps it
+            solver = create_solver()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         record["peak_memory_mb"] = comm.allreduce(peak)
         record["converged"] = load == 1.0
