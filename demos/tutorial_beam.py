@@ -3,7 +3,7 @@
 #
 # [The tutorial](https://jsdokken.com/dolfinx-tutorial/chapter2/hyperelasticity.html) of Dokken and
 # Wells bends a cantilever of Neo-Hookean rubber by a traction at its end. Its Newton solver takes
-# the load in nine steps, and diverges if it gets all of it at once. This page has the tutorial's
+# the load in nine steps, and diverges if it gets all of it in one. This page has the tutorial's
 # mesh, space, tags, conditions and loads, and then `fem_snh.NonlinearProblem` in place of its
 # solver: the whole load in one step.
 #
