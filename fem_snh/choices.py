@@ -35,7 +35,7 @@ DEFAULT_ASSEMBLY = ASSEMBLIES[0]
 DEFAULT_GLOBALIZATIONS = {
     "minimisation problem": "trust_region",
     "saddle-point problem": "linesearch",  # Taylor-Hood elements
-    "stress without an energy": "linesearch",
+    "forces without an energy": "linesearch",
 }
 
 #: The default globalization if a Hessian is named: the textbook's method with that Hessian, such as

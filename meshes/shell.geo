@@ -66,12 +66,14 @@ Surface Loop(3) = {3, 13, 25, 29, 28, 24}; Volume(3) = {3};
 Transfinite Curve {1:9, 11:19} = cells / 2 + 1;
 Transfinite Curve {21:27} = layers + 1;
 If (tets)
-  Transfinite Surface {1:3, 11:13, 21:29};
+  // Unstructured: the triangles of transfinite surfaces do not match transfinite tetrahedra.
+  Mesh.Optimize = 1;
+  Mesh.HighOrderOptimize = order - 1;
 Else
   Transfinite Surface {1:3, 11:13, 21:29};
   Recombine Surface {1:3, 11:13, 21:29};
+  Transfinite Volume {1:3};
 EndIf
-Transfinite Volume {1:3};
 
 Physical Volume("body") = {1:3};
 Physical Surface("inner") = {1:3};

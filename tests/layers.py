@@ -5,17 +5,17 @@ from __future__ import annotations
 #: From the bottom up. A part imports parts of lower layers only, none of its own layer. A part is a
 #: folder or a file of the package; each file of ``fem`` is a part.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "choices", "output_fields"),
+    ("errors", "choices", "output_fields", "fem.timing"),
     ("atomic_files", "references"),
     ("_petsc", "materials", "fem.elements"),
     ("_dolfinx",),
     ("kernels", "fem.gmsh_input"),
     ("linalg",),
     ("fem.mesh", "fem.numbering", "fem.block_sparsity", "fem.near_null_space"),
-    ("scenes", "fem.ufl_frame", "fem.matrix_layout", "fem.regions"),
+    ("scenes", "fem.ufl_frame", "fem.matrix_layout", "fem.regions", "fem.boundary_conditions"),
     ("fem.ufl_stretches",),
     ("fem.ufl_forms", "fem.assembled_matrix", "fem.element_tables"),
-    ("fem.terms", "fem.unknowns", "fem.boundary_conditions"),
+    ("fem.terms", "fem.unknowns", "fem.rank_one"),
     ("fem.taylor_hood", "fem.measures"),
     ("fem.problem",),
     ("fem.create_problem", "fem.probes", "fem.initial_state", "fem.nodal_projection"),
@@ -60,6 +60,7 @@ ALLOWED = {
     },
     "fem.regions": {"errors", "_dolfinx", "kernels", "fem.mesh"},
     "fem.boundary_conditions": {"_dolfinx", "fem.mesh"},
+    "fem.rank_one": {"_dolfinx"},
     "fem.measures": {"_dolfinx", "fem.mesh", "fem.boundary_conditions"},
     "fem.eigenproblem": {"errors", "fem.regions", "fem.terms", "fem.problem"},
     "fem.modes": {"errors", "fem.problem", "fem.eigenproblem"},

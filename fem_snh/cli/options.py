@@ -31,7 +31,7 @@ SCENE_OPTIONS = (
         "globalization",
         "G",
         f"{' or '.join(GLOBALIZATIONS)}; default: linesearch with --hessian, for Taylor-Hood "
-        "elements and for a stress without an energy; else trust_region",
+        "elements and for forces without an energy; else trust_region",
     ),
     (
         "assembly",

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from fem_snh import _dolfinx
 from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import bad_value
-from fem_snh.fem.boundary_conditions import Constraint, DirichletConditions, Motion
+from fem_snh.fem.boundary_conditions import Constraint, Dirichlet, DirichletConditions, Motion
 from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Filling, regions_of_groups
-from fem_snh.fem.terms import Traction
+from fem_snh.fem.regions import Filling, Region, regions_of_groups
+from fem_snh.fem.terms import Term, Traction
 from fem_snh.fem.terms.traction import SurfaceLoad
 from fem_snh.fem.unknowns import create_unknowns
 from fem_snh.kernels.pointwise import Material
@@ -27,6 +28,7 @@ def create_problem(
     hold: Sequence[Constraint] = (),
     move: Sequence[Motion] = (),
     traction: Sequence[SurfaceLoad] = (),
+    loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
     reactions: Sequence[str | int] = (),
     eigensolver: str = EIGENSOLVERS[0],
     assembly: str = DEFAULT_ASSEMBLY,
@@ -46,7 +48,9 @@ def create_problem(
     move : sequence of Motion, optional
         Components of the displacement that follow the load on physical groups.
     traction : sequence of SurfaceLoad, optional
-        Dead loads on physical groups of surfaces.
+        Dead loads on physical groups of surfaces, proportional to the load.
+    loads : callable, optional
+        Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
     reactions : sequence of str or int, optional
         Physical groups whose reaction forces `Problem.reactions` returns.
     eigensolver : str, optional
@@ -65,13 +69,16 @@ def create_problem(
     domain = mesh.domain
     V = _dolfinx.function_space(domain, element.degree, (3,))
     fillings = [Filling(material)] if isinstance(material, Material) else material
-    unknowns = create_unknowns(_dolfinx.function(V, "displacement"), element)
+    regions = regions_of_groups(mesh, fillings)
+    u = _dolfinx.function(V, "displacement")
+    dirichlet = DirichletConditions(V, mesh, hold, move)
+    terms: list[Term] = [Traction(V, mesh, traction)] if traction else []
     return Problem(
-        unknowns,
+        create_unknowns(u, element),
         element,
-        regions_of_groups(mesh, fillings),
-        DirichletConditions(V, mesh, hold, move),
-        [Traction(V, mesh, traction)] if traction else [],
+        regions,
+        dirichlet,
+        [*terms, *(loads(mesh, u, regions, dirichlet) if loads else [])],
         Reactions(V, mesh, reactions) if reactions else None,
         eigensolver,
         assembly,

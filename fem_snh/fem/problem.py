@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
 from math import isfinite
-from time import perf_counter
-from typing import Any, TypeVar
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -21,29 +19,15 @@ from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
+from fem_snh.fem.rank_one import RankOneUpdate
 from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.taylor_hood import SaddlePoint
 from fem_snh.fem.terms import ELASTIC, Term
+from fem_snh.fem.timing import timed
 from fem_snh.fem.unknowns import Displacement, DisplacementPressure
 from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
-
-T = TypeVar("T")
-
-
-def _timed(method: Callable[..., T]) -> Callable[..., T]:
-    """Add a method's run time to ``seconds["assemble"]``."""
-
-    @wraps(method)
-    def timed(self: Problem, *arguments: Any) -> T:
-        start = perf_counter()
-        try:
-            return method(self, *arguments)
-        finally:
-            self.seconds["assemble"] += perf_counter() - start
-
-    return timed
 
 
 class Problem:
@@ -83,6 +67,8 @@ class Problem:
         The matrix to which the terms add their Hessians.
     A : PETSc.Mat
         Its PETSc matrix, which `jacobian` fills; its near null space holds the rigid motions.
+    operator : PETSc.Mat
+        The Hessian: ``A``, plus matrices of rank one if a term has them.
     saddle_point : SaddlePoint or None
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms : list of Term
@@ -143,6 +129,8 @@ class Problem:
             free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
         self.terms: list[Term] = [self.elastic, *terms]
+        self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.constrained_dofs)
+        self.operator = self._rank_one.mat if self._rank_one else self.A
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
 
     @property
@@ -189,7 +177,7 @@ class Problem:
         """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
         return self._unknowns.split(x)
 
-    @_timed
+    @timed
     def energy(self, x: PETSc.Vec) -> float:
         """Return the energy of all terms [J]; +inf outside the material's domain. Collective.
 
@@ -205,7 +193,7 @@ class Problem:
         self.gradient(x, r)
         r.array[self.constrained_dofs] = 0.0
 
-    @_timed
+    @timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Assemble r = dE/dx [N], with the reactions at constrained dofs. Collective."""
         u, p = self._unknowns.split(x)
@@ -213,7 +201,7 @@ class Problem:
             for term in self.terms:
                 term.add_residual(u, p, r_u, r_p)
 
-    @_timed
+    @timed
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
 
@@ -223,6 +211,8 @@ class Problem:
         u, p = self.split(x)
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
+        if self._rank_one:
+            self._rank_one.update(u)
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:

@@ -56,6 +56,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         _describe_material(choice, region)
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
+    notes = [note for term in problem.terms if (note := getattr(term, "note", ""))]
     return {
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,
@@ -66,6 +67,7 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "eigensolver": problem.eigensolver,
         "assembly": problem.elastic.assembly,
         "terms": [term.name for term in problem.terms],
+        **({"notes": notes} if notes else {}),
         "cells": problem.num_cells,
         "dofs": problem.dofs,
         "ranks": problem.comm.size,
@@ -180,11 +182,14 @@ class Folder:
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:
-    """Return a step as a table row: a column for each component of each reaction and probe."""
-    row = {key: value for key, value in step.items() if key not in ("reactions", "probes")}
+    """Return a step as a table row: a column for each component of a reaction, probe or cavity."""
+    nested = ("reactions", "probes", "cavities")
+    row = {key: value for key, value in step.items() if key not in nested}
     for kind in ("reaction", "probe"):
         for name, vector in step.get(f"{kind}s", {}).items():
             row |= {f"{kind}_{name}_{axis}": v for axis, v in zip("xyz", vector, strict=True)}
+    for name, state in step.get("cavities", {}).items():
+        row |= {f"cavity_{name}_{key}": value for key, value in state.items()}
     return row
 
 

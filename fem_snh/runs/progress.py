@@ -49,6 +49,8 @@ class Progress:
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{method}; {record['ranks']} rank(s)"
         )
+        for note in record.get("notes", []):
+            self._console.print(f"  [yellow]note[/]: {note}")
         if self._expected:
             self._console.print(f"  expected to fail: {self._expected}")
 

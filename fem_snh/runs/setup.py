@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -22,6 +23,7 @@ from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.stepping import Stepper
 
@@ -110,8 +112,8 @@ def make_problem(
         element,
         fillings,
         hold=scene.hold,
-        move=scene.move,
-        traction=scene.traction,
+        move=scene.motions,
+        loads=partial(load_terms, scene),
         reactions=scene.reactions,
         eigensolver=scene.eigensolver,
         assembly=scene.assembly,

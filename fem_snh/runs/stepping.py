@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from fem_snh import solver
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
+from fem_snh.fem.terms.cavity import fluid_states
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 
 #: A failed step is halved at most this many times: 1/64 of a nominal step.
@@ -138,6 +139,8 @@ class Stepper:
         }
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
+        if converged and (fluids := fluid_states(problem.terms, problem.x)):
+            self._last["cavities"] = fluids
         if converged and self.probes:
             self._last["probes"] = self.probes.values()
         self.seconds += perf_counter() - start

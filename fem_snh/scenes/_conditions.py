@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.scenes._tables import TABLE, TableName
+from fem_snh.scenes._tables import TABLE, Amplitude, TableName, amplitude
 from fem_snh.scenes._types import (
     Axis,
     Components,
@@ -139,6 +139,16 @@ class Motion:
     def displacement(self, X: Array, load: float) -> Array:
         """Return the (n, 3) displacements of reference points X (n, 3) at a load."""
         return self.move.displacement(X, self.amplitude(load), self.turn(load))
+
+
+def motions(moves: Sequence[Move], tables: Sequence[Amplitude]) -> list[Motion]:
+    """Return motions with their amplitudes."""
+    found = []
+    for move in moves:
+        motion = amplitude(tables, move.table)
+        turn = amplitude(tables, move.rotate.table if move.rotate else None, motion)
+        found.append(Motion(move, motion, turn))
+    return found
 
 
 class Start(Table):

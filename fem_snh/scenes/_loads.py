@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._tables import TABLE, TableName
 from fem_snh.scenes._types import GroupKey, Number, Positive, Vector
 from fem_snh.scenes._validation import Expect, Finite, Table
@@ -73,3 +75,12 @@ class Cavity(Table):
         "default: 100 E over the volume of the body.",
     )
     table: TableName | None = Field(default=None, description=TABLE)
+
+
+def check_other_tables(element: str, modes: Table | None) -> None:
+    """Raise BadInput for an element or for modes that a scene with a cavity cannot have."""
+    if ELEMENTS[element].volume == "pressure":
+        accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
+        raise bad_value("element", element, accepted)
+    if modes:
+        raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")

@@ -42,24 +42,20 @@ class Amplitude(Table):
         return float(np.interp(load, loads, values))
 
 
-def check_names(tables: Sequence[Amplitude]) -> None:
-    """Raise BadInput if two tables have one name."""
-    names = [table.name for table in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise bad_value("name", name, "a different name for each table")
-
-
-def check_references(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
-    """Raise BadInput for a load or a motion that names a table which the scene does not have.
+def check_tables(tables: Sequence[Amplitude], scene: Mapping[str, Any]) -> None:
+    """Raise BadInput if two tables have one name, or if a name refers to none of them.
 
     Parameters
     ----------
     tables : sequence of Amplitude
+        The scene's tables.
     scene : mapping
-        The scene's keys and their values: tables, or lists of them.
+        The scene's keys and their values: loads and motions, or lists of them.
     """
     known = [table.name for table in tables]
+    for name in known:
+        if known.count(name) > 1:
+            raise bad_value("table.name", name, "a different name for each table")
     for key, name in _references(scene):
         if not known:
             raise bad_value(key, name, "the name of a [[table]]; the scene has none")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,11 +22,11 @@ from fem_snh.choices import (
 )
 from fem_snh.errors import BadInput, bad_value, choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, check_constraints
-from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction
+from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, check_constraints, motions
+from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction, check_other_tables
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._outputs import Geometry, Location, Mesh, Modes, OutputFields, Probe
-from fem_snh.scenes._tables import Amplitude, amplitude, check_names, check_references
+from fem_snh.scenes._tables import Amplitude, amplitude, check_tables
 from fem_snh.scenes._types import (
     MAX_CELLS,
     Cells,
@@ -188,12 +189,6 @@ class Scene(Table):
                 raise bad_value("name", name, "a different name for each probe")
         return probes
 
-    @field_validator("table")
-    @classmethod
-    def _check_tables(cls, tables: list[Amplitude]) -> list[Amplitude]:
-        check_names(tables)
-        return tables
-
     @field_validator("petsc")
     @classmethod
     def _remove_dashes(cls, options: dict[str, Any]) -> dict[str, Any]:
@@ -202,6 +197,12 @@ class Scene(Table):
             if not key.strip("-").strip():
                 raise bad_value("petsc", options, "the name of a PETSc option for each value")
         return {key.lstrip("-"): value for key, value in options.items()}
+
+    def amplitudes(
+        self, loads: Sequence[Traction | Gravity | Pressure | Cavity | Spring]
+    ) -> list[Callable[[float], float]]:
+        """Return the amplitude of each load as a function of the load parameter."""
+        return [amplitude(self.table, load.table) for load in loads]
 
     @property
     def materials(self) -> list[MaterialChoice]:
@@ -216,16 +217,13 @@ class Scene(Table):
     @property
     def motions(self) -> list[Motion]:
         """The motions of ``move`` with their amplitudes."""
-        found = []
-        for move in self.move:
-            motion = amplitude(self.table, move.table)
-            turn = amplitude(self.table, move.rotate.table if move.rotate else None, motion)
-            found.append(Motion(move, motion, turn))
-        return found
+        return motions(self.move, self.table)
 
     @model_validator(mode="after")
-    def _check_amplitudes(self) -> Scene:
-        check_references(self.table, dict(self))
+    def _check_loads(self) -> Scene:
+        check_tables(self.table, dict(self))
+        if self.cavity:
+            check_other_tables(self.element, self.modes)
         return self
 
     @model_validator(mode="after")

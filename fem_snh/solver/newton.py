@@ -95,7 +95,7 @@ class ProjectedNewton:
         if self.saddle_point is not None:
             problem = "Taylor-Hood elements give a saddle-point problem"
         elif not self.has_energy:
-            problem = "this one has a material without an energy"
+            problem = "this one has forces without an energy"
         options.check(self.options, problem)
 
     def view(self, snes: PETSc.SNES, viewer: PETSc.Viewer) -> None:

@@ -92,7 +92,7 @@ class Predictor:
                 rhs.axpy(sign / (2 * h), other)
         problem.jacobian(x, "clamp")
         ksp = self.snes.getKSP()
-        ksp.setOperators(problem.A)
+        ksp.setOperators(problem.operator, problem.A)
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], _RTOL)):
             ksp.solve(rhs, other)
         # After any other failure the guess is the old state: Newton's linear solve will report it.

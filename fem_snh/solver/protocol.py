@@ -45,6 +45,8 @@ class NonlinearProblem(Protocol):
         The unknowns.
     A : Mat
         The matrix that `jacobian` assembles.
+    operator : Mat
+        The Hessian: `A`, or the sum of `A` and matrices of low rank.
     length : float
         V^(1/3) [m], V the reference volume.
     force_scale : float
@@ -56,6 +58,7 @@ class NonlinearProblem(Protocol):
     comm: Any
     x: PETSc.Vec
     A: PETSc.Mat
+    operator: PETSc.Mat
     length: float
     force_scale: float
     load: float

@@ -78,7 +78,7 @@ def create(
     if problem.has_energy:
         snes.setObjective(lambda snes, x: problem.energy(x))
     snes.setFunction(lambda snes, x, f: problem.residual(x, f), problem.x.duplicate())
-    snes.setJacobian(context.jacobian, problem.A)
+    snes.setJacobian(context.jacobian, problem.operator, problem.A)
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=_MAX_IT)
     snes.setMaxFunctionEvaluations(_NO_LIMIT)
     ksp = snes.getKSP()
@@ -91,7 +91,7 @@ def create(
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the blocks read their options now, and only now
             if region:
-                context.trust_ksp = trust_region.linear_solver(problem.A, prefix)
+                context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     return snes
@@ -101,7 +101,7 @@ def default_globalization(problem: NonlinearProblem) -> str:
     """Return the default globalization of a problem from `DEFAULT_GLOBALIZATIONS`."""
     if problem.saddle_point:
         return DEFAULT_GLOBALIZATIONS["saddle-point problem"]
-    kind = "minimisation problem" if problem.has_energy else "stress without an energy"
+    kind = "minimisation problem" if problem.has_energy else "forces without an energy"
     return DEFAULT_GLOBALIZATIONS[kind]
 
 
@@ -118,6 +118,11 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: NonlinearProblem, prefix: 
     ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
     if problem.saddle_point:
         saddle_point.configure(ksp, problem.A, problem.saddle_point)
+    elif problem.operator != problem.A:
+        # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
+        # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.SOR)
     elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(problem.coordinates))

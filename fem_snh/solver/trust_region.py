@@ -29,8 +29,10 @@ LINEAR_OPTIONS = {
 }
 
 
-def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
+def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
     """Return the linear solver of the trust region, with the options ``trust_*``. Collective.
+
+    ``A`` is the Hessian and ``P`` the matrix that its preconditioner is made of.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def linear_solver(A: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOptionsPrefix(f"{prefix}trust_")
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    ksp.setOperators(A)
+    ksp.setOperators(A, P)
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
         ksp.getPC().setUp()  # the blocks read their options now, and only now

@@ -1,0 +1,24 @@
+"""The time that a problem spends in evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from time import perf_counter
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def timed(method: Callable[..., T]) -> Callable[..., T]:
+    """Add a method's run time to ``seconds["assemble"]`` of its object."""
+
+    @wraps(method)
+    def with_time(self: Any, *arguments: Any) -> T:
+        start = perf_counter()
+        try:
+            return method(self, *arguments)
+        finally:
+            self.seconds["assemble"] += perf_counter() - start
+
+    return with_time

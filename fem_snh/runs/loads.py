@@ -1,0 +1,72 @@
+"""The terms of a scene's loads, each made only if the scene names it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.mesh import Mesh, volume
+from fem_snh.fem.regions import Region, reference_modulus
+from fem_snh.fem.terms import Term
+from fem_snh.scenes import Scene
+
+#: Default stiffness of a fluid, in E over the body's volume: a pressure of E then compresses it by
+#: a hundredth of the body's volume. A stiffer fluid shortens Newton's steps, as the volume is
+#: nonlinear in the displacement.
+_CAVITY_STIFFNESS = 100.0
+
+
+def load_terms(
+    scene: Scene, mesh: Mesh, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+) -> list[Term]:
+    """Return the terms of the tables traction, gravity, pressure, spring and cavity. Collective.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    mesh : Mesh
+        Its mesh.
+    u : dolfinx Function
+        The displacement.
+    regions : sequence of Region
+        The materials with their densities.
+    dirichlet : Dirichlet
+        The constrained dofs.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown or no surface, or a missing density.
+    """
+    V, terms = u.function_space, list[Term]()
+    if scene.traction:
+        from fem_snh.fem.terms.traction import Traction
+
+        terms.append(Traction(V, mesh, scene.traction, scene.amplitudes(scene.traction)))
+    if scene.gravity:
+        from fem_snh.fem.terms.gravity import Gravity
+
+        amplitude = scene.amplitudes([scene.gravity])[0]
+        terms.append(Gravity(V, regions, scene.gravity.vector, amplitude))
+    if scene.pressure:
+        from fem_snh.fem.terms.pressure import Pressure
+
+        amplitudes = scene.amplitudes(scene.pressure)
+        terms.append(Pressure(u, mesh, scene.pressure, amplitudes, dirichlet))
+    if scene.spring:
+        from fem_snh.fem.terms.spring import Spring
+
+        constant = [None if s.table is None else scene.amplitudes([s])[0] for s in scene.spring]
+        terms.append(Spring(u, mesh, scene.spring, constant))
+    for fluid in scene.cavity:
+        from fem_snh.fem.terms.cavity import Cavity
+
+        stiffness = fluid.stiffness
+        if stiffness is None:
+            stiffness = _CAVITY_STIFFNESS * reference_modulus(mesh.domain, regions)
+            stiffness /= volume(mesh.domain)
+        amplitude = scene.amplitudes([fluid])[0]
+        terms.append(Cavity(u, mesh, fluid, amplitude, stiffness, dirichlet))
+    return terms

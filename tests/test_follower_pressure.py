@@ -1,0 +1,211 @@
+"""Pressures that follow the surface: forces, energies where there are some, and exact states."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import (
+    FACES,
+    MATERIALS,
+    Condition,
+    Hold,
+    cube,
+    free_components,
+    problem,
+    put,
+    wave,
+)
+from scipy.optimize import brentq
+
+from fem_snh import _dolfinx, solver
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.terms.pressure import Pressure
+from fem_snh.kernels.pointwise import material
+
+mpi = pytest.mark.mpi
+
+
+def on(group, value=1.0):
+    return SimpleNamespace(group=group, value=value)
+
+
+def ramp(load):
+    return 2 * load
+
+
+def pressed(body, loads, element="Q1", law="stable_neo_hookean", amplitudes=None, **conditions):
+    """A problem with pressures."""
+
+    def terms(mesh, u, regions, dirichlet):
+        return [Pressure(u, mesh, loads, amplitudes or [float] * len(loads), dirichlet)]
+
+    return problem(body, element, law, loads=terms, **conditions)
+
+
+def roller(group, component):
+    return Hold(group, (component,))
+
+
+#: Three planes of symmetry, and a corner that removes the rigid motions alone.
+SYMMETRIC = [roller("left", "x"), roller("front", "y"), roller("bottom", "z")]
+AT_A_CORNER = [Hold("corner_000"), Hold("corner_100", ("y", "z")), Hold("corner_010", ("z",))]
+CLOSED = [on(face) for face in FACES]
+
+
+@pytest.mark.parametrize(
+    ("loads", "hold", "has_energy"),
+    [
+        (CLOSED, [], True),
+        ([on(face, 2.0 + (face == "top")) for face in FACES], [], False),
+        ([on("top")], [Hold("bottom")], False),
+        ([on("top")], [Hold(g) for g in ("left", "right", "front", "back")], True),
+        ([on("top")], [Hold("left"), roller("right", "x"), Hold("front"), Hold("back")], True),
+        ([on("top")], [roller(g, "x") for g in ("left", "right")], False),
+        ([on("top"), on("right"), on("back")], SYMMETRIC, True),
+        ([on("top"), on("right"), on("back", 1.1)], SYMMETRIC, False),
+    ],
+)
+def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
+    comm, loads, hold, has_energy
+):
+    p = pressed(cube(comm, "hexahedron", 2, 0.03), loads, hold=hold)
+    assert p.has_energy == p.terms[1].has_energy == has_energy
+    assert bool(p.terms[1].note) == (not has_energy)
+
+
+def test_amplitudes_must_agree_around_a_closed_surface(comm):
+    body = cube(comm, "hexahedron", 1)
+    assert pressed(body, CLOSED, amplitudes=[ramp] * 6).has_energy
+    assert not pressed(body, CLOSED, amplitudes=[ramp] * 5 + [float]).has_energy
+
+
+def test_a_moving_plane_of_symmetry_is_none(comm):
+    """The point of the energy would have to move with it."""
+    move = [Condition("right", lambda X, load: 0.3 * load + 0 * X, ("x",))]
+    sides = [Hold("left"), Hold("front"), Hold("back")]
+    body = cube(comm, "hexahedron", 2)
+    assert not pressed(body, [on("top")], hold=sides, move=move).has_energy
+
+
+def shell(comm, element):
+    return mesh.generate(comm, "shell", ELEMENTS[element].cell, cells=2, layers=1, order=2)
+
+
+def symmetric_shell(comm, element, **options):
+    hold = [roller(f"{component} = 0", component) for component in "xyz"]
+    return pressed(shell(comm, element), [on("inner", 0.2)], element, hold=hold, **options)
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q2", "P2"])
+def test_derivatives_of_the_energy(comm, element):
+    """On curved cells: the residual is the energy's slope, the Hessian is the residual's."""
+    p = symmetric_shell(comm, element)
+    p.set_load(0.7)
+    free = free_components(p)
+    put(p, lambda X: free * wave(0.2)(X))
+    p.x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+    term, d = p.terms[1], p.x.duplicate()
+    put(p, lambda X: free * wave(1.0, 0.7)(X), d)
+
+    def moved(h):
+        x = p.x.copy()
+        x.axpy(h, d)
+        return p.split(x)[0]
+
+    def residual(u):
+        r = _dolfinx.create_vector(p.V)
+        term.add_residual(u, None, r, None)
+        r.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        r.array[p.constrained_dofs] = 0.0
+        return r
+
+    h = 1e-4
+    slope = (term.energy(moved(h)) - term.energy(moved(-h))) / (2 * h)
+    assert slope == pytest.approx(residual(moved(0)).dot(d), rel=1e-6)
+    change = residual(moved(h))
+    change.axpy(-1.0, residual(moved(-h)))
+    change.scale(1 / (2 * h))
+    with p.matrix.adding():
+        term.add_hessian(p.split(p.x)[0], None, "exact", p.matrix)
+    Ad = p.A.createVecLeft()
+    p.A.mult(d, Ad)
+    Ad.axpy(-1.0, change)
+    assert Ad.norm() < 1e-6 * change.norm()
+
+
+@pytest.mark.parametrize("law", MATERIALS)
+@pytest.mark.parametrize("hold", [SYMMETRIC, AT_A_CORNER], ids=["symmetric", "free"])
+def test_a_cube_under_pressure_is_compressed_uniformly(comm, law, hold):
+    """F = s I with P = -p cof F: the patch test of a follower load, for each material."""
+    value = 0.3
+    loads = CLOSED if hold is AT_A_CORNER else [on("right"), on("back"), on("top")]
+    p = pressed(
+        cube(comm, "hexahedron", 2, 0.05),
+        [on(load.group, value) for load in loads],
+        law=law,
+        hold=hold,
+    )
+    solve(p)
+    m = material(E=1.0, **MATERIALS[law])
+    s = brentq(lambda s: m.pk1(s * np.eye(3))[0, 0] + value * s**2, 0.5, 1.0, xtol=1e-15)
+    X = p.V.tabulate_dof_coordinates()
+    np.testing.assert_allclose(p.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)
+
+
+def solve(p, **options):
+    database = PETSc.Options(solver.PREFIX)
+    values = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10, "trust_ksp_rtol": 1e-10, **options}
+    for key, value in values.items():
+        database[key] = value
+    try:
+        snes = solver.create(p)
+        solver.Predictor(p, snes, "tangent").predict(1.0)
+        snes.solve(None, p.x)
+    finally:
+        for key in values:
+            database.delValue(key)
+    assert snes.getConvergedReason() > 0
+    return snes
+
+
+@mpi
+def test_a_free_edge_is_searched_on_the_residual(comm):
+    """A clamped column pressed on one side; the reaction is the force on the deformed surface."""
+    value = 0.05
+    body = cube(comm, "hexahedron", 3)
+    p = pressed(body, [on("right", value)], hold=[Hold("bottom")], reactions=["bottom"])
+    assert not p.has_energy
+    snes = solve(p)
+    assert snes.getPythonContext().options["snes_globalization"] == "linesearch"
+    # The vector area of a surface is half the integral of x cross dx over its edge.
+    X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]
+    x = X + p.x.array.reshape(-1, 3)
+    every = dict(
+        (tuple(np.round(3 * np.array(a)).astype(int)), b)
+        for rank in comm.allgather(list(zip(X.tolist(), x.tolist(), strict=True)))
+        for a, b in rank
+    )
+    edge = [(0, k) for k in range(3)] + [(k, 3) for k in range(3)]
+    edge += [(3, 3 - k) for k in range(3)] + [(3 - k, 0) for k in range(3)]
+    loop = np.array([every[(3, y, z)] for y, z in edge])
+    area = -np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) / 2
+    assert area[0] == pytest.approx(1.0, abs=0.3) and abs(area[2]) > 1e-3
+    np.testing.assert_allclose(p.reactions(p.x)["bottom"], value * area, rtol=1e-7, atol=1e-10)
+
+
+def test_a_pressure_on_a_line_is_refused(comm):
+    with pytest.raises(BadInput, match=r"pressure.group = 'corner_000': expected a surface"):
+        pressed(cube(comm, "hexahedron", 1), [on("corner_000")])
+
+
+def test_no_energy_is_evaluated_without_one(comm):
+    p = pressed(cube(comm, "hexahedron", 2), [on("top")], hold=[Hold("bottom")])
+    with pytest.raises(BadInput, match="the pressure on 'top' has no energy, as an edge"):
+        p.energy(p.x)
