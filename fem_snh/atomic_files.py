@@ -22,7 +22,7 @@ def replace_file(
     path : Path
         The file.
     content : str or callable
-        A text, or a function that writes to the binary file that it is given.
+        A text, or a function that writes to the binary file that it is given, and may read it.
     sync : bool
         Wait until the content is on the disk, so that it survives a loss of power.
 
@@ -33,7 +33,7 @@ def replace_file(
     """
     new = path.with_name(f".{path.name}.new")
     try:
-        with new.open("wb") as file:
+        with new.open("w+b") as file:
             if isinstance(content, str):
                 file.write(content.encode())
             else:
@@ -43,8 +43,9 @@ def replace_file(
                 os.fsync(file.fileno())
         os.replace(new, path)
     except OSError as error:
-        remove(new)
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        remove(new)
 
 
 def check_whole(written: Path, path: Path, ending: bytes) -> None:

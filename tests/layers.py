@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("solver",),
     ("runs", "nonlinear_problem"),
     ("plots", "render", "doctor"),
-    ("view",),
+    ("view", "export"),
     ("studies",),
     ("reports",),
     ("cli",),
@@ -78,6 +78,7 @@ ALLOWED = {
     "plots": {"errors", "render"},
     "render": {"errors", "output_fields", "atomic_files"},
     "view": {"errors", "atomic_files", "plots", "render"},
+    "export": {"errors", "atomic_files", "render"},
     "reports": {"errors", "materials", "kernels", "plots"},  # plots: `Report.plot`
     "doctor": {"errors"},
     # The solver calls methods of a problem (solver/protocol.py); it does not import fem.
@@ -102,7 +103,8 @@ THIRD_PARTY = {
         "fem.nodal_projection",
     },
     "gmsh": {"fem.gmsh_input"},
-    "pyvista": {"render", "view"},
+    "pyvista": {"render", "view", "export"},
+    "h5py": {"export"},
     "matplotlib": {"plots", "render"},
     "pydantic": {"scenes"},
     "slepc4py": {"fem.eigenproblem", "fem.modes"},

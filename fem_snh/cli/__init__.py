@@ -34,6 +34,7 @@ COMMANDS = {
     "plot": ("tools", "draw curves from run folders or a study's table"),
     "render": ("tools", "draw the deformed body of a run"),
     "view": ("tools", "write a run as one interactive HTML page"),
+    "export": ("export", "write a run as one VTKHDF file, or its surface as OBJ files"),
     "doctor": ("tools", "check the installation"),
 }
 _format = warnings.formatwarning

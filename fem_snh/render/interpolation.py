@@ -50,27 +50,18 @@ class InterpolatedStates:
         self._per_cell = field in self._grid.cell_data
         displacements, values = [], []
         for grid, state in zip(grids, files, strict=True):
-            points = self._match(grid.points, self._grid.points, state)
+            scale = self._grid.length
+            points = match_points(grid.points, self._grid.points, scale, state[0])
             displacements.append(np.asarray(grid.point_data["displacement"])[points])
             if self._per_cell:
                 centres, wanted = (g.cell_centers().points for g in (grid, self._grid))
-                cells = self._match(centres, wanted, state)
+                cells = match_points(centres, wanted, scale, state[0])
                 values.append(np.asarray(grid.cell_data[field])[cells])
             else:
                 values.append(np.asarray(grid.point_data[field])[points])
         self.displacement, self.values = np.array(displacements), np.array(values)
         self._displacement_at = PchipInterpolator(loads, self.displacement)
         self._value_at = PchipInterpolator(loads, self.values)
-
-    def _match(self, found: np.ndarray, wanted: np.ndarray, state: list[str]) -> np.ndarray:
-        """Return for each wanted point its index in ``found``: ranks order points differently."""
-        if found.shape == wanted.shape:
-            if np.array_equal(found, wanted):
-                return np.arange(len(wanted))
-            distance, index = cKDTree(found).query(wanted)
-            if distance.max() < _SAME_POINT * self._grid.length:
-                return index
-        raise BadInput(f"{state[0]}: its mesh is not that of the other loads")
 
     def grid(self, load: float) -> pv.UnstructuredGrid:
         """Return the reference grid with displacement and field at a load."""
@@ -79,3 +70,29 @@ class InterpolatedStates:
         data = grid.cell_data if self._per_cell else grid.point_data
         data[self._field] = self._value_at(load)
         return grid
+
+
+def match_points(found: np.ndarray, wanted: np.ndarray, scale: float, file: str) -> np.ndarray:
+    """Return for each wanted point its index in ``found``: ranks order points differently.
+
+    Parameters
+    ----------
+    found, wanted : (n, 3)
+        The points of two states of one mesh.
+    scale : float
+        The body's diagonal.
+    file : str
+        A file of the found points, for the message.
+
+    Raises
+    ------
+    BadInput
+        If a wanted point is missing.
+    """
+    if found.shape == wanted.shape:
+        if np.array_equal(found, wanted):
+            return np.arange(len(wanted))
+        distance, index = cKDTree(found).query(wanted)
+        if distance.max() < _SAME_POINT * scale:
+            return index
+    raise BadInput(f"{file}: its mesh is not that of the other loads")

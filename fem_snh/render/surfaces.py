@@ -18,28 +18,31 @@ EDGES_UP_TO = 6000
 _EXAGGERATION = 0.12
 
 
-def read_grid(files: list[str], field: str) -> pv.UnstructuredGrid:
+def read_grid(files: list[str], field: str | None) -> pv.UnstructuredGrid:
     """Return one grid from the files of all ranks, without ghost cells and duplicate points.
 
-    Of a field such as ``cauchy_stress.xy`` the grid has that component, under this name.
+    It has the displacement and one field; of a field such as ``cauchy_stress.xy`` that component,
+    under this name. With ``field=None`` it has all fields.
     """
     pieces = []
-    written = split_component(field)[0]
+    needed = {"displacement"} | ({split_component(field)[0]} if field else set())
     for file in files:
         try:
             piece: Any = pv.read(file)
         except Exception as error:  # VTK's readers document no exceptions
             raise BadInput(f"{file}: cannot be read: {error}") from None
-        for name in ("displacement", written):
+        for name in sorted(needed):
             if name not in piece.array_names:
                 raise BadInput(f"{file}: has no '{name}', only {', '.join(piece.array_names)}")
         ghost = piece.cell_data.get("vtkGhostType")
         if ghost is not None and np.any(ghost):
             piece = piece.extract_cells(np.asarray(ghost) == 0)
-        _select_component(piece, field)
+        if field:
+            _select_component(piece, field)
         for name in set(piece.array_names) - {"displacement", field}:
-            piece.point_data.pop(name, None)
-            piece.cell_data.pop(name, None)
+            if field or name.startswith("vtk"):
+                piece.point_data.pop(name, None)
+                piece.cell_data.pop(name, None)
         pieces.append(piece)
     if len(pieces) == 1:
         return pieces[0]

@@ -72,6 +72,22 @@ def draw_elsewhere(
     raise BadInput(f"cannot draw without a display ({message}): {INSTALL}")
 
 
+def run_elsewhere(
+    request: dict[str, Any],
+    program: str,
+    report: Callable[[str], None] | None = None,
+    timeout: float = _TIMEOUT,
+) -> None:
+    """Run a program that needs no OpenGL in a new process.
+
+    Parameters and errors are those of `draw_elsewhere`.
+    """
+    command = [sys.executable, "-m", program]
+    code, said = _run(command, dict(os.environ), request, report, timeout)
+    if code:
+        raise BadInput(said)
+
+
 def _run(
     command: list[str],
     env: dict[str, str],
@@ -103,7 +119,7 @@ def _run(
         stderr.seek(0)
         lines = stderr.read().strip().splitlines() or ["no word"]
     if hung:
-        return -1, "the drawing process hung"
+        return -1, "the process hung"
     if worker.returncode < 0:
         return worker.returncode, f"killed by signal {-worker.returncode}"
     return worker.returncode, lines[-1]

@@ -1,0 +1,51 @@
+"""The command ``export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fem_snh.cli.options import Parser
+
+
+def export_parser() -> Parser:
+    """Return the parser of ``fem-snh export``."""
+    parser = Parser(
+        "export",
+        "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
+        "or the deformed surface as a sequence of OBJ files.",
+    )
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
+    parser.add_argument(
+        "out",
+        metavar="OUT",
+        type=Path,
+        help="NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...",
+    )
+    parser.add_argument(
+        "--frames",
+        metavar="N",
+        type=int,
+        help="number of OBJ files, interpolated evenly over the load; default: the stored loads",
+    )
+    return parser
+
+
+def export(argv: list[str]) -> int:
+    """Write a run's states in another format, with a progress bar. Return 0."""
+    args = export_parser().parse(argv)
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fem_snh.export import main
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("writing")
+        paths = main(
+            args.folder,
+            args.out,
+            args.frames,
+            lambda written, count: bar.update(task, completed=written, total=count),
+        )
+    print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
+    return 0

@@ -1,0 +1,89 @@
+"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ files.
+
+The files of a run are read one state at a time: `fem_snh.export.states`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.render import read_record, stored_loads
+from fem_snh.render.worker import require, run_elsewhere
+
+#: File types, and the packages that write them beside pyvista.
+TYPES: dict[str, tuple[str, ...]] = {".vtkhdf": ("h5py",), ".obj": ()}
+#: Bounds of the number of OBJ files between stored loads; the names have four digits.
+MIN_FRAMES, MAX_FRAMES = 2, 10_000
+#: Upper bound of the time that a state takes [s], after which the process counts as hung.
+_STATE_TIMEOUT = 900.0
+
+
+def main(
+    folder: Path,
+    out: Path,
+    frames: int | None = None,
+    report: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Export the states of a run and return the paths of the files.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path
+        ``NAME.vtkhdf``: one file with mesh, all fields and all stored loads. ``NAME.obj``: a
+        sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ... of the deformed surface.
+    frames : int, optional
+        Number of OBJ files, evenly spaced over the load: between the stored loads the displacement
+        is interpolated by monotone cubic polynomials (PCHIP). Default: one for each stored load.
+    report : callable, optional
+        Called with the numbers of states written and of all states.
+
+    Raises
+    ------
+    BadInput
+        For another file type, if a package is missing, or if a file cannot be read or written.
+    """
+    folder, out = Path(folder), Path(out)
+    kind = out.suffix.lower()
+    if kind not in TYPES:
+        raise bad_value("OUT", str(out), f"a file {' or '.join(TYPES)}")
+    if frames is not None and kind != ".obj":
+        raise bad_value("--frames", frames, "a file .obj beside it")
+    if frames is not None and not MIN_FRAMES <= frames <= MAX_FRAMES:
+        raise bad_value("--frames", frames, f"a number from {MIN_FRAMES} to {MAX_FRAMES}")
+    require("export", ("pyvista",))
+    require(f"a file {kind}", TYPES[kind], "'fem_snh[export]'")
+    record = read_record(folder)
+
+    pvd = folder / "fields.pvd"
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
+    if kind == ".vtkhdf":
+        _write_vtkhdf(out, pvd, record, report)
+        return [out]
+
+    from fem_snh.export.obj import write_sequence
+    from fem_snh.export.states import States
+
+    return write_sequence(out, States(pvd), frames, report)
+
+
+def _write_vtkhdf(
+    out: Path, pvd: Path, record: dict[str, Any], report: Callable[[int, int], None] | None
+) -> None:
+    """Write the VTKHDF file in a process of its own."""
+
+    def show(line: str) -> None:
+        numbers = line.split()
+        if report and len(numbers) == 2 and all(number.isdigit() for number in numbers):
+            report(int(numbers[0]), int(numbers[1]))
+
+    timeout = _STATE_TIMEOUT * (1 + len(stored_loads(pvd)))
+    job = {"pvd": str(pvd), "record": record, "out": str(out)}
+    run_elsewhere(job, "fem_snh.export.vtkhdf", show, timeout)
