@@ -212,7 +212,8 @@ def test_frames_are_interpolated_between_the_stored_loads(twisted, tmp_path, cap
     assert reported == [(1, 3), (2, 3), (3, 3)]
     frames = [tmp_path / f"a_{k:04}.obj" for k in range(5)]
     for frame, path in zip(frames[::2], stored, strict=True):
-        assert frame.read_text() == path.read_text()
+        (points, triangles), (wanted, faces) = read_obj(frame), read_obj(path)
+        assert np.abs(points - wanted).max() < 1e-9 and np.array_equal(triangles, faces)
     assert frames[1].read_text().startswith("# load 0.25\n")
     files = render.stored_loads(twisted / "fields.pvd")
     states = InterpolatedStates(LOADS, [[str(f) for f in files[t]] for t in LOADS], "J")
