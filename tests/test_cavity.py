@@ -1,0 +1,69 @@
+"""Inflation of a thick spherical shell by a prescribed volume, past its limit point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Cavity, Geometry, Hold, MaterialChoice, Probe, Scene
+
+#: Radius outside over inside, and the stretch of the inside at load 1.
+THICKNESS, STRETCH = 1.5, 2.0
+SYMMETRIC = [Hold(group=f"{c} = 0", components=(c,)) for c in ("x", "y", "z")]
+
+
+def shell(hold: list[Hold], **tables: Any) -> Scene:
+    """An octant of a shell that is filled with fluid."""
+    octant = 4 / 3 * np.pi / 8
+    return Scene(
+        name="shell",
+        mesh=Geometry(source="shell", parameters={"layers": 1, "outer": THICKNESS}),
+        cells=2,
+        element="Q2",
+        steps=6,
+        material=MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.49),
+        hold=hold,
+        cavity=[Cavity(group="inner", volume=octant * (STRETCH**3 - 1))],
+        probe=[Probe(name="pole", point=(1, 0, 0))],
+        **tables,
+    )
+
+
+def exact(a: float) -> float:
+    """Pressure of an incompressible neo-Hookean shell, mu = 1, whose inside is stretched by a.
+
+    The integral of dW/dl / (l^3 - 1) over the stretches of the wall, W = l^2 + l^-4/2 - 3/2.
+    """
+    b = (1 + (a**3 - 1) / THICKNESS**3) ** (1 / 3)
+
+    def integrand(s: float) -> float:
+        return (2 * s - 2 * s**-5) / (s**3 - 1)
+
+    by_quadrature: float = quad(integrand, b, a)[0]
+    assert by_quadrature == pytest.approx((4 / b + b**-4 - 4 / a - a**-4) / 2, rel=1e-10)
+    return by_quadrature
+
+
+def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> None:
+    """Within 2 %: one element across the wall, and nu = 0.49 instead of 1/2."""
+    result = fem_snh.run(shell(SYMMETRIC), progress=False)
+    assert result.converged and result.record["terms"] == ["elastic", "cavity"]
+    states = [step["cavities"]["inner"] for step in result.steps if step["converged"]]
+    pressures = [state["pressure"] for state in states]
+    for state, step in zip(states, result.steps, strict=True):
+        a = (1 + state["volume"] * 6 / np.pi) ** (1 / 3)
+        assert state["pressure"] == pytest.approx(exact(a), rel=0.02)
+        assert 1 + step["probes"]["pole"][0] == pytest.approx(a, rel=0.01)
+    top = int(np.argmax(pressures))
+    assert 0 < top < len(pressures) - 1
+    assert a == pytest.approx(STRETCH, rel=0.01)
+
+
+def test_a_surface_with_a_free_edge_encloses_no_volume() -> None:
+    with pytest.raises(BadInput, match=r"cavity.group = 'inner': expected a surface that encloses"):
+        fem_snh.run(shell(SYMMETRIC[:1]), progress=False)
