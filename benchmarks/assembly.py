@@ -43,12 +43,12 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : int
         Along the edge; default: `CELLS` of each element.
-    material
+    material : str
         "all" gives one row per material on the first element, relative to stable_neo_hookean;
         otherwise there is one row per element, relative to FFCx.
-    repeat
+    repeat : int
         Assemblies of each kind.
     """
     chosen = split_list(elements)

@@ -27,7 +27,7 @@ def rows(
 
     Parameters
     ----------
-    shear, swell
+    shear, swell : float
         See `Manufactured`; swell = 0 is the same displacement at every nu, with J = 1.
 
     Yields

@@ -85,11 +85,11 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : int
         Along the edge; default: those of the benchmark ``assembly``.
-    material
+    material : str
         Name of the material.
-    repeat
+    repeat : int
         Assemblies of each kind.
     """
     for name in split_list(elements):

@@ -167,8 +167,9 @@ def rows(samples: int = 30, points: int = 2000, seed: int = 0, write: str = "") 
 
     Parameters
     ----------
-    samples, points : number of stretches for the errors and for the timings.
-    write
+    samples, points : int
+        Numbers of stretches for the errors and for the timings.
+    write : str
         A page whose table is replaced by these rows: docs/results/eigensolver.md.
 
     Yields

@@ -45,7 +45,7 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
 
     Parameters
     ----------
-    tolerance
+    tolerance : float
         Tolerance of the residual, in units of E V^(2/3) as for `fem_snh.solver`.
 
     Returns

@@ -31,13 +31,13 @@ def rows(
 
     Parameters
     ----------
-    elements
+    elements : str
         Comma list.
-    cells
+    cells : int
         Along the edge; default: 15, and 7 for elements of degree 2.
-    fields
+    fields : str
         Comma list; default: all.
-    repeat
+    repeat : int
         States written of each kind, in turns; the medians are compared.
     """
     names = split_list(fields) or list(ON_REQUEST)

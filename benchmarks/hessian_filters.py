@@ -47,9 +47,9 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : str
         Along an edge, for elements of degree 2; those of degree 1 have twice as many.
-    noise
+    noise : float
         Size of the random displacement of every node that is the initial guess, in cell sizes; it
         inverts cells.
 

@@ -56,11 +56,11 @@ def rows(
 
     Parameters
     ----------
-    elements
+    elements : str
         Names of elements.
-    cells
+    cells : str
         Cells along an edge of length 1, one row each.
-    soft
+    soft : float
         Poisson's ratio of the compressible layer.
     """
     for element in split_list(elements):

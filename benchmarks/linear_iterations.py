@@ -28,11 +28,11 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : str
         Meshes; the second one is used for the other nu.
-    tolerance
+    tolerance : float
         Relative tolerance of every linear solve.
-    most
+    most : int
         Largest number of cells for direct solves.
 
     Yields

@@ -141,11 +141,11 @@ class Manufactured:
 
     Parameters
     ----------
-    shear
+    shear : float
         Amplitude of the waves; 0.1 gives stretches from 0.7 to 1.4.
-    swell
+    swell : float
         Size of the change of volume, in units of mu/lam.
-    bend
+    bend : float
         Distance by which inner nodes of the mesh are moved.
     """
 

@@ -112,17 +112,18 @@ def rows(
 
     Parameters
     ----------
-    hessians : H (with line search), H+trust_region, or "ratio": see `Ratio`.
-    lbfgs
+    hessians : str
+        Comma list of H (with line search), H+trust_region, or "ratio": see `Ratio`.
+    lbfgs : str
         Limits on the L-BFGS iterations after each Newton iteration.
-    seeds
+    seeds : int
         Random initial displacements of size ``noise`` (a length; the default is that of rounding
         errors).
-    tolerance
+    tolerance : float
         Tolerance of the residual, in E V^(2/3).
-    most
+    most : int
         Limit on the Newton iterations.
-    factors
+    factors : bool
         Use incomplete Cholesky factors, the preconditioner of the trust region, for every policy;
         L-BFGS iterations need a good preconditioner.
 

@@ -59,11 +59,12 @@ def rows(
 
     Parameters
     ----------
-    cells, steps
+    cells, steps : int
         Cells along an edge and steps of every scene; 0 for those of `SCENES`.
-    hessian
+    hessian : str
         "clamp" or "abs": the other policies give matrices that CG rejects by design.
-    repeat : number of runs; ``seconds`` is the median of the time in the solver.
+    repeat : int
+        Number of runs; ``seconds`` is the median of the time in the solver.
 
     Yields
     ------

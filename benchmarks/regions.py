@@ -25,13 +25,13 @@ def rows(
 
     Parameters
     ----------
-    elements
+    elements : str
         Names of elements.
-    counts
+    counts : str
         Numbers of materials.
-    cells
+    cells : int
         Along the edge; default: those of the benchmark ``assembly``.
-    repeat
+    repeat : int
         Assemblies of each kind, taken in turns; the ratio is the median of neighbours in time.
     """
     for name in split_list(elements):

@@ -51,9 +51,9 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : str
         Along the diameter: 20, 25, 40 and 72 give 2e4, 4e4, 1.6e5 and 9.8e5 unknowns.
-    timeout, memory
+    timeout, memory : float
         Limits of a run [s], [GiB].
 
     Yields

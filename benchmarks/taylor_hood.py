@@ -30,7 +30,7 @@ def rows(
 
     Parameters
     ----------
-    tolerance
+    tolerance : float
         Relative tolerance of linear solves; 0: the forcing term of Newton's method.
 
     Yields

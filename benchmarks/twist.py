@@ -26,9 +26,9 @@ def rows(
 
     Parameters
     ----------
-    steps
+    steps : int
         Equal angles to half a turn.
-    most
+    most : int
         Limit on the Newton iterations of a step.
 
     Yields

@@ -45,7 +45,7 @@ NEGATIVE_CURVATURE = (
 
 @lru_cache
 def _library() -> Any:
-    """PETSc's shared library; BadInput if its integers do not match the declarations above."""
+    """Return PETSc's shared library; raise BadInput if its integers have 64 bits."""
     bits = 8 * np.dtype(PETSc.IntType).itemsize
     if bits != 32:
         raise BadInput(
@@ -88,7 +88,7 @@ def factors_out_of_memory(pc: PETSc.PC) -> bool:
 
 
 def mumps_out_of_memory(pc: PETSc.PC) -> bool:
-    """Return whether MUMPS ran out of memory; known even where PETSc has no failed reason."""
+    """Return whether MUMPS ran out of memory, also where PETSc reports no failed reason."""
     return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
 
 
@@ -101,7 +101,7 @@ def option_used(name: str) -> bool:
 
 @contextmanager
 def default_options(prefix: str, options: Mapping[str, Any]) -> Iterator[list[str]]:
-    """Set PETSc options for the duration of a ``with`` block, where the user set none.
+    """Set those PETSc options that the user has not set, for the duration of a ``with`` block.
 
     Parameters
     ----------

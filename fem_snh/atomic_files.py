@@ -1,4 +1,7 @@
-"""Files that are replaced as a whole: a reader finds the old content or the new one."""
+"""Replace files as a whole: a reader finds the old content or the new one.
+
+All output of runs and studies is written here.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ def replace_file(
     Raises
     ------
     BadInput
-        The file cannot be written, as on a full disk; an earlier file is unchanged.
+        If the file cannot be written, as on a full disk; an earlier file is unchanged.
     """
     new = path.with_name(f".{path.name}.new")
     try:

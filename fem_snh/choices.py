@@ -11,17 +11,17 @@ FILTERS = ("exact", "clamp", "abs")
 #: solver finds it positive definite, filtered when it does not.
 HESSIANS = (*FILTERS, "adaptive")
 
-#: What makes Newton's method converge from a distant start (Nocedal & Wright 2006, chapters 3, 4).
+#: Globalizations of Newton's method (Nocedal & Wright 2006, chapters 3 and 4).
 GLOBALIZATIONS = ("linesearch", "trust_region")
 
 #: Eigensolvers of the Hessian's 3x3 scaling block; the default first (docs/results/eigensolver.md).
 EIGENSOLVERS = ("cubic", "jacobi")
 
-#: What evaluates the elastic energy and its residual: the compiled kernels, or forms of UFL that
-#: FFCx compiles. The Hessian is always the kernels', which filter it.
+#: Evaluation of the elastic energy and its residual: by the generated kernels, or by UFL forms that
+#: FFCx compiles. The kernels always evaluate the Hessian, which they filter.
 ASSEMBLIES = ("kernels", "ufl")
 
-#: First guesses of a load step.
+#: First guesses of a load step (`fem_snh.solver.predictor`).
 PREDICTORS = ("none", "extrapolate", "tangent")
 
 #: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike.
@@ -30,38 +30,38 @@ DEFAULT_PREDICTOR = "extrapolate"
 DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
 DEFAULT_ASSEMBLY = ASSEMBLIES[0]
 
-#: The default globalization of each kind of problem, if no Hessian is named either. Without an
-#: energy to minimise there is nothing that a trust region could reduce.
+#: The default globalization of each kind of problem, if the user names no Hessian. A trust region
+#: requires an energy to minimise.
 DEFAULT_GLOBALIZATIONS = {
     "minimisation problem": "trust_region",
     "saddle-point problem": "linesearch",  # Taylor-Hood elements
     "forces without an energy": "linesearch",
 }
 
-#: The default globalization if a Hessian is named: the textbook's method with that Hessian, such as
-#: that of Smith et al. 2018 with ``clamp``.
+#: The default globalization if the user names a Hessian: the textbook's method with that Hessian,
+#: which with ``clamp`` is the method of Smith et al. 2018.
 GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 
-#: L-BFGS iterations after a Newton step, at most: with a line search, and in a trust region, where
-#: 640 leave a half to a sixth of the Newton iterations that 40 do (measured:
+#: Largest number of L-BFGS iterations after a Newton step, by globalization. In a trust region, 640
+#: of them need a half to a sixth of the Newton iterations that 40 need (measured:
 #: python -m benchmarks negative_curvature --lbfgs 40,640; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
 
-#: ``hessian = "trust"``, the name of a choice of both until 0.1.0.
+#: Hessian and globalization of ``hessian = "trust"``, a value of versions before 0.1.0.
 _ALIAS, _MEANING = "trust", ("adaptive", "trust_region")
 
 
 def replace_alias(
     hessian: str | None, globalization: str | None, warn: bool = True
 ) -> tuple[str | None, str | None]:
-    """Return the two choices with ``hessian = 'trust'`` replaced by what it stands for.
+    """Return the two choices with the alias ``hessian = 'trust'`` replaced.
 
     Parameters
     ----------
     hessian, globalization : str or None
-        As given by a user; None where nothing was said.
+        The user's choices; None without one.
     warn : bool
-        Issue a note (`RenamedKey`) if the alias is used: to be asked on one rank only.
+        Issue a note (`RenamedKey`) if the alias is used; true on one rank only.
 
     Raises
     ------

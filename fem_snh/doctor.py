@@ -1,8 +1,8 @@
 """Check the installation: quickly before a solve, and in detail for `fem-snh doctor`.
 
 This module imports only the standard library and fem_snh.errors, so that it works where other
-packages are missing. Each row of the table is found in a process of its own, because a broken MPI
-or VTK ends its process instead of raising an exception.
+packages are missing. Each row of the table comes from a separate process, because a broken MPI or
+VTK ends its process instead of raising an exception.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from importlib import import_module
 from fem_snh.errors import BadInput
 
 SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
-#: What a solve imports; pictures and sweeps ask for theirs when they need them.
+#: Packages that a solve imports; pictures and sweeps import theirs when they need them.
 NEEDED = "numpy scipy sympy cffi pydantic rich mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
-#: What pip installs (pyproject.toml), besides pyvista, which has a row of its own.
+#: Packages that pip installs (pyproject.toml), besides pyvista, which has its own row.
 PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
 
 
 def check() -> None:
     """Raise BadInput if a package that a solve needs is missing or PETSc has complex numbers.
 
-    It imports only what a solve imports, so that it costs no time. Each rank has the same outcome.
+    It imports only packages that a solve imports anyway, so it costs no time. Each rank has the
+    same outcome.
     """
     for name in NEEDED:
         try:
@@ -56,7 +57,7 @@ class Finding:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment without an MPI launcher's variables: a child is no rank of the job."""
+    """Return the environment without an MPI launcher's variables, for a child of its own."""
     told = ("OMPI_COMM_", "OMPI_UNIVERSE", "OMPI_FIRST", "PMIX_", "PMI_")
     return {k: v for k, v in os.environ.items() if not k.startswith(told)}
 
@@ -84,7 +85,7 @@ def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
 
 
 def _probe(what: str, code: str, remedy: str) -> Callable[[], Finding]:
-    """Return a function that makes a row: it runs a Python program that prints a version."""
+    """Return a function that makes a row by a Python program which prints a version."""
 
     def find() -> Finding:
         ok, found = _run([sys.executable, "-c", code])
@@ -94,6 +95,7 @@ def _probe(what: str, code: str, remedy: str) -> Callable[[], Finding]:
 
 
 def _python() -> Finding:
+    """Return the row of Python."""
     version = ".".join(map(str, sys.version_info[:3]))
     ok = sys.version_info >= (3, 11)
     return Finding(
@@ -121,6 +123,7 @@ def _blas() -> Finding:
 
 
 def _ranks() -> Finding:
+    """Return the row of MPI: whether mpirun starts two ranks of one job."""
     # Only rank 0 prints: the lines of two ranks may be interleaved.
     code = (
         "from mpi4py import MPI; world = MPI.COMM_WORLD\n"

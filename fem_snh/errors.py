@@ -1,4 +1,4 @@
-"""The exceptions a user sees, the form of their messages, and how every rank raises the same one.
+"""Exceptions that a user sees, the form of their messages, and their propagation to every rank.
 
 A message has one line: ``<key> = <value>: expected <what is accepted> (did you mean 'x'?)``.
 `bad_value`, `unknown_name`, `check_whole` and `choose` write it. Every part of the package may
@@ -19,15 +19,14 @@ T = TypeVar("T")
 _SHOWN = 60
 #: Similarity (difflib's ratio) from which a known name is suggested for a misspelt one.
 _SIMILAR = 0.5
-#: The same for files: those of a folder are not all meant for this program.
+#: The same for files; it is higher, as a folder also holds files for other purposes.
 _SIMILAR_FILE = 0.75
 
 
 class BadInput(ValueError):
     """A mistake in the input or the environment: one line, exit code 2.
 
-    The message names the key, its value and what is accepted. Line breaks in it, as of a value,
-    become spaces.
+    The message names the key, its value and the accepted values. Its line breaks become spaces.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -52,7 +51,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def nearest_file(path: Path) -> str:
-    """Return the suggestion of `nearest` for a missing file: one beside it of the same suffix."""
+    """Return the suggestion of `nearest` for a missing file, from its folder and suffix."""
     stems = [other.stem for other in path.parent.glob(f"*{path.suffix}")]
     match = get_close_matches(path.stem, stems, n=1, cutoff=_SIMILAR_FILE)
     return f" (did you mean '{match[0]}{path.suffix}'?)" if match else ""
@@ -77,7 +76,7 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
     value : object
         The value, shown by its ``repr`` and cut if it is long.
     accepted : str
-        What is accepted, e.g. "a number > 0".
+        The accepted values, e.g. "a number > 0".
     known : iterable of str
         Accepted words; the nearest to ``value`` is suggested.
     """
@@ -88,7 +87,7 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> BadInput:
     """Return the exception ``unknown <kind> '<name>': expected one of ...``.
 
-    It is for names that have no value yet: keys, parameters, options.
+    It is for names without a value: keys, parameters, options.
     """
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"
@@ -110,7 +109,7 @@ def choose(key: str, word: str, known: Iterable[str]) -> str:
 
 
 def note_rename(old: str, new: str) -> None:
-    """Issue the note that ``old`` is accepted, and what it is called now."""
+    """Issue the note that ``old`` is accepted and has a new name."""
     warnings.warn(f"'{old}' is accepted and now called '{new}'", RenamedKey, stacklevel=3)
 
 
@@ -122,8 +121,8 @@ def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:
     comm : MPI.Comm
         The communicator.
     function : callable
-        Its result must be picklable.
-    *args
+        The function; its result must be picklable.
+    *args : Any
         The function's arguments.
 
     Raises

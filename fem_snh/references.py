@@ -1,8 +1,8 @@
-"""Functions that live outside the package: in a Python file of the user, or in another package.
+"""Load functions from outside the package: from a Python file of the user, or another package.
 
 A reference is the text ``FILE.py:NAME``; an entry point is a function that an installed package
-declares under ``fem_snh.materials`` or ``fem_snh.scenes``. Both give a callable, and each way to
-fail is one `BadInput` line.
+declares under ``fem_snh.materials`` or ``fem_snh.scenes``. The registries of materials and scenes
+load both here; every failure is a `BadInput` of one line.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def is_reference(text: str) -> bool:
 
 
 def file_of(text: str) -> Path:
-    """Return the path of a reference's file; of another text, the text as a path."""
+    """Return the path of a reference's file, or any other text as a path."""
     return Path(text.rpartition(":")[0] if is_reference(text) and ":" in text else text)
 
 
@@ -55,7 +55,7 @@ def load_reference(reference: str, folder: Path | None = None) -> Function:
     Raises
     ------
     BadInput
-        The reference has no name, the file does not exist or does not import, or it holds no
+        If the reference has no name, the file does not exist or does not import, or it holds no
         function of that name.
     """
     file, _, name = reference.rpartition(":")
@@ -119,7 +119,7 @@ def _load_entry_point(point: metadata.EntryPoint) -> Function:
 
 @cache
 def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
-    """Execute a Python file as a module; its time and size are part of the cache's key."""
+    """Execute a Python file as a module; time and size of the file are part of the cache's key."""
     # Two files of one name, in different folders, are two modules.
     name = f"_fem_snh_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
     spec = spec_from_file_location(name, path)
@@ -138,7 +138,7 @@ def _execute(path: Path, _modified: int, _size: int) -> ModuleType:
 
 
 def describe_error(error: BaseException, path: str | Path | None = None) -> str:
-    """Return an error in one line; with the line of the file ``path`` in which it was raised."""
+    """Return an error in one line, with the line of the file ``path`` that raised it."""
     text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     line = error.lineno if isinstance(error, SyntaxError) else None
     if path is not None and line is None:

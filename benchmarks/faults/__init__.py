@@ -44,8 +44,9 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
 
     Parameters
     ----------
-    only : comma list of names of `FAULTS`; default: all.
-    write
+    only : str
+        Comma list of names of `FAULTS`; default: all.
+    write : str
         A page whose table is replaced by these rows: docs/results/extremes_tables.md.
 
     Yields

@@ -33,9 +33,9 @@ class Trial:
 
     Attributes
     ----------
-    folder
+    folder : Path
         Where the logs are written.
-    seconds
+    seconds : float
         Total time of its runs so far.
     """
 
@@ -55,9 +55,9 @@ class Trial:
 
         Parameters
         ----------
-        petsc
+        *petsc : str
             Further PETSc options.
-        module
+        module : str
             The module to run, which takes the arguments of fem-snh.
         """
         self._logs.append(self.folder / f"log{len(self._logs)}.txt")

@@ -32,8 +32,9 @@ def rows(only: str = "", write: str = "") -> Iterator[Row]:
 
     Parameters
     ----------
-    only : comma list of names of `GROUPS`; default: all.
-    write
+    only : str
+        Comma list of names of `GROUPS`; default: all.
+    write : str
         A page whose table is replaced by these rows.
 
     Raises

@@ -36,10 +36,11 @@ def compare(
 
     Parameters
     ----------
-    ours : None if the run did not converge; the row is then not ok.
-    limit
+    ours : float or None
+        The measured value; None if the run did not converge, and the row is then not ok.
+    limit : float, optional
         On the difference [%]; None: the value is only shown.
-    note
+    note : str
         For the page, in place of "ok".
     """
     difference = None if ours is None else 100 * (ours / published - 1)

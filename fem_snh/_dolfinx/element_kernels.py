@@ -1,4 +1,4 @@
-"""Element kernels of a compiled form: FFCx's functions, and the data that they are called with."""
+"""Element kernels of a compiled form: the addresses of FFCx's functions, and their arguments."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Integral:
     entities : (n,) or (n, 2) int32
         Cells of this rank, or its cells and their local numbers of exterior facets.
     key : tuple
-        Of the integral's coefficients in `pack`.
+        Key of the integral's coefficients in the result of `pack`.
     """
 
     kernel: int
@@ -35,7 +35,7 @@ class Integral:
 
 
 def integrals(compiled: Any) -> list[Integral]:
-    """Return the integrals over cells and exterior facets, without those that have none here."""
+    """Return the integrals over cells and exterior facets of which this rank has any."""
     form = _cpp(compiled)
     found = []
     for name in _KINDS:
@@ -71,7 +71,7 @@ def pack(compiled: Any) -> tuple[np.ndarray, dict[tuple[Any, int], np.ndarray]]:
 
 
 def _cpp(compiled: Any) -> Any:
-    """The C++ form; in 0.5 the Python form is derived from it."""
+    """Return the C++ form, from which the Python form is derived in 0.5."""
     return getattr(compiled, "_cpp_object", compiled)
 
 

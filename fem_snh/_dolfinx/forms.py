@@ -1,4 +1,4 @@
-"""Vectors, matrices and UFL forms."""
+"""Compile UFL forms; create and assemble vectors and matrices."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def create_matrix(compiled: Any) -> PETSc.Mat:
 
 
 def assemble_matrix(matrix: PETSc.Mat, compiled: Any, bcs: Sequence[Any] = ()) -> None:
-    """Overwrite a matrix by a bilinear form; rows and columns of ``bcs`` become those of I."""
+    """Overwrite a matrix by a bilinear form, with unit rows and columns at the dofs of ``bcs``."""
     matrix.zeroEntries()
     # 0.9 names the overload for an existing matrix; 0.5 has assemble_matrix alone
     assemble: Any = getattr(fem_petsc, "assemble_matrix_mat", fem_petsc.assemble_matrix)

@@ -1,4 +1,4 @@
-"""Meshes: distribution, entities, geometry."""
+"""Meshes: their distribution over the ranks, their entities and their geometry."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _geometry_rows(domain: Any) -> Array:
 
 
 def _only(geometry: Any, name: str) -> Any:
-    """Return an attribute that exists once per kind of cell, of the only kind."""
+    """Return an attribute of the only kind of cell; dolfinx has one for each kind."""
     # 0.11 has a list under the plural
     several = getattr(geometry, name + "s", None)
     return several[0] if isinstance(several, list) else getattr(geometry, name)

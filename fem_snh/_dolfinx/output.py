@@ -1,4 +1,4 @@
-"""Files for ParaView and PyVista."""
+"""Write files for ParaView and PyVista."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ _END = b"</VTKFile>"
 class Series:
     """Functions of one mesh at increasing times: a .pvd, and beside it the pieces of each state.
 
-    dolfinx's VTKFile writes one state at a time, under hidden names; whole files get the names that
-    are seen, and then the .pvd lists them. So it can be read at any time, whatever becomes of the
-    process, and may be gone on with on another number of ranks. Collective.
+    dolfinx's VTKFile writes a state under hidden names. Complete files are then renamed, and the
+    .pvd lists them last. It can therefore be read at any time, also after a crash, and another run
+    can continue it on another number of ranks. Collective.
 
     Attributes
     ----------
-    times : of the states, on every rank.
+    times : list of float
+        Times of the states, on every rank.
     """
 
     def __init__(self, comm: MPI.Comm, path: Path, until: float | None = None) -> None:
-        """With ``until``, go on with the states that are there up to this time.
+        """Start an empty series, or continue the existing one up to the time ``until``.
 
-        Raises BadInput on every rank if what is there cannot be read.
+        Raises BadInput on every rank if the existing one cannot be read.
         """
         self._comm, self._path = comm, path
         self.times: list[float] = on_root(comm, self._earlier, until)
@@ -61,7 +62,7 @@ class Series:
         Raises
         ------
         BadInput
-            On every rank, if one cannot write its file.
+            On every rank, if one of them cannot write its file.
         """
         hidden = self._path.with_name(f".{self._path.name}")
         file, complaint = VTKFile(self._comm, str(hidden), "w"), ""
@@ -72,20 +73,20 @@ class Series:
         try:
             file.close()
         except RuntimeError:
-            pass  # it could not write its own .pvd, which nobody reads
+            pass  # VTKFile could not write its own .pvd, which is not used
         try:
             on_every(self._comm, self._show_piece, hidden, complaint, cells, points)
             on_root(self._comm, self._show_state, hidden, t, cells, points)
         finally:
             self._clean(hidden)
-            del file  # it writes its .pvd once more: not without room, a destructor cannot fail
+            del file  # the destructor writes the hidden .pvd again, if the disk has room for it
             self._clean(hidden)
         self.times.append(t)
 
     # --- on one rank -----------------------------------------------------------------------------
 
     def _earlier(self, until: float | None) -> list[float]:
-        """The times to keep; removes the pieces of others."""
+        """Return the times of the existing states up to ``until``; remove the pieces of others."""
         kept = []
         if until is not None and self._path.exists():
             try:
@@ -106,6 +107,7 @@ class Series:
         cells: Sequence[DataArray],
         points: Sequence[DataArray],
     ) -> None:
+        """Give this rank's piece its final name, with the further arrays."""
         name = f"_p{self._comm.rank}_"
         piece = hidden.with_name(f"{hidden.stem}{name}{0:06}.vtu")
         seen = self._named(name, len(self.times), ".vtu")
@@ -121,7 +123,7 @@ class Series:
     def _show_state(
         self, hidden: Path, t: float, cells: Sequence[DataArray], points: Sequence[DataArray]
     ) -> None:
-        """List the pieces in a .pvtu, once each: 0.5 does once a function; then the states."""
+        """Write the .pvtu, which lists each piece once (0.5: once a function), then the .pvd."""
         number = len(self.times)
         listed = hidden.with_name(f"{hidden.stem}{0:06}.pvtu")
         state = self._named("", number, ".pvtu")
@@ -149,10 +151,11 @@ class Series:
         )
 
     def _named(self, part: str, number: int, suffix: str) -> Path:
+        """Return the final name of a file of state ``number``."""
         return self._path.with_name(f"{self._path.stem}{part}{number:06}{suffix}")
 
     def _clean(self, hidden: Path) -> None:
-        """Remove what dolfinx wrote and nobody moved."""
+        """Remove the files that dolfinx wrote under hidden names and that were not renamed."""
         remove(hidden.with_name(f"{hidden.stem}_p{self._comm.rank}_{0:06}.vtu"))
         if self._comm.rank == 0:
             remove(hidden)

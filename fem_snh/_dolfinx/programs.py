@@ -1,4 +1,7 @@
-"""Objects of a user's program: function spaces, Dirichlet conditions, measures."""
+"""Read the objects of a user's program: function spaces, Dirichlet conditions, measures.
+
+`fem_snh.NonlinearProblem` checks its arguments with it.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +81,7 @@ def is_measure(measure: Any) -> bool:
 
 
 def mesh_dimension(domain: Any) -> tuple[int, int]:
-    """Return the dimension of a mesh's cells and of the space it is in."""
+    """Return the dimensions of a mesh's cells and of its coordinates."""
     return int(domain.topology.dim), int(domain.geometry.dim)
 
 

@@ -1,4 +1,4 @@
-"""Spaces and elements: numbering, basis functions, quadrature."""
+"""Function spaces and elements: their numbering, basis functions and quadrature rules."""
 
 from __future__ import annotations
 

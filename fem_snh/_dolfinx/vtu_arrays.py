@@ -46,8 +46,7 @@ def insert_arrays(
 ) -> list[Buffer]:
     """Return the content of a .vtu file with further arrays, in pieces.
 
-    Their values are appended to the file as they are in memory ("raw"), which costs neither
-    conversion nor copies.
+    Their values are appended as raw binary data, without conversion or copies.
     """
     order = f'<VTKFile byte_order="{sys.byteorder.title()}Endian" header_type="UInt64" '
     content = content.replace(b"<VTKFile ", order.encode(), 1)

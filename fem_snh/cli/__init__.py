@@ -42,8 +42,8 @@ _format = warnings.formatwarning
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
 #: Errors of a full disk, which can also concern standard output.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: Seconds that a failing rank waits for the others to fail in the same way; a network file system
-#: may delay their errors by a few seconds.
+#: Seconds that a failing rank waits for the others to fail in the same way: their errors may be
+#: late by a few seconds on a network file system.
 _BARRIER_TIMEOUT = 10.0
 
 
@@ -94,6 +94,7 @@ def _format_warning(
 
 
 def _dispatch(argv: list[str]) -> int:
+    """Run the command that ``argv`` names, or print the usage or the version."""
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(usage())
         return 0
@@ -110,7 +111,7 @@ def _dispatch(argv: list[str]) -> int:
 
 
 def parsers() -> dict[str, Parser]:
-    """Return the argument parser of each command; the reference page is made from them."""
+    """Return the argument parser of each command, from which the reference page is made."""
     found: dict[str, Parser] = {}
     for name, (module, _) in COMMANDS.items():
         found[name] = getattr(import_module(f"{__name__}.{module}"), f"{name}_parser")()
@@ -148,7 +149,8 @@ def _communicator() -> Any:
 def _stop(message: str, code: int) -> int:
     """Report on rank 0 and exit on all ranks together; MPI aborts the job if one rank exits first.
 
-    If the others do not arrive within _BARRIER_TIMEOUT, only this rank failed, and it aborts them.
+    A rank that waits longer than _BARRIER_TIMEOUT is the only one that failed; it aborts the
+    others.
     """
     comm = _communicator()
     line = "fem-snh: error: " + " ".join(message.split())

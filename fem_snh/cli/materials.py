@@ -52,7 +52,7 @@ def materials_parser() -> Parser:
 
 
 def materials(argv: list[str]) -> int:
-    """List the materials, describe one, or report how it behaves. Return 0."""
+    """List the materials, describe one, or report its behaviour; return 0."""
     parser = materials_parser()
     args = parser.parse(argv)
     numbers = _numbers(args)

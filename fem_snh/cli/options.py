@@ -110,7 +110,7 @@ def assignments(pairs: list[str]) -> dict[str, str]:
 
 
 def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:
-    """Split at ``--``: return the words before it and the PETSc options after it.
+    """Return the words before ``--`` and the PETSc options after it.
 
     An option is ``-key value`` or a flag ``-key``, which has the value None.
     """

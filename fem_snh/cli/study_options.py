@@ -32,7 +32,7 @@ def parser(command: str, description: str) -> Parser:
 def add_limits(
     parser: Parser, timeout: float | None = None, memory: float | None = None, jobs: int = 1
 ) -> None:
-    """Add the options for processes and limits; the arguments are the defaults [s, GiB, points]."""
+    """Add the options for processes and limits, with these defaults [s, GiB, points]."""
     jobs_help = f"number of points that run at a time; default: {jobs}"
     parser.add_argument("--jobs", metavar="J", default=jobs, type=value, help=jobs_help)
     parser.add_argument(

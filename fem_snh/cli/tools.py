@@ -19,7 +19,7 @@ def plot_parser() -> Parser:
 
 
 def plot(argv: list[str]) -> int:
-    """Draw curves from run folders or a study's table. Return 0."""
+    """Draw curves from run folders or a study's table; return 0."""
     parser = plot_parser()
     args = parser.parse(argv)
 
@@ -54,7 +54,7 @@ def render_parser() -> Parser:
 
 
 def render(argv: list[str]) -> int:
-    """Draw the deformed body of a run folder. Return 0."""
+    """Draw the deformed body of a run folder; return 0."""
     parser = render_parser()
     args = parser.parse(argv)
     if args.modes is not None and args.loads is not None:
@@ -72,7 +72,7 @@ def render(argv: list[str]) -> int:
 
 
 def _movie(args: Namespace) -> int:
-    """Draw the movie that ``render`` is asked for, with a progress bar. Return 0."""
+    """Draw the movie that the options request, with a progress bar; return 0."""
     for option, given in (("--out", args.out), ("--loads", args.loads), ("--modes", args.modes)):
         if given is not None:
             raise BadInput(f"{option} and --movie: expected one of the two")
@@ -111,7 +111,7 @@ def view_parser() -> Parser:
 
 
 def view(argv: list[str]) -> int:
-    """Write the HTML page of a run folder. Return 0."""
+    """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
 
     from fem_snh.view import main
@@ -121,7 +121,7 @@ def view(argv: list[str]) -> int:
 
 
 def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
-    """Return the numbers of a comma list, None without one."""
+    """Return the numbers of a comma list, or None if there is no list."""
     if not text:
         return None
     found = [value(word) for word in text.split(",")]

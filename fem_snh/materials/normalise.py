@@ -133,15 +133,16 @@ class Fit:
         known = [m.subs(pinned) for m in self.moduli]
         wanted = [t if isinstance(t, sympy.Basic) else sympy.Rational(t) for t in target]
         if len(self.free) == 1:
-            found = self._one(known, wanted, mixed or not wanted[1].is_number)
+            found = self._solve_one(known, wanted, mixed or not wanted[1].is_number)
         elif len(self.free) == 2:
-            found = self._two(known, wanted)
+            found = self._solve_two(known, wanted)
         else:
-            found = self._many(known, wanted, E)
+            found = self._nearest_to_defaults(known, wanted, E)
         found = pinned | found
         return tuple(found[c] for c in self.symbols)
 
-    def _two(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
+    def _solve_two(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
+        """Return the two constants that solve both equations."""
         equations = [m - t for m, t in zip(moduli, target, strict=True)]
         try:
             solutions = sympy.solve(equations, self.free, dict=True)
@@ -154,7 +155,8 @@ class Fit:
             )
         return dict(solutions[0])
 
-    def _one(self, moduli: list[Any], target: list[Any], mixed: bool) -> dict[Any, Any]:
+    def _solve_one(self, moduli: list[Any], target: list[Any], mixed: bool) -> dict[Any, Any]:
+        """Return the constant that gives mu_lame; check that it gives lambda_lame too."""
         (c,) = self.free
         mu, lam = moduli
         try:
@@ -173,7 +175,10 @@ class Fit:
             raise BadInput(f"material '{self.name}' {what}: give that nu, or a lambda_part")
         return {c: solutions[0]}
 
-    def _many(self, moduli: list[Any], target: list[Any], E: float) -> dict[Any, Any]:
+    def _nearest_to_defaults(
+        self, moduli: list[Any], target: list[Any], E: float
+    ) -> dict[Any, Any]:
+        """Return the constants that solve both equations and are nearest to their defaults."""
         lost = [str(c) for c in self.free if c not in self.defaults]
         if not self.free or lost:
             have = f"the free constants {self._names()}" if self.free else "no free constant"

@@ -1,6 +1,7 @@
-"""Graphs of runs (against load), sweeps (against nu), studies (error against cost) and extremes.
+"""Draw graphs of runs (against load), sweeps (against nu), accuracy-cost studies and extremes.
 
-They read files only: run.json, or the CSV file of a study.
+The command ``plot`` and the studies call them. They read files only: run.json, or the CSV file of a
+study.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
 
     Parameters
     ----------
-    paths
+    paths : sequence of Path
         Folders of runs, or one CSV file or folder of a study.
-    out
+    out : Path, optional
         The picture; default: history.png in the folder of a single run, comparison.png above
         several, and the name of the CSV file with .png.
-    newton
+    newton : bool
         Add a panel with the Newton iterations per step.
 
     Raises
@@ -55,7 +56,7 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
 
 
 def _table_in(path: Path) -> Path:
-    """Return the CSV file of a study's folder; any other path unchanged."""
+    """Return the CSV file in a study's folder, or any other path unchanged."""
     for name in ("sweep.csv", "tradeoff.csv", "extremes.csv"):
         if (path / name).is_file():
             return path / name

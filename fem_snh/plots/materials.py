@@ -26,6 +26,21 @@ MEANINGS = (
     "scaling eigenvalues ≥ 0",
     "all nine eigenvalues ≥ 0",
 )
+#: Size of the picture [inches], and the strip at its bottom that the legend of the tangents takes,
+#: as a fraction of the height.
+_SIZE, _LEGEND = (15, 7.6), 0.06
+#: Greatest stress that is drawn, in multiples of that of linear elasticity.
+_MOST_STRESS = 2.5
+#: Greatest energy that is drawn, in multiples of its greatest value between these stretches.
+_MOST_ENERGY, _NEAR_REST = 1.6, (0.2, 1.5)
+#: Margin below and above a curve, as a fraction of its height.
+_MARGIN = 0.05
+#: Smallest height of an axis, for curves that are zero.
+_LEAST_HEIGHT = 1e-12
+#: Eigenvalues above -_ROUNDING [E] are drawn as non-negative.
+_ROUNDING = 1e-8
+#: Heights in the panel of verdicts: the top, a reason below its verdict, and the next verdict.
+_TOP, _REASON, _ROW = 0.97, 0.065, 0.145
 #: Characters of a reason that fit into its panel.
 _LONGEST_REASON = 62
 #: Colour of each verdict of `fem_snh.reports.stability`.
@@ -39,20 +54,20 @@ _LABELS = {
 
 
 def main(report: Any, out: Path) -> Path:
-    """Draw a report into the file ``out``. Raises BadInput if it cannot be written."""
+    """Draw a report into the file ``out``; raise BadInput if it cannot be written."""
     return save(material_figure(report), out)
 
 
 def material_figure(report: Any) -> Figure:
     """Return a figure of stress curves, regions of a positive tangent, collapse and stability."""
-    figure = Figure(figsize=(15, 7.6), layout="constrained")
+    figure = Figure(figsize=_SIZE, layout="constrained")
     axes = list(figure.subplots(2, 4).flat)
     for ax, curve in zip(axes, report.curves, strict=False):
         _test(ax, curve, report.E)
     axes[0].legend(frameon=False, fontsize=9)
     for ax, region in zip(axes[4:6], report.regions, strict=True):
         _tangent(ax, region, report)
-    _crushed(axes[6], report)
+    _collapse(axes[6], report)
     _verdicts(axes[7], report)
     for ax in axes[:7]:
         ax.spines[["top", "right"]].set_visible(False)
@@ -60,7 +75,8 @@ def material_figure(report: Any) -> Figure:
         Patch(facecolor=shade, edgecolor="0.6", label=text)
         for shade, text in zip(SHADES[::-1], MEANINGS[::-1], strict=True)
     ]
-    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08, rect=(0, 0.06, 1, 0.94))
+    area = (0, _LEGEND, 1, 1 - _LEGEND)
+    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08, rect=area)
     figure.legend(
         handles=handles, loc="lower left", ncols=4, frameon=False, fontsize=9, title_fontsize=9,
         title="exact tangent", alignment="left",
@@ -76,15 +92,15 @@ def _test(ax: Axes, curve: Any, E: float) -> None:
     stress, linear = curve.stress / E, curve.linear / E
     ax.plot(curve.x, linear, color=LINEAR, ls="--", lw=1.3, label="linear elasticity")
     ax.plot(curve.x, stress, color=MATERIAL, lw=2, label="material")
-    far = 2.5 * max(float(np.abs(linear).max()), 1e-12)
+    limit = _MOST_STRESS * max(float(np.abs(linear).max()), _LEAST_HEIGHT)
     known = np.append(linear, stress[np.isfinite(stress)])
-    low, high = max(known.min(), -far), min(known.max(), far)
-    margin = 0.05 * (high - low)
+    low, high = max(known.min(), -limit), min(known.max(), limit)
+    margin = _MARGIN * (high - low)
     ax.set_ylim(low - margin, high + margin)
     ax.set_xlim(curve.x[0], curve.x[-1])
-    ended = np.flatnonzero(np.isfinite(stress))
-    for end, limit in ((ended[:1], 0), (ended[-1:], len(stress) - 1)):
-        if len(end) and end[0] != limit:  # the branch of stress-free sides ends here
+    solved = np.flatnonzero(np.isfinite(stress))
+    for end, last in ((solved[:1], 0), (solved[-1:], len(stress) - 1)):
+        if len(end) and end[0] != last:  # the branch of stress-free sides ends here
             ax.plot(curve.x[end], stress[end], "x", color=MATERIAL, ms=8, mew=2)
     _cross_hairs(ax, 0.0 if curve.name == "simple shear" else 1.0)
     ax.set_title(curve.name, fontsize=11)
@@ -94,6 +110,7 @@ def _test(ax: Axes, curve: Any, E: float) -> None:
 
 
 def _cross_hairs(ax: Axes, rest: float) -> None:
+    """Draw a grid, and lines through the state at rest."""
     ax.grid(True, lw=0.4, color="0.88")
     ax.set_axisbelow(True)
     ax.axhline(0, lw=0.8, color="0.6", zorder=1)
@@ -102,8 +119,8 @@ def _cross_hairs(ax: Axes, rest: float) -> None:
 
 def _tangent(ax: Axes, region: Any, report: Any) -> None:
     """Draw the kinds of tangent in a plane, the rest state and the path of the uniaxial test."""
-    small = -1e-8 * report.E
-    kind = np.where(region.tangent >= small, 3, np.where(region.scaling >= small, 2, 1))
+    zero = -_ROUNDING * report.E
+    kind = np.where(region.tangent >= zero, 3, np.where(region.scaling >= zero, 2, 1))
     kind[~np.isfinite(region.tangent)] = 0
     ax.pcolormesh(
         region.s0, region.s1, kind, cmap=ListedColormap(SHADES), vmin=0, vmax=3, shading="nearest"
@@ -124,7 +141,7 @@ def _tangent(ax: Axes, region: Any, report: Any) -> None:
     ax.set_ylabel(r"$\sigma_1$")
 
 
-def _crushed(ax: Axes, report: Any) -> None:
+def _collapse(ax: Axes, report: Any) -> None:
     """Draw psi through J = 0 to inverted states; the stress of a material without an energy."""
     what = "energy" if report.has_energy else "stress"
     label = r"$\psi/E$" if report.has_energy else r"$\partial\psi/\partial\sigma_2\,/E$"
@@ -135,12 +152,14 @@ def _crushed(ax: Axes, report: Any) -> None:
         if np.isinf(path.at_zero):
             end = rf": $\psi \to$ {'∞' if path.at_zero > 0 else '−∞'}"
         ax.plot(path.s, values, color=colour(index), lw=2, label=path.path + end)
-        near = np.abs(values[(path.s > 0.2) & (path.s < 1.5)])
-        top.append(1.6 * float(np.nanmax(np.append(near[np.isfinite(near)], 1e-12))))
+        near = np.abs(values[(path.s > _NEAR_REST[0]) & (path.s < _NEAR_REST[1])])
+        near = np.append(near[np.isfinite(near)], _LEAST_HEIGHT)
+        top.append(_MOST_ENERGY * float(np.nanmax(near)))
     shown = [getattr(p, what) / report.E for p in report.collapse]
     known = np.concatenate([v[np.isfinite(v)] for v in shown] + [np.zeros(1)])
     high, low = min(known.max(), max(top)), max(known.min(), -max(top))
-    ax.set_ylim(low - 0.05 * (high - low), high + 0.1 * (high - low) + 1e-12)
+    margin = _MARGIN * (high - low)
+    ax.set_ylim(low - margin, high + 2 * margin + _LEAST_HEIGHT)
     ax.axvspan(-1.5, 0, color="0.94", zorder=0)
     ax.annotate(
         "inverted", (0.02, 0.1), xycoords="axes fraction", fontsize=9, color="0.35",
@@ -159,7 +178,7 @@ def _verdicts(ax: Axes, report: Any) -> None:
     """Write the verdicts on stability and the constants."""
     ax.set_axis_off()
     ax.set_title("stability", fontsize=11)
-    y = 0.97
+    y = _TOP
     for s in (*report.stabilities, report.unique_minimum):
         ax.text(0.0, y, s.name, fontsize=10, va="top", transform=ax.transAxes)
         ax.text(
@@ -168,9 +187,9 @@ def _verdicts(ax: Axes, report: Any) -> None:
         )  # fmt: skip
         reason = shorten(s.reason, _LONGEST_REASON, placeholder="...")
         ax.text(
-            0.0, y - 0.065, reason, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes
+            0.0, y - _REASON, reason, fontsize=8.5, va="top", color="0.35", transform=ax.transAxes
         )
-        y -= 0.145
+        y -= _ROW
     mu, lam = report.mu_lame / report.E, report.lambda_lame / report.E
     stress = report.rest_stress / report.E if report.rest.verdict == "failed" else 0.0
     numbers = rf"$\mu$ = {mu:.4g} E,  $\lambda$ = {lam:.4g} E,  stress at rest {stress:.3g} E"

@@ -1,4 +1,4 @@
-"""Histograms of Newton iterations, one for each family of `fem-snh extremes`."""
+"""Draw histograms of Newton iterations, one for each family of `fem-snh extremes`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def newton_figure(table: pd.DataFrame, path: Path) -> Figure:
 
     Parameters
     ----------
-    table
+    table : pandas.DataFrame
         The rows of an extremes.csv.
-    path
+    path : Path
         Path of the table, for messages.
 
     Raises

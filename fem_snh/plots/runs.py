@@ -1,4 +1,4 @@
-"""Graphs of runs: volume change and iterations per step against the load."""
+"""Draw graphs of runs: volume change and iterations per step against the load."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def steps_of(record: dict[str, Any]) -> pd.DataFrame:
 
 
 def names(records: Sequence[dict[str, Any]]) -> list[str]:
-    """Return a legend entry per record: the material and all that differs between the records."""
+    """Return a legend entry per record: the material and the values that differ between them."""
     traits = [
         {
             "nu": f"ν = {poisson_ratio(r)}",

@@ -1,4 +1,4 @@
-"""Graphs of a sweep: iterations, volume and time against Poisson's ratio."""
+"""Draw graphs of a sweep: iterations, volume and time against Poisson's ratio."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MEASURES = {
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """Return a CSV file as a table; BadInput if it cannot be read."""
+    """Return a CSV file as a table; raise BadInput if it cannot be read."""
     try:
         return pd.read_csv(path)
     except FileNotFoundError:
@@ -38,7 +38,7 @@ def read_table(path: Path) -> pd.DataFrame:
 def read_sweep(path: Path) -> pd.DataFrame:
     """Return the table of a sweep, with the volume change [%] as ``volume_ratio``.
 
-    Results that a failed point does not have are NaN.
+    Missing results of a failed point are NaN.
 
     Raises
     ------

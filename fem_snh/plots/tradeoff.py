@@ -1,4 +1,4 @@
-"""Work-precision diagrams: error of the displacement against processor time and unknowns."""
+"""Draw work-precision diagrams: error of the displacement against time and unknowns."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _panel(ax: Axes, rows: pd.DataFrame, column: str) -> None:
 
 
 def _wide(axis: object) -> bool:
-    """Return whether an axis spans more than 2.5 decades: then powers of ten suffice as ticks."""
+    """Return whether an axis spans so many decades that powers of ten suffice as ticks (2.5)."""
     low, high = axis.get_view_interval()  # type: ignore[attr-defined]
     return bool(high > 300 * low)
 
@@ -107,7 +107,7 @@ def _percent(value: float, _: object) -> str:
 
 
 def _front(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return the Pareto front: no row with less work is as accurate."""
+    """Return the rows than which no row with less work is as accurate (the Pareto front)."""
     rows = rows.sort_values([column, "error"])
     before = np.minimum.accumulate(rows["error"].to_numpy())
     better = np.r_[True, rows["error"].to_numpy()[1:] < before[:-1]]

@@ -1,6 +1,6 @@
-"""Pictures of the deformed body from a run folder, coloured by J or another field.
+"""Draw the deformed body from a run folder, coloured by J or another field.
 
-A process of its own (``fem_snh.render.drawing``) draws: see `fem_snh.render.worker`.
+A separate process (``fem_snh.render.drawing``) draws: see `fem_snh.render.worker`.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ def main(
 
     Parameters
     ----------
-    folder
+    folder : Path
         Folder of the run.
-    out
+    out : Path, optional
         Default: ``folder/<field>.png``.
-    loads
+    loads : sequence of float, optional
         In 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
-    field
-        A field that the run has written, or a component of it: ``cauchy_stress.xy``. Of the whole
-        of a vector or a tensor the magnitude is drawn (of a tensor, the Frobenius norm).
-    modes
+    field : str
+        A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
+        vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
+    modes : bool
         Draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
 
     Raises
@@ -82,7 +82,7 @@ def main(
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return ``folder/run.json``; BadInput if it is missing or is not the record of a run."""
+    """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
     path = folder / "run.json"
     try:
         record = json.loads(path.read_text())
@@ -133,7 +133,7 @@ def _elements(path: Path, tag: str) -> list[ET.Element]:
 
 
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
-    """Return the stored loads to draw; BadInput if a requested one was not stored."""
+    """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
     if wanted:
         for load in wanted:
             if not any(math.isclose(load, s, abs_tol=1e-6) for s in stored):
@@ -189,6 +189,6 @@ def one_line(error: object) -> str:
 
 
 def draw(job: Job) -> None:
-    """Draw in a process of its own; BadInput if it cannot."""
+    """Draw in a separate process; raise BadInput if it cannot."""
     require("render", ("pyvista", "matplotlib"))
     draw_elsewhere(asdict(job))

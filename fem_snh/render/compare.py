@@ -1,4 +1,4 @@
-"""Pictures of several runs side by side, one body each."""
+"""Draw several runs side by side, one body each; studies and benchmarks call it."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def main(
 
     Parameters
     ----------
-    folders
+    folders : sequence of Path
         Folders of the runs, one panel each.
-    load
+    load : float, optional
         In 0..1; default: the last one that each run has stored.
-    labels
+    labels : sequence of str, optional
         Labels of the panels, before load and volume; default: the names of the materials.
-    field
+    field : str
         As for `fem_snh.render.main`.
 
     Raises
     ------
     BadInput
-        As `fem_snh.render.main`.
+        As from `fem_snh.render.main`.
     """
     folders = [Path(folder) for folder in folders]
     records = [render.read_record(folder) for folder in folders]

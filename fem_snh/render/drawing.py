@@ -1,8 +1,8 @@
 """Draw panels with PyVista and arrange them with matplotlib: the worker process of ``render``.
 
-``python -m fem_snh.render.drawing`` reads a job (`render.Job` as JSON) from standard input. Exit
-code 2: the last line on standard error says what is wrong with the files. Any other code but 0:
-this process could not draw.
+``python -m fem_snh.render.drawing`` reads a job (`render.Job` as JSON) from standard input. It
+exits with 2 for a mistake in the files, which the last line on standard error names, and with
+another code than 0 if it cannot draw.
 """
 
 from __future__ import annotations
@@ -24,10 +24,18 @@ from fem_snh.errors import BadInput
 from fem_snh.render.fields import label
 from fem_snh.render.surfaces import Body, body
 
-WIDTH = 1600  # pixels, as are the heights of the title, of a panel's label and of the colour bar
+#: Width of the picture [pixels].
+WIDTH = 1600
+#: Heights of the title, of a panel's label and of the colour bar [pixels].
 TOP, LABEL, FOOT = 90, 50, 130
-TALLEST = 1200  # of a panel
+#: Largest height of a panel [pixels].
+TALLEST = 1200
+#: Pixels per inch, which relate sizes of fonts to pixels.
 DPI = 200
+#: Directions towards the viewer: of any body, and of one long in x or in y, seen from its side.
+TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.15))
+#: Position (right, up) and intensity of the key light and the fill light at the camera.
+LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
 
 
 def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
@@ -45,7 +53,7 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
         return "viridis", Normalize(0, 1), "neither"
     centre = 1.0 if field == "J" else 0.0 if signed else None
     if centre is not None:
-        half = nice(max(high - centre, centre - low, 1e-3))
+        half = round_up(max(high - centre, centre - low, 1e-3))
         half = min(half, 1.0) if field == "J" else half  # cells with J < 0 are inverted
         low, high = centre - half, centre + half
     elif high <= low:
@@ -55,7 +63,7 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
 
 
-def nice(x: float) -> float:
+def round_up(x: float) -> float:
     """Round up to 1, 1.5, 2, 3, 4, 5, 6, 8 or 10 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(x))
     return next(m for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= x * (1 - 1e-9)) * power
@@ -72,12 +80,12 @@ class View:
 
 
 def view(bodies: list[Body]) -> View:
-    """Return a view from the front, right and above; from the side of a body long in x or y."""
+    """Return a view from the front, right and above, or from the side of a long body."""
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
-    towards = np.array([0.62, -1.0, 0.55])
+    towards = np.array(TOWARDS)
     if size.max() > 2 * np.median(size) and size.argmax() != 2:
-        towards = np.array([[0.32, -1.0, 0.15], [1.0, 0.32, 0.15]][size.argmax()])
+        towards = np.array(TOWARDS_LONG[size.argmax()])
     towards /= np.linalg.norm(towards)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
@@ -88,7 +96,7 @@ def view(bodies: list[Body]) -> View:
     return View((low + high) / 2 @ axes, towards, width, height)
 
 
-def shot(
+def draw_body(
     item: Body,
     where: View,
     field: str,
@@ -97,11 +105,11 @@ def shot(
     pixels: int,
     scale: int = 2,
 ) -> np.ndarray:
-    """Return a panel as an RGB array (height, pixels, 3), drawn ``scale`` as large and averaged."""
+    """Return a panel as an RGB array (height, pixels, 3): averaged from one ``scale`` as large."""
     shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
     plotter.background_color = "white"
-    for side, up, strength in ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3)):  # key and fill, from the camera
+    for side, up, strength in LIGHTS:
         light = pv.Light(light_type="camera light", intensity=strength)
         light.position = (side, up, 1.0)
         plotter.add_light(light)
@@ -170,7 +178,7 @@ def draw(job: dict[str, Any]) -> None:
     rows = -(-count // columns)
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
-    images = [shot(item, where, field, cmap, norm, wide) for item in bodies]
+    images = [draw_body(item, where, field, cmap, norm, wide) for item in bodies]
     tall = images[0].shape[0]
     height = TOP + rows * (LABEL + tall) + FOOT
     figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)

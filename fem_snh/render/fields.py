@@ -1,4 +1,4 @@
-"""The fields that a run has written, by name or by component, and their labels."""
+"""Find the fields that a run has written, by name or by component, and their labels."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _LABELS = {
 
 
 def split_component(field: str) -> tuple[str, str]:
-    """Return name and component of ``cauchy_stress.xy``; the component of a whole field is ""."""
+    """Return name and component of ``cauchy_stress.xy``; component "" for a whole field."""
     name, _, component = field.partition(".")
     return name, component
 
 
 def component_index(field: str) -> int | None:
-    """Return the index of the component that ``field`` names, None for a whole field."""
+    """Return the index of the component that ``field`` names, or None for a whole field."""
     name, component = split_component(field)
     return _components(name).index(component) if component else None
 
@@ -46,7 +46,7 @@ def label(field: str) -> str:
 
 
 def check_field(pvd: Path, field: str) -> None:
-    """Raise BadInput unless a run has written a field, or the field that has a component.
+    """Raise BadInput unless a run has written a field and the field has the component.
 
     Parameters
     ----------

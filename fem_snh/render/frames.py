@@ -21,13 +21,13 @@ from PIL import Image
 
 from fem_snh.atomic_files import remove
 from fem_snh.errors import BadInput
-from fem_snh.render.drawing import DPI, FOOT, LABEL, TOP, add_colour_bar, colours, shot, view
+from fem_snh.render.drawing import DPI, FOOT, LABEL, TOP, add_colour_bar, colours, draw_body, view
 from fem_snh.render.interpolation import InterpolatedStates
 from fem_snh.render.surfaces import body_of
 
 #: Pixels: the width of a frame, and the largest height of the body in it.
 _WIDTH, _TALLEST = 1280, 720
-#: Of a GIF's palette, which is chosen once, from the last frame.
+#: Colours of a GIF's palette, which is chosen once, from the last frame.
 _GIF_COLOURS = 256
 
 
@@ -44,7 +44,8 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
     decimals = max(0, 2 - floor(log10(abs(job["names"][-1] - job["names"][0]) or 1.0)))
     figure = None
     for load in np.linspace(loads[0], loads[-1], job["frames"]):
-        image = shot(body_of(states.grid(load), field), where, field, cmap, norm, wide, scale=1)
+        item = body_of(states.grid(load), field)
+        image = draw_body(item, where, field, cmap, norm, wide, scale=1)
         if figure is None:
             height = TOP + LABEL + image.shape[0] + FOOT
             height += height % 2
@@ -63,7 +64,7 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
 
 
 def write(job: dict[str, Any]) -> None:
-    """Draw the frames and write the movie; an earlier file is replaced when it is complete."""
+    """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
     out = Path(job["out"])
     new = out.with_name(f".{out.stem}.new{out.suffix}")
     try:

@@ -1,4 +1,4 @@
-"""Pictures of the eigenmodes of a run: exaggerated, side by side, coloured by displacement."""
+"""Draw the eigenmodes of a run: exaggerated, side by side, coloured by displacement."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from fem_snh import render
 from fem_snh.errors import BadInput
 
-#: Frequencies below this fraction of the highest are rigid motions, which are not the default.
+#: Frequencies below this fraction of the highest are rigid motions, drawn on request only.
 _RIGID = 1e-3
 _SHOWN = 6
 
@@ -17,15 +17,15 @@ _SHOWN = 6
 def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None = None) -> Path:
     """Draw eigenmodes of a run and return the path of the PNG.
 
-    The outline is the state that is linearised; all modes are exaggerated to the same amplitude.
+    The outline shows the linearised state; all modes are exaggerated to the same amplitude.
 
     Parameters
     ----------
-    folder
+    folder : Path
         Folder of the run.
-    out
+    out : Path, optional
         Default: ``folder/modes.png``.
-    numbers
+    numbers : sequence of float, optional
         Numbers of the modes, from 1; default: the first six that deform the body.
 
     Raises
@@ -49,7 +49,7 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
 
 
 def read_frequencies(folder: Path, record: dict[str, Any]) -> list[float]:
-    """Return the eigenfrequencies [Hz] of a run's record; BadInput if it has none."""
+    """Return the eigenfrequencies [Hz] of a run's record; raise BadInput if it has none."""
     try:
         return [float(f) for f in record["modes"]["frequencies"]]
     except (KeyError, TypeError, ValueError):

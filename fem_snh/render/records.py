@@ -1,4 +1,4 @@
-"""The materials of a run's record, as titles and legends name them."""
+"""Names and Poisson's ratios of the materials in run.json, for titles and legends."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def materials(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the entries of a run's materials: one, or several with their groups."""
+    """Return the entries of a run's materials in run.json: one, or several with their groups."""
     found = record["material"]
     return found if isinstance(found, list) else [found]
 
@@ -17,7 +17,7 @@ def material_name(record: dict[str, Any]) -> str:
 
 
 def poisson_ratio(record: dict[str, Any]) -> str:
-    """Return Poisson's ratio; of several materials each value once, in their order."""
+    """Return Poisson's ratio as text; several materials have each value once, in their order."""
     return ", ".join(dict.fromkeys(f"{m['nu']:g}" for m in materials(record)))
 
 

@@ -1,4 +1,4 @@
-"""Surfaces and element edges of a body, from the fields that dolfinx's VTKFile wrote."""
+"""Extract surfaces and element edges of a body from the files that dolfinx's VTKFile wrote."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import component_index, split_component
 
-#: Boundary faces up to which element edges are drawn.
+#: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
@@ -21,7 +21,7 @@ _EXAGGERATION = 0.12
 def read_grid(files: list[str], field: str | None) -> pv.UnstructuredGrid:
     """Return one grid from the files of all ranks, without ghost cells and duplicate points.
 
-    It has the displacement and one field; of a field such as ``cauchy_stress.xy`` that component,
+    It has the displacement and one field; for a name such as ``cauchy_stress.xy``, that component
     under this name. With ``field=None`` it has all fields.
     """
     pieces = []
@@ -72,8 +72,8 @@ def boundary(grid: pv.UnstructuredGrid, level: int) -> pv.PolyData:
 def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
     """Return the element edges of a subdivided surface.
 
-    They are the lines that no two triangles of one face share. The surface filter writes the
-    triangles of a face one after another, the same number for each face.
+    A line inside a face belongs to two of its triangles, an element edge to one. The surface filter
+    writes the triangles of a face one after another, the same number for each face.
     """
     triangles = surface.regular_faces
     face = np.arange(len(triangles)) // (len(triangles) // faces)

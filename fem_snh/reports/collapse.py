@@ -1,4 +1,4 @@
-"""Energy and stress as an element collapses (J -> 0) and inverts."""
+"""Energy and stress as an element collapses (J -> 0) and inverts; a part of the report."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def collapse(m: Material, path: str) -> Collapse:
 def _limit(values: Array) -> float:
     """Return the limit of values at s = 1e-2, 1e-5, 1e-8; infinite if the last change is large.
 
-    A logarithm changes equally in both intervals, a convergent sequence about 1000 times less.
+    From the first interval to the second the change of a logarithm is the same, that of a
+    convergent sequence about 1000 times smaller.
     """
     first, last = values[1] - values[0], values[2] - values[1]
     if abs(last) > 0.3 * abs(first) and abs(last) > 1e-6 * abs(values[2]):

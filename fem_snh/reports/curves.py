@@ -17,7 +17,8 @@ from fem_snh.kernels.pointwise import Material
 from fem_snh.kernels.svd_eigen import svd
 from fem_snh.reports.evaluate import Array, stress
 
-#: A function of (prescribed, free stretch) that returns three stretches; index of the free one.
+#: A test: the function of (prescribed, free stretch) that returns three stretches, and the index of
+#: the free one.
 Test = tuple[Callable[[Array, Array], Array], int]
 
 UNIAXIAL: Test = (lambda s, t: np.stack([s, t, t], axis=-1), 2)
@@ -65,14 +66,14 @@ def curves(m: Material) -> tuple[Curve, Curve, Curve, Curve]:
 
 
 def uniaxial(m: Material, x: Array | None = None) -> Curve:
-    """Return P_00 against s_0 for uniaxial stress."""
+    """Return the curve of P_00 against s_0 for uniaxial stress."""
     x = around_rest(0.25, 4) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, UNIAXIAL, x)
     return Curve("uniaxial", x, stress(m, s)[:, 0], _young(m)[0] * (x - 1), s)
 
 
 def equibiaxial(m: Material, x: Array | None = None) -> Curve:
-    """Return P_00 against s_0 = s_1 for equibiaxial stress."""
+    """Return the curve of P_00 against s_0 = s_1 for equibiaxial stress."""
     x = around_rest(0.4, 3) if x is None else np.asarray(x, dtype=float)
     s = _with_free_sides(m, EQUIBIAXIAL, x)
     E, nu = _young(m)
@@ -80,7 +81,7 @@ def equibiaxial(m: Material, x: Array | None = None) -> Curve:
 
 
 def volumetric(m: Material, x: Array | None = None) -> Curve:
-    """Return P_00 against the stretch, equal in all directions."""
+    """Return the curve of P_00 against a stretch that is equal in all directions."""
     x = around_rest(0.3, 2) if x is None else np.asarray(x, dtype=float)
     s = np.repeat(x[:, None], 3, axis=1)
     mu, lam = m.lame
@@ -88,7 +89,7 @@ def volumetric(m: Material, x: Array | None = None) -> Curve:
 
 
 def shear(m: Material, x: Array | None = None) -> Curve:
-    """Return P_01 against x for simple shear F = I + x e_0 e_1^T."""
+    """Return the curve of P_01 against x for simple shear F = I + x e_0 e_1^T."""
     x = np.linspace(0, 3, 121) if x is None else np.asarray(x, dtype=float)
     F = np.tile(np.eye(3), (len(x), 1, 1))
     F[:, 0, 1] = x

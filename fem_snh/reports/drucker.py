@@ -24,7 +24,7 @@ PLANES: dict[str, Callable[[Array, Array], Array]] = {
     "s2 = 1": lambda a, b: np.ones_like(a),
     "s2 = s1": lambda a, b: b,
 }
-#: Eigenvalues above -TOLERANCE [E] count as non-negative: three are 0 at rest, but for rounding.
+#: Eigenvalues above -TOLERANCE [E] count as non-negative: three are rounding errors of 0 at rest.
 TOLERANCE = 1e-8
 
 

@@ -16,9 +16,9 @@ from fem_snh.reports.evaluate import Array, inside
 STEPS = 150
 #: Eigenvalues below this [E] count as zero.
 _FLAT = 1e-6
-#: A stretch above this counts as unbounded.
+#: A stretch above this counts as infinite.
 _FAR = 1e3
-#: Minima whose stretches differ by less are the same.
+#: Minima whose stretches differ by less than this are the same.
 _SAME = 1e-3
 
 
@@ -49,7 +49,7 @@ class Minima:
 
     @property
     def rest(self) -> bool:
-        """True if the rest state is a minimum."""
+        """Return True if the rest state is a minimum."""
         return bool(len(self.stretches)) and bool(np.allclose(self.stretches[0], 1, atol=_SAME))
 
     @property
@@ -79,7 +79,7 @@ def minima(m: Material, starts: int = 160, seed: int = 0) -> Minima:
     """Return the minima that are reached from random F of all sizes and orientations.
 
     At a minimum the Hessian has no negative eigenvalue and its scaling eigenvalues are positive. A
-    start on a flat spot, such as F = 0, is displaced at random.
+    stationary start that is no minimum, such as F = 0, is displaced at random.
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def _stable(values: Array, E: float) -> npt.NDArray[np.bool_]:
 def _step(m: Material, F: Array) -> tuple[Array, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Take one step of Newton's method with the absolute Hessian and backtracking.
 
-    Returns the next F and, for each, whether it has arrived (at a minimum, or beyond `_FAR`) and
-    whether it is on a flat spot.
+    Returns the next F and, for each, whether the descent has ended (at a minimum, or beyond `_FAR`)
+    and whether F is stationary but no minimum.
     """
     E, (mu, lam) = m.expression.E, lame(m.expression.E, m.expression.nu)
     g = np.swapaxes(m.pk1(F), -1, -2).reshape(-1, 9)

@@ -1,4 +1,4 @@
-"""The report of one material, and its printed form."""
+"""The report of one material, and its printed form: ``Material.report`` and the command line."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class Report:
 
     @property
     def stabilities(self) -> tuple[Stability, Stability, Stability, Stability]:
-        """The four stability properties, in the order of the paper."""
+        """Return the four stability properties, in the order of Smith et al. 2018."""
         return self.inversion, self.reflection, self.rest, self.degeneracy
 
     def plot(self, path: str | Path) -> Path:
-        """Draw the report into the picture ``path``. Raises BadInput if it cannot be written."""
+        """Draw the report into the picture ``path``; raise BadInput if it cannot be written."""
         from fem_snh.plots.materials import main
 
         return main(self, Path(path))

@@ -17,8 +17,8 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))  # that twist and flip couple
 class Signed:
     """Energy, principal stresses and eigenvalues at stretches (..., 3) of any signs.
 
-    They are NaN outside the domain. They come from the symbolic expression, because the kernels
-    compute an SVD with one convention for the sign.
+    All values are NaN outside the domain. They are evaluated from the symbolic expression, because
+    the kernels compute an SVD with one convention for the sign.
     """
 
     def __init__(self, energy: Energy) -> None:

@@ -1,4 +1,4 @@
-"""The four stability properties of Smith et al. 2018, section 3, evaluated numerically.
+"""Evaluate the four stability properties of Smith et al. 2018, section 3.
 
 inversion
     finite energy, stress and Hessian at every F, and a force that restores J > 0
@@ -7,8 +7,8 @@ reflection
 rest
     no energy and no stress at rest, and Hooke's law as tangent
 degeneracy
-    at a plane: a force along its normal; at a line: no force and a direction of
-    negative curvature; at a point: no force and no stable minimum
+    collapsed to a plane: a force along its normal; to a line: no force and a direction
+    of negative curvature; to a point: no force and no stable minimum
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fem_snh.reports.signed_stretches import Signed
 #: The verdicts on a property.
 PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
 
-#: The two other stretches of an element whose third stretch is moved through 0.
+#: The two other stretches of an element whose third stretch passes through 0.
 PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
 #: One, two, three negative stretches, and zero ones.
 INVERTED = ((1.2, 0.9, -0.5), (1.2, -0.9, -0.5), (-1.2, -0.9, -0.5))
@@ -39,6 +39,13 @@ FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float
 
 #: Forces, curvatures and differences below this [E] count as zero.
 _SMALL = 1e-9
+#: Negative stretches above -_INVERTED are rounding errors of the search for minima.
+_INVERTED = 1e-6
+#: Distances from a singular state at which eigenvalues are compared, and the largest accepted
+#: growth from the first to the second: a pole 1/d grows by 1e4.
+_DISTANCES, _MOST_GROWTH = (1e-2, 1e-6), 1e3
+#: Samples of a path of stretches from -0.99 s1 to 0, whose largest stress is sought.
+_SAMPLES = 60
 
 
 @dataclass(frozen=True)
@@ -70,9 +77,6 @@ def _verdict(name: str, faults: list[str], numbers: dict[str, float]) -> Stabili
     return Stability(name, FAILED if faults else PASSED, "; ".join(faults), numbers)
 
 
-# --- inversion -----------------------------------------------------------------------------------
-
-
 def inversion(m: Material, minima: Minima) -> Stability:
     """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
 
@@ -90,12 +94,12 @@ def inversion(m: Material, minima: Minima) -> Stability:
         turned = [0, 2, 3, 4, 5]  # two negative stretches are a rotation
         where = "some inverted states" if finite[turned].any() else "J <= 0"
         return Stability("inversion", FAILED, f"infinite for {where}", numbers)
-    force, inverted = restoring(m), sum(s[2] < -1e-6 for s in minima.stretches)
+    force, inverted = largest_stress(m), sum(s[2] < -_INVERTED for s in minima.stretches)
     numbers |= {
         "growth": growth(m), "force": force / m.expression.E, "inverted minima": float(inverted)
     }  # fmt: skip
     faults = []
-    if numbers["growth"] > 1e3:
+    if numbers["growth"] > _MOST_GROWTH:
         faults.append("Hessian unbounded")
     if force >= 0:
         faults.append("not driven back")
@@ -104,14 +108,14 @@ def inversion(m: Material, minima: Minima) -> Stability:
     return _verdict("inversion", faults, numbers)
 
 
-def restoring(m: Material) -> float:
+def largest_stress(m: Material) -> float:
     """Return the largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
 
     If it is negative, the energy decreases from every inverted state to the plane.
     """
     worst = -np.inf
     for s1, s0 in PLANES:
-        s2 = s1 * np.linspace(-0.99, 0, 60)
+        s2 = s1 * np.linspace(-0.99, 0, _SAMPLES)
         s = np.stack([np.full_like(s2, s0), np.full_like(s2, s1), s2], axis=-1)
         worst = max(worst, float(np.nanmax(stress(m, s)[:, 2])))
     return worst
@@ -120,7 +124,7 @@ def restoring(m: Material) -> float:
 def growth(m: Material) -> float:
     """Return the largest ``|eigenvalue|`` at 1e-6 from singular states over that at 1e-2."""
     sizes = []
-    for d in (1e-2, 1e-6):
+    for d in _DISTANCES:
         near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
         sizes.append(np.abs(eigenvalues(m, np.array(near))).max(axis=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -138,12 +142,9 @@ def unique_minimum(found: Minima) -> Stability:
         "collapsed": float(found.collapsed),
         "lost": float(found.lost),
     }
-    strays = found.collapsed or found.lost > found.starts // 50
-    alone = found.rest and not (len(found.spurious) or strays)
-    return Stability("minima", PASSED if alone else FAILED, str(found), numbers)
-
-
-# --- reflection ----------------------------------------------------------------------------------
+    others = len(found.spurious) or found.collapsed or found.lost > found.starts // 50
+    passed = found.rest and not others
+    return Stability("minima", PASSED if passed else FAILED, str(found), numbers)
 
 
 def reflection(m: Material) -> Stability:
@@ -172,9 +173,6 @@ def reflection(m: Material) -> Stability:
     return _verdict("reflection", faults[:1], numbers)
 
 
-# --- rest ----------------------------------------------------------------------------------------
-
-
 def rest(m: Material) -> Stability:
     """Evaluate rest stability: psi(I) = 0, P(I) = 0 and the Hessian at I is Hooke's law.
 
@@ -201,11 +199,8 @@ def rest(m: Material) -> Stability:
     return _verdict("rest", faults, numbers)
 
 
-# --- degeneracy ----------------------------------------------------------------------------------
-
-
 def degeneracy(m: Material) -> Stability:
-    """Evaluate degeneracy: elements collapsed to a plane, a line or a point recover (section 3.3).
+    """Evaluate whether elements collapsed to a plane, a line or a point recover (section 3.3).
 
     Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
     and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),

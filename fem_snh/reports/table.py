@@ -25,9 +25,9 @@ COLUMNS = (
 def rows(
     *names: str, E: float = 1.0, nu: float = 0.49, **keywords: Any
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row (the keys are `COLUMNS`) for each material when its kernel is compiled.
+    """Yield a row (the keys are `COLUMNS`) for each material, once its kernel is compiled.
 
-    A material that does not exist for that nu has a row with the reason as ``note``.
+    A material that cannot have this nu has a row with the reason as ``note``.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def rows(
 
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
-    """Return the row of one material. Raises BadInput if it does not accept the parameters."""
+    """Return the row of one material; raise BadInput if it does not accept the parameters."""
     from fem_snh.kernels.pointwise import material
 
     m = material(name, E, nu, **keywords)
@@ -82,7 +82,7 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
 
 
 def write(path: Path, table: list[dict[str, Any]]) -> None:
-    """Write the rows as CSV. Raises BadInput if ``path`` cannot be written."""
+    """Write the rows as CSV; raise BadInput if ``path`` cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="") as file:

@@ -1,4 +1,4 @@
-"""checkpoint.npz: the state from which a run is resumed on any number of ranks.
+"""Write and read checkpoint.npz: the state from which a run is resumed on any number of ranks.
 
 It holds displacement and pressure with the reference coordinates of their nodes, by which another
 partition of the mesh finds them; the size of the next step; the previous equilibrium, from which
@@ -33,8 +33,8 @@ from fem_snh.scenes.schema import RENAMED
 
 Array = npt.NDArray[Any]
 
-#: Seconds between two checkpoints that are flushed to the disk: a flush takes longer than many
-#: steps, and after a loss of power this much is computed again.
+#: Seconds between two checkpoints that are flushed to the disk. A flush takes longer than many
+#: steps; a loss of power costs at most this time.
 _FLUSH_INTERVAL = 1.0
 
 
@@ -198,7 +198,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     Raises
     ------
     BadInput
-        There is no checkpoint, or it cannot be read.
+        If there is no checkpoint, or it cannot be read.
     """
     path = folder / CHECKPOINT
     try:

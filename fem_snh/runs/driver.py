@@ -1,4 +1,4 @@
-"""Run a scene: set up, load steps, output."""
+"""Run a scene: set-up, load steps, output. ``fem_snh.run`` and ``fem-snh run`` call it."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def run(
         `fem_snh.scenes.Scene`.
     out : str or Path, optional
         Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written after every step;
-        modes.csv and modes.pvd if the scene asks for modes. A folder that holds a run is refused,
-        unless ``overwrite`` or ``resume``.
+        modes.csv and modes.pvd if the scene requests modes. A folder that holds a run is an error
+        without ``overwrite`` or ``resume``.
     overwrite : bool
         Replace the run in ``out``.
     resume : bool
@@ -150,7 +150,7 @@ def _recorder(
 def _solve(
     comm: MPI.Comm, scene: scenes.Scene, setup: Setup, recorder: Recorder, printed: Progress
 ) -> None:
-    """Solve all load steps and then for the modes, recording each. Collective."""
+    """Solve all load steps, then compute the modes; record each result. Collective."""
     with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
         recorder.save("running", state=True)
         for step in setup.stepper:
@@ -165,7 +165,7 @@ def _solve(
 
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:
-    """Return the handling of signals, which leaves rank 0 the time to write run.json."""
+    """Return the signal handlers, which leave rank 0 the time to write run.json."""
     # Python handles signals when PETSc calls it, so it needs a monitor. All ranks have one: with a
     # monitor, a solver may compute a norm, which is collective.
     snes.getKSP().setMonitor(lambda *_: None)

@@ -1,4 +1,7 @@
-"""The output folder of a run: run.json and the tables, each replaced as a whole."""
+"""The output folder of a run: run.json and the tables, each replaced as a whole.
+
+`fem_snh.runs.recorder` writes it after every step.
+"""
 
 from __future__ import annotations
 
@@ -108,7 +111,7 @@ def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]
 
 
 class Folder:
-    """The output folder, which is made if it does not exist; only rank 0 writes. Collective.
+    """The output folder, created if it does not exist; only rank 0 writes. Collective.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ class Folder:
         Raises
         ------
         BadInput
-            A file cannot be written.
+            If a file cannot be written.
         """
         if self.comm.rank:
             return
@@ -178,7 +181,7 @@ class Folder:
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
             replace_file(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
-        replace_file(self.path / "run.json", json.dumps(_plain(record), indent=1) + "\n")
+        replace_file(self.path / "run.json", json.dumps(_json_value(record), indent=1) + "\n")
 
 
 def _flat(step: dict[str, Any]) -> dict[str, Any]:
@@ -202,12 +205,12 @@ def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     """Return a value for JSON: numpy numbers become Python's; infinity and NaN become null."""
     if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
+        return {key: _json_value(v) for key, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [_json_value(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value

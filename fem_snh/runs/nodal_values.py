@@ -1,6 +1,6 @@
-"""Nodal values of the unknown fields, gathered on rank 0 with their reference coordinates.
+"""Gather nodal values on rank 0 with their reference coordinates, and scatter them again.
 
-By the coordinates, a run on another partition of the mesh assigns the values to its own nodes.
+A checkpoint holds both, so that a run on another partition of the mesh finds its own nodes.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def match_nodes(nodes: Array, others: Array) -> Array:
     Raises
     ------
     BadInput
-        The nodes are not the same, or two nodes have the same coordinates.
+        If the nodes are not the same, or two nodes have the same coordinates.
     """
     if len(nodes) != len(others):
         raise BadInput(f"another mesh: it has {len(nodes)} nodes, the checkpoint {len(others)}")

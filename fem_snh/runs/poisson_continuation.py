@@ -1,4 +1,4 @@
-"""Continuation in Poisson's ratio: a load step first solved with more compressible materials.
+"""Continuation in Poisson's ratio: solve a load step first with more compressible materials.
 
 At nu close to 1/2 the volume term dominates the energy, and an inverted cell can unfold only by
 increasing it. The same material with a smaller Poisson's ratio has no such barrier; its equilibrium
@@ -22,9 +22,9 @@ class PoissonContinuation:
     nus : sequence of float
         Poisson's ratios, in the order in which they are solved.
     make_problem : callable
-        Returns the problem with the Poisson's ratio that it is given. Collective.
+        ``make_problem(nu)`` returns the problem with this Poisson's ratio. Collective.
     hessian, globalization : str or None
-        Those of their solvers: see `fem_snh.solver.create`.
+        Hessian and globalization of their solvers, as for `fem_snh.solver.create`.
 
     Attributes
     ----------
@@ -48,8 +48,7 @@ class PoissonContinuation:
     def solve(self, problem: Problem) -> list[solver.Iteration]:
         """Replace ``problem.x`` by the equilibrium of the last ratio. Collective.
 
-        A ratio whose solve does not converge is no failure: its last iterate is the initial guess
-        of the next solve.
+        If the solve of a ratio does not converge, its last iterate is the next initial guess.
 
         Returns
         -------

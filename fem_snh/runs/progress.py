@@ -1,4 +1,4 @@
-"""Progress of a run on the terminal: a line for each step, from rank 0."""
+"""Print the progress of a run on the terminal: a line for each step, from rank 0."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 from rich.console import Console
 
-#: Frequencies in the last line; modes.csv has them all.
+#: Largest number of frequencies in the last line; modes.csv has them all.
 _FREQUENCIES = 10
 
 
 class Progress:
-    """Prints what is solved, how each step ended, and where the output is.
+    """The printer of the scene, of each step's outcome and of the output's location.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Progress:
     enabled : bool
         Whether anything is printed.
     expected : str, optional
-        Why the run is expected to fail. It is printed first, and its failure is then no error.
+        The reason of an expected failure. It is printed first; the failure is then no error.
     """
 
     def __init__(self, comm: Any, enabled: bool, expected: str | None = None) -> None:
@@ -55,7 +55,7 @@ class Progress:
             self._console.print(f"  expected to fail: {self._expected}")
 
     def resumed(self, load: float, finished: bool) -> None:
-        """Print where a resumed run continues."""
+        """Print the load from which a resumed run continues."""
         self._console.print(
             "  finished already: nothing to do" if finished else f"  resumed from load {load:.6g}"
         )

@@ -1,4 +1,4 @@
-"""The output of a run, updated after every step: run.json, tables, checkpoint and fields."""
+"""Write the output of a run after every step: run.json, tables, checkpoint and fields."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fem_snh.runs.stepping import Stepper
 
 
 class Recorder:
-    """A context that updates the content of run.json after every step and writes the output.
+    """A context that records every step in run.json and writes the output.
 
     If an exception leaves the context, rank 0 writes its reason as the status. The checkpoint is
     written before the other files, so that a step which they contain can always be resumed.

@@ -20,7 +20,7 @@ class RequestedFields:
     names : sequence of str
         Names of fields.
     at : {"cells", "nodes"}
-        Where they are written; ``reaction_force`` is at the nodes always.
+        Their location; ``reaction_force`` is at the nodes always.
     """
 
     def __init__(self, problem: Problem, names: Sequence[str], at: str) -> None:

@@ -1,4 +1,4 @@
-"""The result of a run."""
+"""The result of a run: what ``fem_snh.run`` returns."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class Result:
-    """What a run computed.
+    """The status, the record and the final state of a run.
 
     Attributes
     ----------
     converged : bool
         Whether the load reached 1.
     status : str
-        "converged", or where and why the run stopped.
+        "converged", or the load and the reason of the failure.
     record : dict
         The content of run.json.
     problem : Problem
@@ -42,18 +42,18 @@ class Result:
 
     @property
     def steps(self) -> list[dict[str, Any]]:
-        """The rows of run.json, one for each attempted load increment."""
+        """Return the rows of run.json, one for each attempted load increment."""
         return list(self.record["steps"])
 
     @property
     def u(self) -> Any:
-        """The displacement [length], a dolfinx Function, at the last load that converged."""
+        """Return the displacement [length], a dolfinx Function, at the last converged load."""
         return self.problem.u
 
     def field(self, name: str, at: str = "cells") -> npt.NDArray[np.float64]:
         """Return a stress, strain or force at the last load that converged. Collective.
 
-        The scene need not name it in ``fields``. The first call compiles what it needs.
+        The scene need not name it in ``fields``. The first call compiles its kernels.
 
         Parameters
         ----------
@@ -79,5 +79,5 @@ class Result:
 
     @property
     def frequencies(self) -> list[float]:
-        """The eigenfrequencies [Hz] of the scene's table ``modes``, in ascending order."""
+        """Return the eigenfrequencies [Hz] of the scene's table ``modes``, ascending."""
         return list(self.record.get("modes", {}).get("frequencies", ()))

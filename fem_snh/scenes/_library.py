@@ -1,4 +1,7 @@
-"""Find scene functions: built-in ones, those of other packages, and those in Python files."""
+"""Find scene functions: built-in ones, those of other packages, and those in Python files.
+
+`fem_snh.scenes._loading` and the command line call it.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ def function(name: str) -> SceneFunction:
     Raises
     ------
     BadInput
-        The name is unknown, or its file or package does not import.
+        If the name is unknown, or its file or package does not import.
     """
     if is_reference(name):
         return load_reference(name)
@@ -75,9 +78,9 @@ def make_scene(function: SceneFunction, arguments: dict[str, Any]) -> Scene:
     Raises
     ------
     ValidationError
-        An argument, or a value that the function gives a table, is not accepted.
+        For an argument, or a value that the function gives a table, which is not accepted.
     BadInput
-        The function fails in another way, or it returns no `Scene`.
+        If the function fails in another way, or returns no `Scene`.
     """
     try:
         scene = validate_call(config={"strict": True})(function)(**arguments)

@@ -63,7 +63,7 @@ def validate(
     overrides: Mapping[str, Any] | None = None,
     known: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Return the Scene of some tables.
+    """Return the Scene that some tables define.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         near = nearest_file(path)
         raise BadInput(f"cannot read the scene {path}: {error.strerror}{near}") from None
-    return {"name": path.stem} | _locate(data, path.parent)
+    return {"name": path.stem} | _relative_to(data, path.parent)
 
 
 def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
@@ -122,43 +122,45 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
     except BadInput as error:
         raise BadInput(f"{label}: {error}") from None
     if is_reference(label):
-        data = _locate(data, Path(label.rpartition(":")[0]).parent)
+        data = _relative_to(data, Path(label.rpartition(":")[0]).parent)
     return validate(data, label, given, own)
 
 
-def _locate(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return tables whose relative paths start from ``folder``: the mesh, and references."""
+def _relative_to(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return tables in which the paths of mesh and references start from ``folder``."""
     if isinstance(data.get("mesh"), str | Path):
         data = data | {"mesh": folder / data["mesh"]}
     if isinstance(data.get("material"), dict | list):
-        data = data | {"material": _each(data["material"], lambda m: _located(m, folder))}
+        data = data | {
+            "material": _change_each(data["material"], lambda m: _material_relative_to(m, folder))
+        }
     return data
 
 
-def _located(material: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _material_relative_to(material: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return a material whose references start from ``folder``."""
     found = {key: material[key] for key in _REFERENCES if isinstance(material.get(key), str)}
     return material | {key: Reference(text, folder) for key, text in found.items()}
 
 
-def _each(materials: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
-    """Return the material, or each of several, changed; what is no table stays as it is."""
+def _change_each(materials: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:
+    """Return the material, or the list of materials, with ``change`` applied to each table."""
     if isinstance(materials, list):
-        return [_each(material, change) for material in materials]
+        return [_change_each(material, change) for material in materials]
     return change(materials) if isinstance(materials, dict) else materials
 
 
 def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the overrides into the tables ``data``, which are changed in place."""
+    """Put the overrides into the tables ``data`` in place."""
     choice = overrides.get("material", {})
     name = choice.get("name") if isinstance(choice, Mapping) else choice
     if name is not None and not isinstance(name, list):
-        data["material"] = _each(data.get("material"), lambda m: _renamed(m, name))
+        data["material"] = _change_each(data.get("material"), lambda m: _renamed(m, name))
     for key, value in overrides.items():
         if isinstance(value, Mapping) and key == "material":
             several = isinstance(data.get(key), list)
             table = data[key] if several else data.get(key) or {}
-            data[key] = _each(table, lambda m, value=value: m | dict(value))  # type: ignore[misc]
+            data[key] = _change_each(table, lambda m, value=value: m | dict(value))  # type: ignore[misc]
         elif isinstance(value, Mapping) and key == "petsc":
             table = data.get(key)
             data[key] = (table if isinstance(table, dict) else {}) | dict(value)
@@ -177,7 +179,7 @@ def _renamed(material: dict[str, Any], name: Any) -> dict[str, Any]:
 
 
 def _keys(data: dict[str, Any], key: str) -> list[str]:
-    """Return the dotted keys for which ``key`` stands: ``material.E`` is E of every material."""
+    """Return the dotted keys that ``key`` means: ``material.E`` is E of every material."""
     table, _, rest = key.partition(".")
     materials = data.get("material")
     if table != "material" or not isinstance(materials, list) or rest[:1].isdigit():
@@ -186,7 +188,7 @@ def _keys(data: dict[str, Any], key: str) -> list[str]:
 
 
 def _put(data: Any, key: str, value: Any) -> None:
-    """Set data[a][b][c] for the dotted key a.b.c; missing tables on the way are made."""
+    """Set data[a][b][c] for the dotted key a.b.c; create missing tables on the way."""
     *way, last = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
     try:
         for part in way:

@@ -46,7 +46,7 @@ def _split_text(names: object) -> object:
 
 
 def _check_fields(names: list[str]) -> list[str]:
-    """Return the names once each. Raises BadInput for an unknown one."""
+    """Return the names without repetition; raise BadInput for an unknown one."""
     return list(dict.fromkeys(choose("fields", name, ON_REQUEST) for name in names))
 
 

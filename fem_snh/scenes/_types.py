@@ -1,4 +1,4 @@
-"""Types of the values in a scene's tables; each states in its message what it accepts."""
+"""Types of the values in a scene's tables; the message of each states what it accepts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fem_snh.scenes._validation import Expect, Finite, Whole
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
 INT32_MAX = 2**31 - 1
 _DIGITS = len(str(INT32_MAX))
-#: Largest whole number that TOML promises to hold (TOML 1.0, "Integer").
+#: Largest whole number that TOML guarantees (TOML 1.0, "Integer").
 INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
 #: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
@@ -55,7 +55,7 @@ def _check_float(value: object) -> object:
 
 
 def _check_text(value: object) -> object:
-    """Reject texts with a whole number outside 32 bits: PETSc would read other bits of it."""
+    """Reject texts with a whole number outside 32 bits, which PETSc would truncate."""
     if isinstance(value, str):
         for item in value.split(","):
             # int() itself refuses more than 4300 digits.

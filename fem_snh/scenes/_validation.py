@@ -92,8 +92,8 @@ _EXPECTED = {
     "int_type": "expected a whole number",
     "string_type": "expected a text",
 }
-#: Tags by which pydantic distinguishes the kinds of a scene's ``mesh`` and ``material``; no user
-#: wrote them.
+#: Tags by which pydantic distinguishes the kinds of a scene's ``mesh`` and ``material``; a message
+#: must not show them.
 _TAGS = ("built-in", "file", "one material", "several materials")
 
 

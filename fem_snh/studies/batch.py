@@ -37,21 +37,21 @@ class Batch:
 
     Parameters
     ----------
-    out
+    out : Path
         The folder.
-    name
+    name : str
         Name of the study: its files are NAME.json, NAME.csv, NAME.png.
-    definition
-        What all rows of the table have in common.
-    columns
+    definition : mapping
+        The values that all rows of the table share.
+    columns : sequence of str
         Columns of the table.
-    success
-        The column that tells whether a point need not be run again by ``retry``.
-    retry
+    success : str
+        The column that is true for a point which ``retry`` does not run again.
+    retry : bool
         Run again the points of earlier calls that failed.
-    overwrite
+    overwrite : bool
         Delete an earlier study in ``out``.
-    report
+    report : callable
         Called with one line per point.
 
     Raises
@@ -81,7 +81,7 @@ class Batch:
         self._success, self._retry = success, retry
 
     def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> None:
-        """Run the points that have no row; a point that fails is a row with its reason."""
+        """Run the points that have no row; a failed point has a row with the reason."""
         if self._retry:  # rows of points that are not asked for stay
             failed = (r["point"] for r in self.table.rows() if r[self._success] != "True")
             self.table.drop(name for name in failed if name in points)
@@ -115,7 +115,7 @@ class Batch:
                     child.end()
 
     def draw(self) -> None:
-        """Draw NAME.png in a process of its own; a failure is reported and is no error."""
+        """Draw NAME.png in a process of its own; report a failure without an exception."""
         picture = self.out / f"{self.name}.png"
         command = [*program(1), "plot", str(self.table.path), "--out", str(picture)]
         drawn = subprocess.run(command, env=environment(), capture_output=True, text=True)
@@ -125,7 +125,7 @@ class Batch:
     def _startable(
         self, waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point]
     ) -> list[str]:
-        """Return the points to start now: in order, none before the point it comes after."""
+        """Return the points to start now, in order, each only after the point it names."""
         not_ended = {*waiting, *running}
         ready = [name for name in waiting if points[name].after not in not_ended]
         return ready[: self.limits.jobs - len(running)]
@@ -144,7 +144,7 @@ class Batch:
         return point.timeout if point.timeout is not None else self.limits.timeout
 
     def _skip_reason(self, point: Point, coarser: Mapping[str, Any] | None) -> str:
-        """Return why a point is skipped, from the row of its coarser point; "" if it is run."""
+        """Return why a point is skipped, from the row of its coarser point, or ""."""
         if coarser is None:
             return ""
         if str(coarser["status"]).startswith(("given up", "not tried")):

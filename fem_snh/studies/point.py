@@ -1,4 +1,7 @@
-"""One point of a study: the command that computes it, its limits and its row of the table."""
+"""One point of a study: the command that computes it, its limits and its row of the table.
+
+`fem_snh.studies.batch` runs the points; `fem_snh.studies.scene_points` has those that run scenes.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,17 @@ MAX_PROCESSES = 4096
 
 @dataclass(frozen=True)
 class Limits:
-    """How many points run at a time, and what each of them may use.
+    """The number of points that run at a time, and the limits of each.
 
     Parameters
     ----------
-    jobs
+    jobs : int
         Points at a time.
-    ranks : MPI ranks of each point.
-    timeout
+    ranks : int
+        MPI ranks of each point.
+    timeout : float, optional
         Seconds after which a point is given up; None: never.
-    memory
+    memory : float, optional
         Resident memory above which a point is given up [GiB]; None: no limit.
 
     Raises
@@ -51,27 +55,27 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Point(ABC):
-    """A command, and the row that it yields from the record it writes into its folder.
+    """A command that writes a record into its folder, and the row made of that record.
 
     Parameters
     ----------
-    timeout
+    timeout : float, optional
         Timeout of this point, in place of the one in `Limits`.
-    after
+    after : str, optional
         Name of a point that must have ended before this one starts: a coarser mesh.
-    growth
+    growth : float
         Lower bound of the time of this point over that of ``after``. If the product exceeds the
         timeout, or ``after`` reached a limit itself, this point is skipped.
-    columns
+    columns : mapping
         Further columns of its row, whatever its result.
 
     Attributes
     ----------
-    module
+    module : str
         The module that is run.
-    parallel
+    parallel : bool
         Whether it is started on several ranks.
-    record
+    record : str
         The file that it writes into its folder.
     """
 
@@ -98,10 +102,10 @@ class Point(ABC):
 
         Parameters
         ----------
-        record
+        record : mapping
             The record that it wrote; empty if there is none.
-        log
+        log : Path
             Its output.
-        code
+        code : int
             Its exit code.
         """

@@ -1,4 +1,4 @@
-"""Child processes of studies: started with a log file, ended together with all their MPI ranks."""
+"""Start and end the child processes of studies, with a log file and all their MPI ranks."""
 
 from __future__ import annotations
 
@@ -76,22 +76,23 @@ class Child:
 
     Parameters
     ----------
-    command
+    command : list of str
         The command and its arguments.
-    log : file for its standard output and error.
-    timeout
+    log : Path
+        File for its standard output and error.
+    timeout : float, optional
         Seconds after which it is ended.
-    memory
+    memory : float, optional
         Resident memory of all its processes together above which it is ended [GiB]. Unlike an
         rlimit this holds for the ranks that mpirun starts, and for their sum.
-    variables
+    variables : mapping, optional
         Environment variables in addition to those of `environment`.
 
     Attributes
     ----------
-    limit_reached
-        The limit that ended it, as text; empty if none did.
-    seconds
+    limit_reached : str
+        The limit that ended it; empty if none did.
+    seconds : float
         Running time so far, or until its end was noticed.
     """
 

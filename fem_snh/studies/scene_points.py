@@ -22,13 +22,14 @@ class ScenePoint(Point):
 
     Parameters
     ----------
-    name
+    name : str | Path
         Name of the scene, or its .toml file.
-    values
+    values : mapping
         Keyword arguments of `fem_snh.scenes.load`.
-    scene
+    scene : scenes.Scene
         The scene loaded with these values.
-    petsc : PETSc options, without the dash.
+    petsc : mapping
+        PETSc options, without the dash.
     """
 
     name: str | Path
@@ -78,7 +79,7 @@ def _joined(values: Iterable[Any]) -> str:
 
 
 def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
-    """Return a digest of each file of a scene: with other contents it is another study."""
+    """Return a digest of each file of a scene, by which a study detects other contents."""
     paths = {file_of(str(scene))}
     for each in loaded:
         paths |= {each.mesh} if isinstance(each.mesh, Path) else set()

@@ -47,25 +47,27 @@ def sweep(
 
     Parameters
     ----------
-    scene
+    scene : str | Path
         A name or a .toml file.
-    out
+    out : str | Path
         The folder; a sweep that it holds is continued.
-    axes
+    axes : mapping
         A list of values (or one value) for each key of `fem_snh.scenes.load`.
-    jobs
+    jobs : int
         Points at a time.
-    ranks : MPI ranks of each point.
-    timeout
+    ranks : int
+        MPI ranks of each point.
+    timeout : float, optional
         Seconds after which a point is given up.
-    memory
+    memory : float, optional
         Resident memory above which a point is given up [GiB].
-    retry
+    retry : bool
         Run again the points of earlier calls that failed.
-    overwrite
+    overwrite : bool
         Delete an earlier sweep in ``out``.
-    petsc : PETSc options of every point, without the dash.
-    report
+    petsc : mapping, optional
+        PETSc options of every point, without the dash.
+    report : callable
         Called with one line per point.
 
     Returns
@@ -108,7 +110,7 @@ def sweep(
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
-    """Return the values of every point by its name, made of the values that differ."""
+    """Return the values of every point by its name, which contains the values that differ."""
     points = {}
     for chosen in itertools.product(*lists.values()):
         values = dict(zip(lists, chosen, strict=True))

@@ -26,9 +26,9 @@ class Table:
 
     Parameters
     ----------
-    path
+    path : Path
         The file; rows that it holds already are kept.
-    columns
+    columns : sequence of str
         Names of the columns; ``point`` is the key.
     """
 
@@ -85,11 +85,11 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
 
     Parameters
     ----------
-    record
+    record : mapping
         Its run.json; empty if there is none.
-    log
+    log : Path
         Its output.
-    code
+    code : int
         Its exit code.
     """
     steps = record.get("steps", [])

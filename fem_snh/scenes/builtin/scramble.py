@@ -6,7 +6,7 @@ from pydantic import NonNegativeInt, PositiveFloat
 
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene, Start
 
-#: Four corners that are not in a plane: they exclude a rotated or mirrored cube as a solution.
+#: Four corners that are not in one plane: they exclude a rotated or mirrored cube as a solution.
 CORNERS = ("000", "110", "101", "011")
 
 

@@ -1,4 +1,4 @@
-"""Extremes: what materials and the solver must survive, each case in a process of its own.
+"""Robustness tests of materials and solver, each case in a process of its own.
 
     >>> from fem_snh.studies.extremes.study import extremes
     >>> extremes("out/extremes", quick=True, jobs=2).failures

@@ -1,4 +1,4 @@
-"""A case: what is run, its acceptance criterion, and whether it is expected to pass."""
+"""A case of the study: its run, its acceptance criterion, and whether it must pass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fem_snh.studies.point import Point
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.table import MEASURED, REQUESTED
 
-#: The record of a case (empty if it left none) and its row.
+#: The record of a case (empty if there is none) and its row.
 Record = Mapping[str, Any]
 Row = Mapping[str, Any]
 #: Returns why a case fails its criterion, or "" if it passes.
@@ -45,13 +45,13 @@ class Case:
 
     Parameters
     ----------
-    name
+    name : str
         Name of its folder: unique, with its family first.
-    point
-        What is run.
-    check
+    point : Point
+        The run.
+    check : Check
         Evaluates its acceptance criterion.
-    required
+    required : bool
         Whether the study fails if this case fails.
     """
 

@@ -1,4 +1,4 @@
-"""Crush and release: every element collapsed to a plane, a line, a point, or inverted."""
+"""The family "crush": bodies released from a plane, a line, a point, or an inverted state."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ BARRIER_NU = 0.4
 
 
 def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
-    """Return every element and policy; the trust region may fail."""
+    """Return the cases of every element and policy; those of the trust region may fail."""
     elements = ("Q1",) if quick else _ELEMENTS
     pairs = [(element, "adaptive") for element in elements]
     if not quick:
@@ -119,7 +119,7 @@ def _continuation_cases(elements: Sequence[str]) -> Iterator[Case]:
         for name, values in settings.items():
             given = {"element": element, "noise": 1e-6, **_MODES, **values}
             folds = name.endswith("barrier")  # each part may leave in its own direction
-            criterion, check = ("leaves it", _leaves) if folds else ("at rest", _rest)
+            criterion, check = ("leaves it", _left_the_state) if folds else ("at rest", _rest)
             yield scene_case("crush", f"crush-{element}-{name}", criterion, check, **given)
 
 
@@ -143,7 +143,7 @@ def _unstable_point(record: Record, row: Row) -> str:
     return _point(record, row) or ("it is a minimum" if minimum else "")
 
 
-def _leaves(record: Record, row: Row) -> str:
+def _left_the_state(record: Record, row: Row) -> str:
     """Check for a minimum whose volume is about that at rest."""
     if reason := converged(record, row):
         return reason

@@ -1,4 +1,4 @@
-"""Large loads in a single step: stretch, compression, twist."""
+"""The family "loads": large loads in a single step (stretch, compression, twist)."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _LOADS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
-    """Return every load at every nu, and the runs for comparison."""
+    """Return the cases of every load at every nu, and the runs for comparison."""
     own: dict[str, Any] = {"material": material} if material else {}
     if quick:
         loads = ("stretch-3.4", "twist-half-pi", "twist-2pi")

@@ -1,4 +1,4 @@
-"""The page of the study: criteria, results, failures and pictures, family by family."""
+"""Write the page of the study: criteria, results, failures and pictures, family by family."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def text(table: pd.DataFrame, out: Path, links: str = "") -> str:
 
     Parameters
     ----------
-    table
+    table : pandas.DataFrame
         The rows of extremes.csv.
-    out
+    out : Path
         The study's folder, for the pictures.
-    links
+    links : str
         Prefix of the links to the files of that folder.
     """
-    parts = [_head(table)]
+    parts = [_summary(table)]
     if (out / "extremes.png").exists():
         parts.append(f"![Newton iterations of every case, by family]({links}extremes.png)")
     for family in FAMILIES:
@@ -57,7 +57,8 @@ def aggregate_criteria(table: pd.DataFrame) -> dict[str, str]:
     return found
 
 
-def _head(table: pd.DataFrame) -> str:
+def _summary(table: pd.DataFrame) -> str:
+    """Return the counts of cases that pass, and the criteria of several cases together."""
     required = table[table["expected"] == PASS]
     passed = int(required["passed"].sum())
     aggregate = aggregate_criteria(table).items()
@@ -77,6 +78,7 @@ def _head(table: pd.DataFrame) -> str:
 
 
 def _family(family: str, rows: pd.DataFrame, out: Path, links: str) -> Iterator[str]:
+    """Yield the paragraphs of a family: its description, results, failures and pictures."""
     module = _module(family)
     yield f"## {module.title}"
     yield str(module.about)

@@ -18,11 +18,11 @@ class Picture:
 
     Parameters
     ----------
-    path
+    path : Path
         Path of the file, in the study's folder.
-    caption
+    caption : str
         The text below it.
-    draw
+    draw : callable
         Draws the file; raises BadInput if it cannot.
     """
 
@@ -31,7 +31,7 @@ class Picture:
     draw: Callable[[], object]
 
     def markdown(self, links: str = "") -> str:
-        """Draw the picture and return its Markdown; without its runs, that of an earlier one."""
+        """Draw the picture, if its runs exist, and return its Markdown."""
         try:
             self.draw()
         except BadInput as error:

@@ -1,4 +1,4 @@
-"""Scramble: vertices at random positions in twice the volume (Smith et al. 2018, Figure 3)."""
+"""The family "scramble": vertices at random in twice the volume (Smith et al. 2018, Figure 3)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MEDIAN_NU, MEDIAN_LIMIT = 0.49, 150
 
 
 def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
-    """Return ``seeds`` of the small cube, a tenth as many of the large one, and plain descents."""
+    """Return ``seeds`` cases of the small cube, a tenth as many of the large one, and descents."""
     own: dict[str, Any] = {"material": material} if material else {}
     if quick:
         some = [_case(element, 4, nu, 0, **own) for element in ELEMENTS for nu in (0.3, 0.499)]

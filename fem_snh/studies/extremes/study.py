@@ -21,18 +21,19 @@ from fem_snh.studies.extremes import FAMILIES, page
 from fem_snh.studies.extremes.cases import COLUMNS, PASS, Case
 from fem_snh.studies.point import Limits
 
-#: Largest number of scrambled cubes: each takes seconds, so the study takes about a day.
+#: Largest number of scrambled cubes: at seconds for each, such a study takes about a day.
 MAX_SEEDS = 10_000
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The results of the cases that were asked for.
+    """The results of the requested cases.
 
     Attributes
     ----------
-    table : one row per case.
-    aggregate
+    table : pandas.DataFrame
+        One row per case.
+    aggregate : dict
         Criteria of several cases together: {criterion: the reason of a failure, or ""}.
     """
 
@@ -49,7 +50,7 @@ class Outcome:
 
     @property
     def required(self) -> int:
-        """The number of criteria that are expected to pass."""
+        """Return the number of criteria that are expected to pass."""
         return int((self.table["expected"] == PASS).sum()) + len(self.aggregate)
 
 
@@ -63,25 +64,25 @@ def extremes(
     report: Callable[[str], None] = print,
     **limits: Any,
 ) -> Outcome:
-    """Run the cases that have no row yet and return the results of all that are asked for.
+    """Run the requested cases that have no row yet and return the results of all.
 
     Parameters
     ----------
-    out
+    out : str | Path
         The folder; a study that it holds is continued.
-    only
+    only : sequence of str
         Families; default: all.
-    quick
+    quick : bool
         A few small cases of each family, in minutes.
-    seeds
+    seeds : int
         Scrambles of each small cube.
-    material
+    material : str
         Name of a material, or ``FILE.py:NAME`` for one of your own. Its pointwise errors must be
         within their bounds; its runs may fail, as the theory of the page is that of Stable
         Neo-Hookean. Default: every built-in material pointwise, Stable Neo-Hookean in the runs.
-    report
+    report : callable
         Called with one line per case, and with the path of the page.
-    limits
+    limits : Any
         Jobs, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
     Raises

@@ -24,14 +24,15 @@ class Chosen:
 
     Parameters
     ----------
-    table
+    table : str
         Name of the table.
-    nu : Poisson's ratio of the measurement.
-    choice
+    nu : float
+        Poisson's ratio of the measurement.
+    choice : Choice
         Its settings.
-    error
+    error : float
         Upper bound of the relative error of the displacement.
-    cpu
+    cpu : float
         Processor time [s].
     """
 
@@ -42,7 +43,7 @@ class Chosen:
     cpu: float
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values for `fem_snh.scenes.load` besides those that are ``given``.
+        """Return the values for `fem_snh.scenes.load` that are not ``given`` already.
 
         Raises
         ------
@@ -75,7 +76,7 @@ class Chosen:
 
 
 def fraction(text: Any) -> float:
-    """Return an accuracy as a fraction, from 0.01, "1%" or "1 %"; BadInput for another text."""
+    """Return an accuracy as a fraction, from 0.01, "1%" or "1 %"; raise BadInput otherwise."""
     word = str(text).strip()
     try:
         number = float(word.removesuffix("%")) / (100 if word.endswith("%") else 1)
@@ -91,9 +92,9 @@ def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) ->
 
     Parameters
     ----------
-    accuracy
+    accuracy : float
         Relative error of the displacement.
-    table
+    table : Path, optional
         An advice.csv or tradeoff.csv; None: that of the built-in scene.
 
     Raises
@@ -166,6 +167,7 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
 
 
 def _choice(line: Mapping[str, str]) -> Choice:
+    """Return the settings of a row."""
     cells = line.get("cells")
     return Choice(
         line["element"],

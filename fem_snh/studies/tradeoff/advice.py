@@ -41,7 +41,7 @@ def rows_with_error(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def pareto_front(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the Pareto front: no cheaper row is as accurate; the cheapest row is first."""
+    """Return the rows than which no cheaper row is as accurate, the cheapest first."""
     best = float("inf")
     kept = []
     for at, row in rows.sort_values(["cpu", "error"]).iterrows():
@@ -75,12 +75,14 @@ def sentences(table: pd.DataFrame, accuracies: Sequence[float] = ACCURACIES) -> 
         if mine.empty:
             yield f"{head}: the reference is not accurate enough, no recommendation"
             continue
-        least = mine.loc[mine["cpu"].idxmin()].to_dict()
+        fastest = mine.loc[mine["cpu"].idxmin()].to_dict()
         for accuracy in accuracies:
-            yield f"{head}, {percent(accuracy)} of displacement: {_answer(mine, least, accuracy)}"
+            answer = _recommendation(mine, fastest, accuracy)
+            yield f"{head}, {percent(accuracy)} of displacement: {answer}"
 
 
-def _answer(rows: pd.DataFrame, least: Mapping[str, Any], accuracy: float) -> str:
+def _recommendation(rows: pd.DataFrame, fastest: Mapping[str, Any], accuracy: float) -> str:
+    """Return the cheapest settings within ``accuracy``, with their cost over the fastest row's."""
     found = cheapest(rows, accuracy)
     if found is None:
         floor = rows["floor"].min()
@@ -88,18 +90,19 @@ def _answer(rows: pd.DataFrame, least: Mapping[str, Any], accuracy: float) -> st
         if floor > accuracy:
             return f"unknown, the reference resolves errors above {percent(floor)} only"
         return f"no setting that was run; best: {describe(best)}, {error(best)}"
-    times = found["cpu"] / least["cpu"]
+    times = found["cpu"] / fastest["cpu"]
     answer = f"use {describe(found)}: {error(found)}, {found['cpu']:.2g} s"
     answer += f", {_round(times)} times the cheapest" if times > 1.05 else ", the cheapest"
     locks = [e for e in rows["element"].unique() if _locks(e)]
-    return answer + "".join(f"; {_against(rows, e, found, accuracy)}" for e in locks)
+    return answer + "".join(f"; {_comparison(rows, e, found, accuracy)}" for e in locks)
 
 
 def _locks(element: str) -> bool:
+    """Return whether an element locks for nu -> 1/2: of degree 1, with a pointwise volume term."""
     return ELEMENTS[element].volume == "pointwise" and ELEMENTS[element].degree == 1
 
 
-def _against(rows: pd.DataFrame, element: str, found: Mapping[str, Any], accuracy: float) -> str:
+def _comparison(rows: pd.DataFrame, element: str, found: Mapping[str, Any], accuracy: float) -> str:
     """Return a comparison of an element that locks with the recommended row."""
     if element == found["element"]:
         return f"{element} does not lock here"

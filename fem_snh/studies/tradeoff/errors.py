@@ -1,4 +1,4 @@
-"""Errors of the rows of a study, relative to reference solutions made from the same rows."""
+"""Compute the errors of the rows of a study, relative to references made from the same rows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def quantities(groups: Sequence[str], probes: Sequence[str]) -> dict[str, list[s
 
 
 def columns(of: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the columns of errors: of each quantity and the displacement, with floors."""
+    """Return the names of the error columns of each quantity and of the displacement."""
     names = [*of, *(["displacement"] if _probes(of) else [])]
     return [f"{kind}_{name}" for name in names for kind in ("error", "floor")] + ["shift"]
 
@@ -106,7 +106,7 @@ def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
 
 
 def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
-    """Return the difference of each row's displacements to its default row, relative to that."""
+    """Return the relative difference of each row's displacements to those of its default row."""
     moved = pd.Series(np.nan, index=table.index)
     resolution = table["cells"].astype(str) + table["mesh"].astype(str)
     for _, rows in table.groupby([table["element"], resolution]):
@@ -121,7 +121,7 @@ def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
 def error_bound(row: Mapping[str, Any], name: str = "displacement") -> float:
     """Return an upper bound of a row's error; NaN if it is unknown.
 
-    The shift by a changed setting is added, as it could cancel the error of the mesh by chance.
+    It contains the shift by a changed setting, which could cancel the error of the mesh by chance.
     """
     error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
     shift = float(row["shift"])

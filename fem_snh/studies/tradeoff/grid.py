@@ -1,4 +1,4 @@
-"""The settings that are run: element by mesh, then one knob at a time or all combinations."""
+"""Plan the runs of a study: element by mesh, then one knob at a time or all combinations."""
 
 from __future__ import annotations
 
@@ -48,19 +48,21 @@ class Plan:
 
     Parameters
     ----------
-    nus : Poisson's ratios.
-    elements
+    nus : sequence of float
+        Poisson's ratios.
+    elements : sequence of str
         Names; at nu = 1/2 only Taylor-Hood elements are run.
-    resolutions
+    resolutions : mapping
         Cells or mesh files of each element, from coarse to fine.
-    base
+    base : mapping
         Default settings of every element: hessian, solver, forcing, ...
-    solver
+    solver : mapping
         Default solver of displacement and Taylor-Hood elements, if ``base`` has none.
-    vary
+    vary : sequence of str
         Knobs that are varied.
-    vary_at : Poisson's ratios at which they are varied; None: all.
-    full
+    vary_at : sequence of float, optional
+        Poisson's ratios at which they are varied; None: all.
+    full : bool
         Run every combination of those knobs on every mesh, instead of one at a time on one mesh.
     """
 
@@ -137,6 +139,7 @@ class Plan:
         return points
 
     def _after(self, choice: Choice) -> tuple[Choice | None, float]:
+        """Return the choice that runs before this one, and the bound of the cost ratio."""
         all = list(self.resolutions[choice.element])
         default = self._default_of(choice)
         if choice != default:

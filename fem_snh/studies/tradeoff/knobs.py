@@ -51,23 +51,23 @@ class Choice:
 
     Parameters
     ----------
-    element
+    element : str
         A name of `fem_snh.fem.elements`.
-    cells
+    cells : int, optional
         Cells of a built-in geometry; None for a mesh file.
-    mesh
+    mesh : str
         The mesh file; empty for a built-in geometry.
-    hessian
+    hessian : str
         Exact, clamp, abs or adaptive.
-    solver
+    solver : str
         A name of `SOLVERS`; default: the first one of the element.
-    forcing
+    forcing : float
         Largest relative tolerance of a linear solve, -snes_forcing_max.
-    tolerance
+    tolerance : float
         Tolerance of the residual, -snes_scaled_tol.
-    eigensolver
-        For the scaling block of the Hessian.
-    steps
+    eigensolver : str
+        Eigensolver of the scaling block of the Hessian.
+    steps : int, optional
         Load steps; None: those of the scene.
 
     Raises
@@ -101,7 +101,7 @@ class Choice:
 
     @property
     def saddle(self) -> bool:
-        """Whether the element has an unknown pressure."""
+        """Return whether the element has an unknown pressure."""
         return ELEMENTS[self.element].volume == "pressure"
 
     def values(self) -> dict[str, Any]:

@@ -35,16 +35,17 @@ class Reference:
 
     Parameters
     ----------
-    value : (n,) components.
-    error
+    value : (n,) array
+        Components.
+    error : float
         Estimated error, relative to the norm of the value.
-    step
+    step : float
         Difference of the value to that of the finest mesh, relative.
-    element, finest
+    element, finest : str
         The element and its finest mesh.
-    order
+    order : float
         Observed order of convergence; NaN if the differences do not decrease.
-    checked
+    checked : str
         The other element that it was compared with; "" without one.
     """
 
@@ -58,7 +59,7 @@ class Reference:
 
     @property
     def floor(self) -> float:
-        """The smallest relative error that this reference can resolve."""
+        """Return the smallest relative error that this reference can resolve."""
         return MARGIN * self.error
 
     def error_of(self, value: Vector) -> float:
@@ -105,9 +106,10 @@ def estimate(
 ) -> Reference | None:
     """Return the reference from the meshes of one element, h decreasing; None for fewer than three.
 
-    With four meshes the error is the difference to the limit without the finest mesh, at most the
-    difference to the last mesh but two and at least a tenth of the step from the finest mesh. With
-    three meshes it is that step; without an observed order, the larger of the last two differences.
+    With four meshes the error is the difference to the limit of the three coarser ones. It is at
+    most the difference to the value of the third-finest mesh, and at least a tenth of the step from
+    the finest mesh to the limit. With three meshes it is that step; without an observed order, the
+    larger of the last two differences.
     """
     if len(values) < 3:
         return None
@@ -129,7 +131,7 @@ def estimate(
 
 
 def mesh_sequence(h: Sequence[float]) -> list[int]:
-    """Return the meshes to extrapolate from: at least four, each twice as fine, or else all."""
+    """Return the meshes to extrapolate from: four or more, each twice as fine, otherwise all."""
     kept = [len(h) - 1]
     for i in reversed(range(len(h) - 1)):
         if h[i] >= 1.9 * h[kept[0]]:
@@ -140,8 +142,8 @@ def mesh_sequence(h: Sequence[float]) -> list[int]:
 def establish(candidates: Sequence[Reference]) -> Reference | None:
     """Return the candidate whose finest mesh is nearest to its limit; None without candidates.
 
-    The second candidate can increase its error: the part of their difference that exceeds the error
-    of the second is assigned to the first. It counts as a check if its own error is below 0.1.
+    The next candidate checks it if its own error is below 0.1. The error of the first is increased
+    by the part of their difference that exceeds the error of the second.
     """
     if not candidates:
         return None

@@ -55,29 +55,32 @@ def tradeoff(
 
     Parameters
     ----------
-    scene
+    scene : str | Path
         A name or a .toml file.
-    out
+    out : str | Path
         The folder; a study that it holds is continued.
-    nus : Poisson's ratios; default: that of the scene.
-    elements
+    nus : sequence of float
+        Poisson's ratios; default: that of the scene.
+    elements : sequence of str
         Names; default: all that the meshes allow.
-    meshes
+    meshes : sequence of int | str
         Cells or mesh files for every element, coarse to fine; default: those of the scene.
-    base
+    base : mapping, optional
         Other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver) and of the
         number of load steps.
-    vary
+    vary : sequence of str
         The knobs that are varied.
-    vary_at : Poisson's ratios at which they are varied; None: all.
-    full
+    vary_at : sequence of float, optional
+        Poisson's ratios at which they are varied; None: all.
+    full : bool
         Run every combination of the knobs on every mesh, instead of one at a time on one mesh.
-    overrides
+    overrides : mapping, optional
         Other values of the scene, as for `fem_snh.scenes.load`.
-    petsc : PETSc options of every point; they take precedence over the knobs.
-    report
+    petsc : mapping, optional
+        PETSc options of every point; they take precedence over the knobs.
+    report : callable
         Called with one line per point and per reference.
-    limits
+    limits : Any
         Jobs, ranks, timeout, memory, retry, overwrite, as for `fem_snh.studies.sweep.sweep`.
 
     Returns
@@ -146,6 +149,7 @@ def _plan(
     vary_at: Sequence[float] | None,
     full: bool,
 ) -> Plan:
+    """Return the plan of a study; raise BadInput for a setting that no element can have."""
     for element in elements:
         choose("element", element, ELEMENTS)
     stems = [Path(mesh).stem for mesh in meshes if isinstance(mesh, str)]

@@ -39,8 +39,8 @@ def measure(material: str, quick: bool = False) -> list[dict[str, Any]]:
     -------
     list of dict
         One row per (nu, E), group of points and quantity, for its worst point: ``ratio`` of the
-        error to its bound, ``passed`` if that is at most 1, ``digits``, the number of points at
-        which F, known to a few roundings, determines a digit of the answer.
+        error to its bound, ``passed`` if that is at most 1, ``digits``, the number of points where
+        the bound is smaller than the quantity itself.
     """
     rows: list[dict[str, Any]] = []
     for number, (nu, E) in enumerate(QUICK if quick else MODULI):
@@ -104,7 +104,7 @@ def main(quick: bool = False) -> int:
 
 @dataclass(frozen=True)
 class PointwisePoint(Point):
-    """The measurement of one material, which leaves the rows of `measure` in its record."""
+    """The measurement of one material, whose record has the rows of `measure`."""
 
     material: str
     quick: bool

@@ -1,27 +1,30 @@
 """The errors of the kernels at one F, and the bounds that rounding of F implies.
 
-In double precision F itself is known to a rounding, so no algorithm can be asked for more than the
-exact answer of an F that is off by a few. That, and a few roundings of the answer's own size, is
-the bound; a few is ROUNDINGS, for every material, quantity, size and nu alike::
+In double precision F has rounding errors, so the best possible result is the exact value at a
+slightly different F. The bound of an error is the change of the exact value over perturbations of F
+by ROUNDINGS roundings, plus as many roundings of the value. ROUNDINGS is one number for every
+material, quantity, size and nu::
 
     bound(Q) = max_k |Q(F_k) - Q(F)| + r size(Q),   r = ROUNDINGS 2^-52
     size(energy) = the sum of the absolute values of its terms;
                    at small strain: |psi| + mu |F - I| + |lambda tr(F - I)|
     size(stress) = |P|,  size(Hessian) = |d2psi/dF2|      (Frobenius norms)
 
-F_k: every column of F off by r times its length, in random directions and their opposites
-(one-sided Jacobi is stable by columns, so a short column keeps its digits beside a long one). At
-small strain, where no entry of F - I exceeds SMALL, F - I is off by r times its largest entry: a
-rounding of F would exceed the strain.
+The perturbed F_k: every column of F changes by r times its length, in random directions and their
+opposites (one-sided Jacobi is stable by columns, so a short column keeps its digits beside a long
+one). At small strain, where no entry of F - I exceeds SMALL, F - I changes by r times its largest
+entry: a rounding of F could exceed the strain.
 
 Clamped and absolute Hessians have the exact Hessian's bound: the projection to a convex cone, and
 the reflection about it, are nonexpansive in the Frobenius norm, so neither enlarges an error; nor
-do eigenvalues, by Weyl's theorem. The least eigenvalue of a filtered Hessian is at least -r |H|.
+do eigenvalues, by Weyl's theorem. The smallest eigenvalue of a filtered Hessian is at least
+-r |H|.
 
-Two kinds of F leave nothing to compare, only that every number is finite (an energy may be +inf),
-symmetric, semidefinite: those so close to the edge of the energy's domain that F and F_k are not on
-the same side, and those where the Hessian of F_k is half as far from that of F as zero is: energies
-of tr S have a pole where two signed stretches sum to zero, and their stress a jump.
+For two kinds of F the values are not compared; the test is only that every number is finite (an
+energy may be +inf) and that Hessians are symmetric and semidefinite. At the first, F and F_k are on
+different sides of the edge of the energy's domain. At the second, the Hessians of F_k differ from
+that of F by half its norm or more: energies of tr S have a pole, and their stress a jump, where two
+signed stretches sum to zero.
 """
 
 from __future__ import annotations
@@ -41,9 +44,9 @@ ROUNDINGS = 100
 _R = ROUNDINGS * mpf(2) ** -52
 #: Largest entry of F - I at which the strain counts as small.
 SMALL = 0.1
-#: F_k per F.
-SHAKEN = 4
-#: Results beyond this may be taken for overflow: energy +inf, all else 0.
+#: Number of perturbed F_k for each F.
+PERTURBATIONS = 4
+#: Larger results may overflow in the kernels: the energy is then +inf, stress and Hessian are 0.
 HUGE = mpf(10) ** 300
 
 
@@ -57,14 +60,14 @@ class Compared(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """The ratio of the error to the bound."""
+        """Return the ratio of the error to the bound."""
         if self.error == 0:
             return 0.0
         return float(self.error / self.bound) if self.bound else float("inf")
 
     @property
     def has_digits(self) -> bool:
-        """Whether F, known to a few roundings, determines any digit of it."""
+        """Return whether the bound is smaller than the quantity itself."""
         return bool(self.bound < self.size)
 
 
@@ -75,17 +78,17 @@ def digits(F: Any) -> int:
     return 60 + int(5 * min(spread, 24.0))
 
 
-def is_near_rest(F: Any) -> bool:
-    """Whether the strain, not F, is what is known to a rounding."""
+def is_small_strain(F: Any) -> bool:
+    """Return whether no entry of F - I exceeds SMALL."""
     return bool(np.abs(F - np.eye(3)).max() <= SMALL)
 
 
-def shaken(F: Any, rng: np.random.Generator) -> Iterator[Any]:
-    """The F_k of the module docstring."""
+def perturbed(F: Any, rng: np.random.Generator) -> Iterator[Any]:
+    """Yield the perturbed F_k of the module docstring."""
     f = exactly(F)
-    for _ in range(SHAKEN // 2):
+    for _ in range(PERTURBATIONS // 2):
         r = _R * exactly(rng.choice([-1.0, 1.0], (3, 3)))
-        if is_near_rest(F):
+        if is_small_strain(F):
             r = r * max(map(abs, (f - exactly(np.eye(3))).ravel()))
         else:
             r = r * np.array([norm(f[:, j]) for j in range(3)], dtype=object)
@@ -98,7 +101,7 @@ def compare(m: Material, F: Any, rng: np.random.Generator) -> Iterator[Compared]
     oracle = Oracle(m.expression)
     with mpmath.workdps(digits(F)):
         exact = oracle(exactly(F))
-        near = [oracle(f) for f in shaken(F, rng)]
+        near = [oracle(f) for f in perturbed(F, rng)]
         same = all(p.inside == exact.inside for p in near)
         if m.expression.has_energy:
             yield _energy(m, F, exact, near, same)
@@ -119,6 +122,7 @@ def _change(near: list[Any], exact: Any) -> Any:
 
 
 def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) -> Compared:
+    """Compare the energy; ``same`` if F and all F_k are on one side of the domain's edge."""
     found = float(m.energy(F))
     if np.isnan(found):
         return Compared("energy", mpmath.inf, mpf(0))
@@ -128,7 +132,7 @@ def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) ->
     if abs(exact.energy) > HUGE and not abs(found) < np.inf:
         return Compared("energy", mpf(0), mpf(0))
     size = exact.terms
-    if is_near_rest(F):
+    if is_small_strain(F):
         mu, lam = map(mpf, m.expression.lame)
         H = exactly(F - np.eye(3))  # exact: the entries are near 1
         size = abs(exact.energy) + mu * norm(H) + abs(lam * np.trace(H))
@@ -138,7 +142,7 @@ def _energy(m: Material, F: Any, exact: Point, near: list[Point], same: bool) ->
 
 
 def _array(what: str, found: Any, at: Point, exact: Any, change: Any, decided: bool) -> Compared:
-    """Stress or Hessian: zero outside the domain, close to the exact one inside."""
+    """Compare a stress or Hessian: zero outside the domain, within the bound inside."""
     if not np.isfinite(found).all():
         return Compared(what, mpmath.inf, mpf(0))
     if decided and not at.inside:
@@ -149,6 +153,7 @@ def _array(what: str, found: Any, at: Point, exact: Any, change: Any, decided: b
 
 
 def _filters(m: Material, F: Any, at: Point, change: Any, decided: bool) -> Iterator[Compared]:
+    """Compare the filtered Hessians and the eigenvalues, by both eigensolvers."""
     for solver in EIGENSOLVERS:
         for filter in ("clamp", "abs"):
             found, what = m.hessian(F, filter, solver), f"hessian {filter}, {solver}"

@@ -1,4 +1,4 @@
-"""Energy, stress and Hessian of a material in as many digits as requested, by mpmath.
+"""Evaluate energy, stress and Hessian of a material in as many digits as requested, by mpmath.
 
 The expression of the material is differentiated by sympy in the principal stretches and evaluated
 at the exact values of the doubles in F and in the constants. Only the expression is shared with the
@@ -22,7 +22,7 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import fractions
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
-#: (i, j, k): twist and flip i couple the stretches j and k (paper, eq. 46-48).
+#: (i, j, k): twist and flip i couple the stretches j and k (Smith et al. 2018, eq. 46-48).
 PAIRS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 
 
@@ -37,7 +37,7 @@ def _terms(f: sympy.Expr) -> sympy.Expr:
 def _calls(
     psi: sympy.Expr | None, slopes: Any, domain: Any, constants: Any
 ) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    """(domain), (psi, the size of its terms) and (slopes, their derivatives), for mpmath."""
+    """Return functions for (domain), (psi, the size of its terms), (slopes, their derivatives)."""
 
     def call(expressions: Any) -> Callable[..., Any]:
         return sympy.lambdify((*SIGMA, *constants), expressions, "mpmath")
@@ -54,10 +54,11 @@ def _calls(
 
 @dataclass
 class Point:
-    """All there is to know of a material at one F; mpmath numbers, 9-vectors by columns of F.
+    """Energy, stress and Hessian of a material at one F, as mpmath numbers.
 
-    ``blocks`` are the Hessian's in the frame of the stretches: scaling (3x3), twist, flip. They and
-    P are None for energies of tr S where two signed stretches sum to zero.
+    ``blocks`` are those of the Hessian in the frame of the stretches: scaling (3x3), twist, flip.
+    The columns of ``frame`` are 9-vectors by columns of F. P and ``blocks`` are None for energies
+    of tr S where two signed stretches sum to zero.
     """
 
     inside: bool
@@ -69,7 +70,7 @@ class Point:
 
     @property
     def eigenvalues(self) -> list[Any]:
-        """All nine eigenvalues of the Hessian, ascending."""
+        """Return all nine eigenvalues of the Hessian, ascending."""
         A, twist, flip = self.blocks
         return sorted([*mpmath.eigsy(mpmath.matrix(A.tolist()), eigvals_only=True), *twist, *flip])
 
@@ -117,7 +118,7 @@ def _unit(v: Any) -> Any:
 
 
 def rotation_variant_svd(F: Any) -> tuple[Any, Any, Any]:
-    """U, s, V of F (paper, eq. 2): rotations, s0 >= s1 >= |s2|."""
+    """Return U, s, V of F (Smith et al. 2018, eq. 2): rotations, s0 >= s1 >= |s2|."""
     _, Q = mpmath.eigsy(mpmath.matrix((F.T @ F).tolist()))
     V = np.array(Q.tolist(), dtype=object).reshape(3, 3)[:, ::-1]
     V[:, 2] = np.cross(V[:, 0], V[:, 1])
@@ -125,7 +126,7 @@ def rotation_variant_svd(F: Any) -> tuple[Any, Any, Any]:
     tiny = mpf(10) ** (-mpmath.mp.dps // 4)
     s0, s1 = norm(G[:, 0]), norm(G[:, 1])
     u0 = exactly([1, 0, 0]) if s0 == 0 else G[:, 0] / s0
-    if s1 <= tiny * s0:  # then any normal will do
+    if s1 <= tiny * s0:  # rank one: any normal of u0
         axis = exactly(np.eye(3)[int(np.argmin([abs(float(x)) for x in u0]))])
         u1, s1 = _unit(np.cross(u0, axis)), mpf(0)
     else:
@@ -145,7 +146,7 @@ class Oracle:
         )
 
     def __call__(self, F: Any) -> Point:
-        """The material at F (3, 3), of mpmath numbers."""
+        """Evaluate the material at F, a (3, 3) array of mpmath numbers."""
         U, s, V = rotation_variant_svd(F)
         constants = [mpf(v) for v in self.energy.values]
         if any(d <= 0 for d in self._domain(*s, *constants)):
@@ -163,7 +164,7 @@ class Oracle:
 
     @staticmethod
     def _blocks(s: Any, p: Any, pp: Any) -> tuple[Any, list[Any], list[Any]] | None:
-        """Scaling, twist and flip; where two stretches are equal, the limits of the quotients."""
+        """Return scaling, twist and flip: limits of the quotients where two stretches are equal."""
         A = (pp + pp.T) / 2  # of a stress that is no gradient: the symmetric part
         same = mpf(10) ** (-mpmath.mp.dps // 3)
         twist, flip = [], []

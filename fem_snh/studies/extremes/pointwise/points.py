@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 
-#: (nu, E [Pa]): each of them with each group.
+#: Pairs (nu, E [Pa]), each combined with each group.
 MODULI = (
     (-0.9, 1e-6), (-0.5, 1e3), (0.0, 1.0), (0.3, 1e12),
     (0.45, 1e-6), (0.49, 1.7), (0.4999, 1e6), (0.4999999, 1.0),
@@ -29,19 +29,20 @@ class Group(NamedTuple):
     F: Array
 
 
-def _turn(rng: np.random.Generator) -> Array:
+def _random_rotation(rng: np.random.Generator) -> Array:
     return np.asarray(Rotation.random(random_state=int(rng.integers(2**31))).as_matrix())
 
 
-def _placed(s: Array, kind: int, rng: np.random.Generator) -> Array:
-    """The stretches s in F, rotated from both sides, from the left only, or along the axes.
+def _with_stretches(s: Array, kind: int, rng: np.random.Generator) -> Array:
+    """Return F with the stretches s, rotated from both sides, from the left only, or along axes.
 
-    Rounding the entries of the first loses small stretches beside large ones; F itself is exact.
+    In the first kind the rounding of the entries changes small stretches beside large ones; F is
+    then the exact input all the same.
     """
     if kind % 3 == 0:
-        return _turn(rng) * s @ _turn(rng).T
+        return _random_rotation(rng) * s @ _random_rotation(rng).T
     if kind % 3 == 1:
-        return _turn(rng) * s
+        return _random_rotation(rng) * s
     axes = np.eye(3)[rng.permutation(3)]
     axes[0] *= np.linalg.det(axes)
     return axes * s
@@ -75,7 +76,7 @@ def _stretches(name: str, rng: np.random.Generator) -> Array:
 
 
 def _strained(name: str, k: int, rng: np.random.Generator) -> Array:
-    """F = I + strain A; A symmetric, any, or free of volume, in turns; or a rotation of that."""
+    """Return F = I + strain A, or its rotation; A is symmetric, any, or traceless, in turns."""
     kind, strain = name.split()
     A = rng.uniform(-1, 1, (3, 3))
     if k % 3 == 0:
@@ -83,7 +84,7 @@ def _strained(name: str, k: int, rng: np.random.Generator) -> Array:
     elif k % 3 == 2:
         A -= np.trace(A) / 3 * np.eye(3)
     F = np.eye(3) + float(strain) * A
-    return _turn(rng) @ F if kind == "turned" else F
+    return _random_rotation(rng) @ F if kind == "turned" else F
 
 
 STRETCHED = (
@@ -100,7 +101,8 @@ def groups(n: int, seed: int = 0) -> Iterator[Group]:
     rng = np.random.default_rng(seed)
     for name in STRETCHED:
         yield Group(
-            name, np.array([_placed(_stretches(name, rng), k + seed, rng) for k in range(n)])
+            name,
+            np.array([_with_stretches(_stretches(name, rng), k + seed, rng) for k in range(n)]),
         )
     for name in STRAINED:
         yield Group(name, np.array([_strained(name, k + seed, rng) for k in range(n)]))
