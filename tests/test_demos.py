@@ -22,7 +22,7 @@ SMALLER = {
     "cook": ["--finest", "16"],
     "gent": ["--cells", "4"],
     "scramble": ["--cells", "6"],
-    "tutorial_beam": ["--cells", "8,2,2"],
+    "tutorial_beam": ["--cells", "4,1,1"],
     "foundation": ["--cells", "4"],
 }
 #: What each leaves behind, besides its run folders.
