@@ -46,7 +46,7 @@ class NonlinearProblem(Protocol):
     A : Mat
         The matrix that `jacobian` assembles.
     operator : Mat
-        The Hessian: `A`, or the sum of `A` and matrices of low rank.
+        The Hessian: ``A``, or the sum of ``A`` and matrices of low rank.
     length : float
         V^(1/3) [m], V the reference volume.
     force_scale : float
