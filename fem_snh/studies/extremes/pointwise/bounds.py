@@ -87,7 +87,7 @@ def perturbed(F: Any, rng: np.random.Generator) -> Iterator[Any]:
     """Yield the perturbed F_k of the module docstring."""
     f = exactly(F)
     for _ in range(PERTURBATIONS // 2):
-        r = _R * exactly(rng.choice([-1.0, 1.0], (3, 3)))
+        r = exactly(rng.choice([-1.0, 1.0], (3, 3))) * _R
         if is_small_strain(F):
             r = r * max(map(abs, (f - exactly(np.eye(3))).ravel()))
         else:
@@ -154,15 +154,17 @@ def _array(what: str, found: Any, at: Point, exact: Any, change: Any, decided: b
 
 def _filters(m: Material, F: Any, at: Point, change: Any, decided: bool) -> Iterator[Compared]:
     """Compare the filtered Hessians and the eigenvalues, by both eigensolvers."""
+    filters = ("clamp", "abs")
+    known = at.blocks is not None
+    true = {filter: at.hessian(filter) if known else None for filter in filters}
+    eigenvalues = np.array(at.eigenvalues, dtype=object) if known else None
     for solver in EIGENSOLVERS:
-        for filter in ("clamp", "abs"):
+        for filter in filters:
             found, what = m.hessian(F, filter, solver), f"hessian {filter}, {solver}"
-            true = None if at.blocks is None else at.hessian(filter)
-            yield _array(what, found, at, true, change, decided)
+            yield _array(what, found, at, true[filter], change, decided)
             if not np.array_equal(found, found.T):
                 yield Compared(what, mpmath.inf, mpf(0))
             lowest = np.linalg.eigvalsh(found / (float(norm(found)) or 1.0))[0]
             yield Compared(f"lowest {filter}, {solver}", mpf(max(0.0, -lowest)), _R, mpf(1))
         values = np.sort(m.eigensystem(F, solver)[0])
-        true = None if at.blocks is None else np.array(at.eigenvalues, dtype=object)
-        yield _array(f"eigenvalues, {solver}", values, at, true, change, decided)
+        yield _array(f"eigenvalues, {solver}", values, at, eigenvalues, change, decided)

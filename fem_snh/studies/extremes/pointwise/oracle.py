@@ -85,10 +85,11 @@ class Point:
         for i, j, k in PAIRS:
             a, b = 3 * k + j, 3 * j + k
             same, other = (twist[i] + flip[i]) / 2, (flip[i] - twist[i]) / 2
-            Y[:, a], Y[:, b] = same * Q[:, a] + other * Q[:, b], other * Q[:, a] + same * Q[:, b]
+            # Arrays first: mpf * array would format the array for an error that numpy then catches.
+            Y[:, a], Y[:, b] = Q[:, a] * same + Q[:, b] * other, Q[:, a] * other + Q[:, b] * same
         H = np.empty((9, 9), dtype=object)
         for i in range(9):
-            H[i, i:] = H[i:, i] = Q[i:] @ Y[i]
+            H[i, i:] = H[i:, i] = [mpmath.fdot(row, Y[i]) for row in Q[i:]]
         return H
 
 
