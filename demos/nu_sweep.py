@@ -19,15 +19,19 @@
 # ```
 
 # %%
+from argparse import ArgumentParser
 from math import pi
 
 from mpi4py import MPI
 
 from fem_snh.studies.sweep import sweep
 
+parser = ArgumentParser(description="A sweep over the material and Poisson's ratio.")
+parser.add_argument("--nus", type=float, nargs="+", default=[0.3, 0.4, 0.45, 0.49, 0.495, 0.499])
+args = parser.parse_args()
 AXES = {
     "material": ["stable_neo_hookean", "neo_hookean"],
-    "nu": [0.3, 0.4, 0.45, 0.49, 0.495, 0.499],
+    "nu": args.nus,
     "cells": 5,
     "angle": pi / 2,
     "steps": 4,

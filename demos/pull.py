@@ -30,8 +30,9 @@ from matplotlib.figure import Figure
 
 import fem_snh
 
-parser = ArgumentParser(description="A cube pulled apart, with five exponents alpha.")
+parser = ArgumentParser(description="A cube pulled apart, with several exponents alpha.")
 parser.add_argument("--cells", type=int, default=10, help="along an edge")
+parser.add_argument("--alphas", type=float, nargs="+", default=[0.5, 0.75, 1.0, 1.5, 2.0])
 parser.add_argument("--out", type=Path, default=Path("out/pull"))
 args = parser.parse_args()
 
@@ -40,9 +41,9 @@ args = parser.parse_args()
 # rest.
 
 # %%
-ALPHAS, TINY = (0.5, 0.75, 1.0, 1.5, 2.0), 1e-4
+TINY = 1e-4
 curves, slopes = {}, {}
-for alpha in ALPHAS:
+for alpha in args.alphas:
     options = {"cells": args.cells, "material.alpha": alpha}
     whole = fem_snh.run("pull", out=args.out / f"{alpha}", overwrite=True, **options)
     tiny = fem_snh.run("pull", stretch=1 + TINY, steps=1, progress=False, **options)
@@ -71,7 +72,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 # %%
 assert all(abs(slope / slopes[1.0] - 1) < 1e-3 for slope in slopes.values()), slopes
-ends = [curves[alpha][1][-1] for alpha in ALPHAS]
+ends = [curves[alpha][1][-1] for alpha in args.alphas]
 assert ends == sorted(ends), ends
 force = curves[1.0][1]
 assert all(a + c < 2 * b for a, b, c in zip(force, force[1:], force[2:], strict=False)), force

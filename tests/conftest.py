@@ -56,11 +56,11 @@ SAME_ON_EVERY_DEBIAN = frozenset(
     f"test_{name}"
     for name in (
         "arrows bench bench_elements cli_values constants demos docs eigen3 eigensystem "
-        "energy_families extremes faults generated_energies materials own_material_mistakes "
+        "energy_families extremes faults generated_energies materials movies own_material_mistakes "
         "own_references plots pointwise_extremes pointwise_oracle published_energies readme "
         "references reports scene_mistakes scene_moves scene_parameters scene_schema scene_tables "
         "smith_materials smith_properties stable_neo_hookean stress_curves svd sweep theory "
-        "tradeoff tradeoff_advice tradeoff_reference tuning words"
+        "tradeoff tradeoff_advice tradeoff_reference tuning view words"
     ).split()
 )
 
