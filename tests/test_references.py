@@ -59,8 +59,7 @@ def test_ours_are_as_published(name: str) -> None:
     assert any(row["limit"] for row in found) and all(row["ok"] for row in found), found
 
 
-@mpi
-def test_incompressible_uniaxial_is_exact(comm: MPI.Comm) -> None:
+def test_incompressible_uniaxial_is_exact() -> None:
     found = every_uniaxial()
     assert len(found) == 12 and all(row["ok"] for row in found), found
 
