@@ -20,7 +20,7 @@ SMALLER = {
     "pull": ["--cells", "3", "--alphas", "0.5", "1"],
     "nu_sweep": ["--nus", "0.4", "0.499"],
     "modes": ["--cells", "4"],
-    "cook": ["--finest", "8"],
+    "cook": ["--finest", "16"],
     "gent": ["--cells", "4"],
     "scramble": ["--cells", "6"],
     "tutorial_beam": ["--cells", "4,1,1"],
