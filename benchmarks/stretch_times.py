@@ -104,9 +104,9 @@ def _run(
             finally:
                 child.end()
         record = read_record(folder)
-        said = Path(name, "log.txt").read_text().strip().splitlines()
+        lines = Path(name, "log.txt").read_text().strip().splitlines()
     ended = child.limit_reached or ("converged" if record.get("converged") else "")
-    return record, ended or record.get("status") or (said[-1] if said else "failed")
+    return record, ended or record.get("status") or (lines[-1] if lines else "failed")
 
 
 def _summary(record: dict[str, Any], ended: str) -> Row:

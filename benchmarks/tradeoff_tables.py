@@ -159,8 +159,8 @@ def filters(table: pd.DataFrame) -> str:
         ]
         mine = rows[only].set_index("hessian")
         if len(mine) > 1:
-            said = [_filtered(mine, policy, default) for policy in HESSIANS]
-            lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *said])
+            cells = [_filtered(mine, policy, default) for policy in HESSIANS]
+            lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *cells])
     return markdown_table(["nu", "element", "cells", *HESSIANS], lines)
 
 

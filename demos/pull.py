@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Chen & Barbič, Figure 3: more or less nonlinear, the same at small strain
 #
-# A cube of 1 m is held at two opposite faces and pulled apart: the total force on a face against
+# A cube of 1 m is clamped at two opposite faces and pulled apart: the total force on a face against
 # their distance. The exponent `alpha` makes stable Neo-Hookean softer or stiffer at large
 # stretches and leaves the small ones alone
 # ([theory](../theory/energies.md#nonlinearity-and-mixing)). The figure states neither $E$, nor

@@ -58,8 +58,8 @@ class Finding:
 
 def _environment() -> dict[str, str]:
     """Return the environment without an MPI launcher's variables, for a child of its own."""
-    told = ("OMPI_COMM_", "OMPI_UNIVERSE", "OMPI_FIRST", "PMIX_", "PMI_")
-    return {k: v for k, v in os.environ.items() if not k.startswith(told)}
+    prefixes = ("OMPI_COMM_", "OMPI_UNIVERSE", "OMPI_FIRST", "PMIX_", "PMI_")
+    return {k: v for k, v in os.environ.items() if not k.startswith(prefixes)}
 
 
 def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
@@ -79,8 +79,8 @@ def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
         return False, f"no answer in {timeout:g} s"
     ok = done.returncode == 0
     lines = (done.stdout if ok else done.stderr or done.stdout).splitlines()
-    said = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
-    last = said[-1].strip() if said else f"exit code {done.returncode}"
+    words = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
+    last = words[-1].strip() if words else f"exit code {done.returncode}"
     return ok, last if ok else re.sub(r"^[\w.]*(Error|BadInput): ", "", last)
 
 

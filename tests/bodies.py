@@ -21,12 +21,12 @@ from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import material
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 
-#: Elements by what UFL can say of them, and by whether the displacement minimises an energy.
+#: Elements whose problems UFL can express, and those whose displacement minimises an energy.
 POINTWISE = [e.name for e in ELEMENTS.values() if e.volume == "pointwise"]
 MINIMISING = [e.name for e in ELEMENTS.values() if e.volume != "pressure"]
 
-#: Pressed by more than a cell at once, cells turn inside out: neo_hookean has no energy there, and
-#: the first step fails.
+#: A displacement by more than one cell in a step turns cells inside out. There neo_hookean has no
+#: energy, so the first step fails.
 PRESS = Scene(
     name="press",
     mesh=Geometry(source="cube"),
@@ -40,8 +40,8 @@ PRESS = Scene(
 
 FACES = ("left", "right", "bottom", "top", "front", "back")
 
-#: Materials by the name of a test: what `fem_snh.material` takes besides E. With the barrier and
-#: without, stable_neo_hookean has two kernels.
+#: The arguments of `fem_snh.material` besides E, by the name of a test's parameter. The barrier
+#: gives stable_neo_hookean another kernel.
 MATERIALS: dict[str, dict[str, Any]] = {
     "stable_neo_hookean": {"name": "stable_neo_hookean", "nu": 0.49},
     "stable_neo_hookean+barrier": {"name": "stable_neo_hookean", "nu": 0.3},
@@ -84,7 +84,7 @@ class Force:
 
 
 def cube(comm: MPI.Comm, cell: str, cells: int = 2, bend: float = 0.0, size: float = 1.0) -> Any:
-    """[0, size]^3; ``bend`` moves inner nodes, so that the cells are neither equal nor affine."""
+    """Return [0, size]^3; ``bend`` moves inner nodes: the cells are neither equal nor affine."""
     made = mesh.generate(comm, "cube", cell, cells=cells)
     x = _dolfinx.geometry_x(made.domain)
     inside = 16 * (x * (1 - x)).prod(axis=1, keepdims=True)
@@ -94,7 +94,7 @@ def cube(comm: MPI.Comm, cell: str, cells: int = 2, bend: float = 0.0, size: flo
 
 
 def one_cell(comm: MPI.Comm, cell: str) -> mesh.Mesh:
-    """One cell that is no unit cell."""
+    """Return a mesh of one cell that is no unit cell."""
     corners = _dolfinx.reference_corners(cell)
     x = corners @ np.array([[1.1, 0.2, 0.1], [0, 0.9, -0.2], [0.1, 0, 1.2]]) + 0.1 * corners**2
     mine = slice(None) if comm.rank == 0 else slice(0)
@@ -110,12 +110,15 @@ def problem(
     E: float = 1.0,
     **conditions: Any,
 ) -> Problem:
-    """A problem of an element and of one of MATERIALS."""
+    """Return a problem of an element and of one of MATERIALS."""
     return create_problem(body, ELEMENTS[element], material(E=E, **MATERIALS[name]), **conditions)
 
 
-def put(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None) -> Any:
-    """Set x (the displacement by default) to function((nodes, 3)) -> (nodes, 3), ghosts too."""
+def set_values(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None) -> Any:
+    """Set x (default: the displacement) to ``function(coordinates)``, both (nodes, 3), and ghosts.
+
+    Returns x.
+    """
     x = p.x if x is None else x
     with x.localForm() as local:
         local.array[:] = function(p.V.tabulate_dof_coordinates()).ravel()
@@ -123,24 +126,24 @@ def put(p: Problem, function: Callable[[np.ndarray], np.ndarray], x: Any = None)
 
 
 def wave(size: float, shift: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
-    """A smooth field of this amplitude, without symmetries, the same on any number of ranks."""
+    """Return a smooth field without symmetries, the same on any number of ranks."""
     k = np.array([[2.0, 5, 3], [3, 1, 4], [5, 3, 2]])
     return lambda X: size * np.sin(X @ k + np.array([0.3, 1.1, 2.5]) + shift)
 
 
 def rows(A: Any) -> csr_matrix:
-    """This rank's rows of a PETSc matrix."""
+    """Return this rank's rows of a PETSc matrix."""
     indptr, indices, values = A.getValuesCSR()
     return csr_matrix((values, indices, indptr), shape=(A.getLocalSize()[0], A.getSize()[1]))
 
 
 def dense(A: Any) -> np.ndarray:
-    """All of a PETSc matrix, on every rank. Collective."""
+    """Return a whole PETSc matrix on every rank. Collective."""
     return vstack(A.comm.tompi4py().allgather(rows(A))).toarray()
 
 
 def norm(comm: MPI.Comm, local: np.ndarray) -> float:
-    """The 2-norm of an array whose parts are on the ranks. Collective."""
+    """Return the 2-norm of an array that is distributed over the ranks. Collective."""
     return float(np.sqrt(comm.allreduce(float((np.abs(local) ** 2).sum()))))
 
 

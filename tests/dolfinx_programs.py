@@ -1,4 +1,4 @@
-"""What a user's dolfinx program has: a mesh, a space, conditions; made by dolfinx alone."""
+"""The objects of a user's dolfinx program (mesh, space, conditions), made by dolfinx alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def unit_cube(comm: Any, cells: int = 3, cell: str = "hexahedron") -> Any:
 
 
 def vector_space(domain: Any, degree: int = 1, components: int = 3) -> Any:
-    """Return a Lagrange space, by either version's function."""
+    """Return a Lagrange space, by the function that this version of dolfinx has."""
     if hasattr(fem, "functionspace"):
         return fem.functionspace(domain, ("Lagrange", degree, (components,)))
     return fem.VectorFunctionSpace(domain, ("CG", degree), dim=components)
@@ -33,7 +33,7 @@ def halves(domain: Any) -> Any:
 
 
 class Press:
-    """A cube that is held at its bottom and pressed at its top.
+    """A cube whose bottom is fixed and whose top is pressed down.
 
     ``top`` is the prescribed displacement of the top, a Function.
     """
@@ -55,7 +55,7 @@ class Press:
 
 
 class Bar(Press):
-    """A cube with rollers at x = 0, y = 0 and z = 0, stretched in x by ``pull``, a Constant."""
+    """A cube with rollers at x = 0, y = 0 and z = 0, stretched in x by the Constant ``pull``."""
 
     def __init__(self, domain: Any, degree: int = 1, pull: float = 0.5) -> None:
         super().__init__(domain, degree)

@@ -14,12 +14,12 @@ ALONE, ALL = MPI.COMM_SELF, MPI.COMM_WORLD
 
 
 class CutOff(Exception):
-    """What ends a run in these tests, as nothing else of it would notice."""
+    """An exception that no part of a run handles: it ends the run as a crash would."""
 
 
 @contextmanager
 def cut(steps):
-    """A run within ends when it attempts its step after so many."""
+    """End the run in this ``with`` block before it attempts step ``steps`` + 1."""
     attempt, left = Stepper._attempt, [steps]
 
     def attempted(self, *arguments):
@@ -38,7 +38,7 @@ def cut(steps):
 
 
 def solve(scene, comm=ALL, **options):
-    """A run on all ranks, or on the first one alone while the others wait."""
+    """Run a scene on all ranks, or on the first one alone while the others wait."""
     try:
         if comm is ALL or ALL.rank == 0:
             return fem_snh.run(scene, comm=comm, progress=False, **options)
@@ -47,6 +47,7 @@ def solve(scene, comm=ALL, **options):
 
 
 def record(folder):
+    """Return the content of run.json."""
     return json.loads((folder / "run.json").read_text())
 
 

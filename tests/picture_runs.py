@@ -21,7 +21,7 @@ CELLS = 3  # along an edge of the cube
 
 
 def record(loads: tuple[float, ...] = (0.5, 1.0), **changes: Any) -> dict[str, Any]:
-    """A run.json as a run leaves it."""
+    """Return the content of run.json as a run writes it."""
     steps = [
         {"load": t, "converged": True, "newton": 10 + i, "linear": 100 * (i + 1),
          "volume_ratio": 1 + 0.04 * t, "min_J": 0.9, "seconds": 1.0}

@@ -31,15 +31,15 @@ every_name = pytest.mark.parametrize("name", materials.names())
 STATES = {
     "random": (1.4, 0.9, 0.6),
     "stretched": (3.4, 0.6, 0.5),
-    "flat": (1.5, 1.2, 0.05),
+    "nearly singular": (1.5, 1.2, 0.05),
     "inverted": (2.0, 1.2, -0.5),
-    "everted": (-2.0, -3.0, -5.0),
+    "all negative": (-2.0, -3.0, -5.0),
 }
 
 
 @lru_cache
 def make(name: str, nu: float, **shape: Any) -> Material:
-    """Return a material with E = 1.7: an E that is forgotten somewhere changes the result."""
+    """Return a material with E = 1.7, so that a missing factor E changes the result."""
     return material(name, E=1.7, nu=nu, **shape)
 
 
@@ -49,16 +49,16 @@ def exact(m: Material, F: Any) -> Point:
 
 
 def rotations(n: int, seed: int = 0) -> np.ndarray:
-    """n random rotations (n, 3, 3)."""
+    """Return n random rotations (n, 3, 3)."""
     return Rotation.random(n, random_state=seed).as_matrix()
 
 
 def deformations(sigma: Any, seed: int = 0) -> np.ndarray:
-    """Random rotations times the stretches ``sigma`` (..., 3) times random rotations."""
+    """Return random rotations times the stretches ``sigma`` (..., 3) times random rotations."""
     sigma = np.asarray(sigma, dtype=float)
-    flat = sigma.reshape(-1, 3)
-    U, V = rotations(len(flat), seed), rotations(len(flat), seed + 1)
-    return ((U * flat[:, None, :]) @ np.swapaxes(V, 1, 2)).reshape(*sigma.shape, 3)
+    rows = sigma.reshape(-1, 3)
+    U, V = rotations(len(rows), seed), rotations(len(rows), seed + 1)
+    return ((U * rows[:, None, :]) @ np.swapaxes(V, 1, 2)).reshape(*sigma.shape, 3)
 
 
 #: The pairs of stretches that twist and flip i couple.
@@ -71,24 +71,24 @@ every_kind = pytest.mark.parametrize("kind", list(KINDS))
 
 
 def vec(A: np.ndarray) -> np.ndarray:
-    """vec(A) by columns (Smith et al. 2018, eq. 17), (..., 3, 3) -> (..., 9)."""
+    """Return vec(A) by columns (Smith et al. 2018, eq. 17), (..., 3, 3) -> (..., 9)."""
     return np.swapaxes(A, -1, -2).reshape(*A.shape[:-2], 9)
 
 
 def spread(A: np.ndarray) -> np.ndarray:
-    """The largest absolute row sum of each matrix (..., n, n), at least the smallest number."""
+    """Return the largest absolute row sum of each matrix (..., n, n), a positive number."""
     return np.maximum(abs(A).sum(axis=-1).max(axis=-1), np.finfo(float).tiny)
 
 
 def filtered(H: np.ndarray, filter: str) -> np.ndarray:
-    """The filtered Hessian by numpy's eigendecomposition."""
+    """Return the filtered Hessian by numpy's eigendecomposition."""
     values, Q = np.linalg.eigh(H)
     values = np.maximum(values, 0) if filter == "clamp" else abs(values)
     return (Q * values[..., None, :]) @ np.swapaxes(Q, -1, -2)
 
 
 def observed_order(h: np.ndarray, error: np.ndarray, floor: np.ndarray) -> float:
-    """The slope of log error over log h before rounding (``floor``) takes over."""
+    """Return the slope of log error over log h, where the error is above rounding (``floor``)."""
     before = error > 30 * floor
     steps = int(np.argmin(before)) if not before.all() else len(h)
     assert steps >= 3, "rounding took over too early to see an order"
@@ -96,7 +96,7 @@ def observed_order(h: np.ndarray, error: np.ndarray, floor: np.ndarray) -> float
 
 
 def is_outside_domain(m: Material, F: np.ndarray) -> bool:
-    """Whether psi(F) is infinite; stress and Hessian must then be zero."""
+    """Return whether psi(F) is infinite; assert that stress and Hessian are then zero."""
     outside = m.energy(F) == np.inf
     if outside:
         assert not m.pk1(F).any() and not m.hessian(F).any()
@@ -105,7 +105,7 @@ def is_outside_domain(m: Material, F: np.ndarray) -> bool:
 
 @lru_cache
 def principal(energy: Energy):
-    """psi_i and psi_ij as functions of the stretches and the constants, by sympy, for mpmath."""
+    """Return psi_i and psi_ij as functions of stretches and constants, by sympy, for mpmath."""
     first = [sympy.diff(energy.psi_sigma, s) for s in SIGMA]
     second = [[sympy.diff(p, s) for s in SIGMA] for p in first]
     return sympy.lambdify((*SIGMA, *energy.constants), (first, second), "mpmath")

@@ -7,7 +7,9 @@ from points import STATES, deformations
 
 NU = 0.3
 UPRIGHT = deformations([STATES["random"], STATES["stretched"], (0.9, 0.7, 0.5), (1.2, 0.6, 0.1)])
-ANY = np.concatenate([UPRIGHT, deformations([STATES["inverted"], STATES["everted"], (1, 0.3, -2)])])
+ANY = np.concatenate(
+    [UPRIGHT, deformations([STATES["inverted"], STATES["all negative"], (1, 0.3, -2)])]
+)
 LENGTH, VOLUME = "I_C/2 + sqrt(I_C + 1)/5", "exp(J - 1) - J"
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from petsc4py import PETSc
 
 import numpy as np
-from bodies import Condition, Hold, cube, problem, put, wave
+from bodies import Condition, Hold, cube, problem, set_values, wave
 
 from fem_snh import solver
 from fem_snh.fem.create_problem import create_problem
@@ -75,5 +75,5 @@ def half_turn(comm, cells, noise=0.0):
         hold=[Hold("bottom")],
         move=[Condition("top", turned(np.pi))],
     )
-    put(p, wave(noise))
+    set_values(p, wave(noise))
     return p

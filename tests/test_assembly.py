@@ -19,8 +19,8 @@ from bodies import (
     norm,
     one_cell,
     problem,
-    put,
     rows,
+    set_values,
     wave,
 )
 
@@ -60,7 +60,7 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     p = problem(
         cube(comm, kind.cell, 3 if kind.cell == "hexahedron" else 2, 0.06), element, name, hold=HOLD
     )
-    put(p, wave(0.03))
+    set_values(p, wave(0.03))
     u, v, w = p.u, ufl.TestFunction(p.V), ufl.TrialFunction(p.V)
     dx = ufl.dx(metadata={"quadrature_degree": kind.quadrature})
     options = {"cffi_extra_compile_args": ["-O1"]}
@@ -102,10 +102,10 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
 def test_the_matrix_after_other_states_is_the_same_as_at_first(comm):
     """Nothing of an earlier assembly stays, whatever filter it had."""
     p = problem(cube(comm, "hexahedron", 3), "Q1", hold=HOLD)
-    put(p, wave(0.02))
+    set_values(p, wave(0.02))
     p.jacobian(p.x, "exact")
     first = rows(p.A)
-    p.jacobian(put(p, wave(0.5), p.x.duplicate()), "clamp")
+    p.jacobian(set_values(p, wave(0.5), p.x.duplicate()), "clamp")
     p.jacobian(p.x, "exact")
     assert norm(comm, (rows(p.A) - first).data) <= 1e-15 * norm(comm, first.data)
 
@@ -123,8 +123,8 @@ def order(sizes, errors):
 def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Taylor remainders of the energy (third order) and of the residual (second order)."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, name, hold=HOLD)
-    put(p, wave(0.02))
-    d = put(p, free_wave(p, 0.1, 0.7), p.x.duplicate())
+    set_values(p, wave(0.02))
+    d = set_values(p, free_wave(p, 0.1, 0.7), p.x.duplicate())
     r, other, Ad = (p.x.duplicate() for _ in range(3))
     moved = p.x.duplicate()
     p.residual(p.x, r)
@@ -150,14 +150,14 @@ def test_residual_and_jacobian_are_derivatives(comm, element, name):
 def numbers(comm, element, name, cells):
     """Energies and norms that any number of ranks must agree on."""
     p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.05), element, name, hold=HOLD)
-    put(p, wave(0.04))
+    set_values(p, wave(0.04))
     r = p.x.duplicate()
     p.residual(p.x, r)
     found = [p.energy(p.x), r.norm(), *p.measures(p.x).values(), p.length]
     for choice in ("exact", "clamp"):
         found.append(p.jacobian(p.x, choice))
         found += [p.A.norm(PETSc.NormType.FROBENIUS), p.A.norm(PETSc.NormType.INFINITY)]
-        d = put(p, wave(1.0, 0.2), p.x.duplicate())
+        d = set_values(p, wave(1.0, 0.2), p.x.duplicate())
         p.A.mult(d, r)
         found += [r.norm(), r.dot(d)]
     return found
@@ -184,9 +184,9 @@ def test_any_number_of_ranks_gives_the_same_numbers(comm, element, name, cells):
 @elements
 def test_a_rank_without_cells(comm, element):
     p = problem(one_cell(comm, ELEMENTS[element].cell), element)
-    put(p, wave(0.05))
+    set_values(p, wave(0.05))
     alone = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element)
-    put(alone, wave(0.05))
+    set_values(alone, wave(0.05))
     assert p.energy(p.x) == pytest.approx(alone.energy(alone.x), rel=1e-12)
     p.jacobian(p.x, "clamp")
     alone.jacobian(alone.x, "clamp")
@@ -213,10 +213,10 @@ def test_a_direct_solver_notices_new_values(comm):
         ksp.setTolerances(rtol=1e-13, atol=0)
         ksp.getPC().setType("bjacobi")
     b, x, Ax = (p.x.duplicate() for _ in range(3))
-    put(p, free_wave(p, 1.0), b)
+    set_values(p, free_wave(p, 1.0), b)
     solutions = []
     for size in (0.0, 0.05):
-        put(p, wave(size))
+        set_values(p, wave(size))
         p.jacobian(p.x, "clamp")
         ksp.solve(b, x)
         p.A.mult(x, Ax)
@@ -230,7 +230,7 @@ def test_a_direct_solver_notices_new_values(comm):
 @mpi
 def test_out_of_domain_is_infinite_energy_and_nothing_is_nan(comm):
     p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=HOLD)
-    put(p, wave(0.6))
+    set_values(p, wave(0.6))
     assert p.measures(p.x)["min_J"] < 0
     assert p.energy(p.x) == np.inf
     r = p.x.duplicate()

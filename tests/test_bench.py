@@ -65,8 +65,8 @@ def test_the_tutorial_ends_where_no_step_is_small_enough(monkeypatch: pytest.Mon
 
 
 def test_mistakes() -> None:
-    said = r"benchmark = 'asembly': expected .*did you mean 'assembly'"
-    with pytest.raises(BadInput, match=said):
+    message = r"benchmark = 'asembly': expected .*did you mean 'assembly'"
+    with pytest.raises(BadInput, match=message):
         benchmarks.main("asembly", {})
     with pytest.raises(BadInput, match="unknown option of benchmark twist 'cell'"):
         benchmarks.main("twist", {"cell": 3})

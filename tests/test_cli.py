@@ -54,9 +54,9 @@ def test_a_material_is_measured(
     monkeypatch.chdir(tmp_path)
     words = "materials neo_hookean --nu 0.3 --set material.alpha=1.5 --report --plot"
     assert cli.main(words.split()) == 0
-    said = capsys.readouterr().out
-    assert "nu = 0.3, alpha = 1.5" in said and "infinite for J <= 0" in said
-    assert said.endswith("neo_hookean.png\n") and Path("neo_hookean.png").stat().st_size > 10_000
+    output = capsys.readouterr().out
+    assert "nu = 0.3, alpha = 1.5" in output and "infinite for J <= 0" in output
+    assert output.endswith("neo_hookean.png\n") and Path("neo_hookean.png").stat().st_size > 10_000
 
 
 def test_materials_are_compared(
@@ -65,8 +65,8 @@ def test_materials_are_compared(
     some = ["neo_hookean", "stable_neo_hookean"]
     monkeypatch.setattr(materials, "names", lambda: some)
     assert cli.main(["materials", "--table", "--nu=0.3", "--csv", str(tmp_path / "a.csv")]) == 0
-    said = capsys.readouterr()
-    assert all(name in said.out for name in some) and not said.err
+    output = capsys.readouterr()
+    assert all(name in output.out for name in some) and not output.err
     rows = (tmp_path / "a.csv").read_text().splitlines()
     assert len(rows) == 3 and rows[0].startswith("name,nu,mu_lame,lambda_lame,inversion,")
 
@@ -98,8 +98,8 @@ def test_interrupt_leaves_a_readable_record(tmp_path: Path) -> None:
         assert time.monotonic() < late and process.poll() is None
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
-    assert process.returncode == 130 and said.endswith("interrupted; what was computed is kept\n")
+    _, output = process.communicate(timeout=30)
+    assert process.returncode == 130 and output.endswith("interrupted; what was computed is kept\n")
     kept = json.loads(record.read_text())
     assert kept["steps"] and kept["converged"] is False
 

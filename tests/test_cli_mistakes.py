@@ -70,16 +70,16 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("words", "told"), MISTAKES, ids=[words for words, _ in MISTAKES])
+@pytest.mark.parametrize(("words", "message"), MISTAKES, ids=[words for words, _ in MISTAKES])
 def test_mistake(
-    words: str, told: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    words: str, message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     assert cli.main(words.split()) == 2
-    said = capsys.readouterr()
-    assert re.fullmatch(f"fem-snh: error: .*{told}.*\n", said.err)
-    assert not said.out and not list(tmp_path.iterdir())
+    output = capsys.readouterr()
+    assert re.fullmatch(f"fem-snh: error: .*{message}.*\n", output.err)
+    assert not output.out and not list(tmp_path.iterdir())
 
 
 BLOCK = """
@@ -113,21 +113,23 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(("words", "told"), FILES)
+@pytest.mark.parametrize(("words", "message"), FILES)
 def test_mistake_in_files(
-    words: str, told: str, capsys: pytest.CaptureFixture[str], here: Path
+    words: str, message: str, capsys: pytest.CaptureFixture[str], here: Path
 ) -> None:
     assert cli.main(words.split()) == 2
-    assert re.fullmatch(f"fem-snh: error: .*{told}.*\n", capsys.readouterr().err)
+    assert re.fullmatch(f"fem-snh: error: .*{message}.*\n", capsys.readouterr().err)
     assert (here / "full" / "run.json").read_text() == "{}"
 
 
-@pytest.mark.parametrize(("words", "told"), [*FILES[::2], *MISTAKES[:1], ("plot x", "x: no run")])
-def test_mistake_on_two_ranks(words: str, told: str, here: Path) -> None:
+@pytest.mark.parametrize(
+    ("words", "message"), [*FILES[::2], *MISTAKES[:1], ("plot x", "x: no run")]
+)
+def test_mistake_on_two_ranks(words: str, message: str, here: Path) -> None:
     done = start_program(*words.split(), ranks=2)
     lines = [line for line in done.stderr.splitlines() if line.startswith("fem-snh: error: ")]
     assert done.returncode == 2 and len(lines) == 1, done.stderr
-    assert re.search(told, lines[0]) and "Traceback" not in done.stderr
+    assert re.search(message, lines[0]) and "Traceback" not in done.stderr
 
 
 def test_mistake_on_one_rank_only_ends_all(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Hold, cube, problem, put, wave
+from bodies import MINIMISING, Hold, cube, problem, set_values, wave
 
 from fem_snh._petsc import default_options
 from fem_snh.errors import BadInput
@@ -23,7 +23,7 @@ def body(comm, element="Q1", size=0.05, E=1.0, filter="clamp", cells=4, hold=("x
     """A cube under a wave of displacement, its left side constrained, with its matrix assembled."""
     left = [Hold("left", components=hold)] if hold else []
     p = problem(cube(comm, ELEMENTS[element].cell, cells, 0.03), element, hold=left, E=E)
-    put(p, wave(size), p.x)
+    set_values(p, wave(size), p.x)
     p.prescribe(p.x)
     p.jacobian(p.x, filter)
     return p

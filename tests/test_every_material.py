@@ -29,9 +29,15 @@ from fem_snh.materials.invariants import SIGMA
 NU = 0.3
 PAIRS = ((1, 2), (0, 2), (0, 1))
 #: Regular, equal, near-equal and collapsed stretches, then inverted ones.
-UPRIGHT = [STATES["random"], STATES["stretched"], STATES["flat"], (1.3, 1.3, 0.7), (0.8, 0.8, 0.8)]
+UPRIGHT = [
+    STATES["random"],
+    STATES["stretched"],
+    STATES["nearly singular"],
+    (1.3, 1.3, 0.7),
+    (0.8, 0.8, 0.8),
+]
 UPRIGHT += [(1.3 + 1e-9, 1.3, 0.7), (1.1 + 1e-6, 1.1, 1.1 - 1e-6), (1.2, 1e-2, 1e-2), (2, 1, 1e-5)]
-INVERTED = [STATES["inverted"], STATES["everted"], (1.1, 1.0, -0.9), (1.2, 0.5, -1e-3)]
+INVERTED = [STATES["inverted"], STATES["all negative"], (1.1, 1.0, -0.9), (1.2, 0.5, -1e-3)]
 
 NO_REST = {"mooney_length", "neo_hookean_wang"}
 NO_ENERGY = {"filtered_neo_hookean"}

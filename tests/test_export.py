@@ -102,8 +102,8 @@ with h5py.File(sys.argv[1]) as file:
 def test_vtkhdf_has_the_mesh_once_and_the_record(twisted):
     (path,) = export.main(twisted, twisted / "run.vtkhdf")
     command = [sys.executable, "-c", _READ, str(path)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    points, record = said.split(maxsplit=1)
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    points, record = output.split(maxsplit=1)
     assert int(points) == (CELLS + 1) ** 3
     assert json.loads(record) == json.loads((twisted / "run.json").read_text())
 

@@ -58,7 +58,7 @@ def test_a_bad_state_leaves_the_earlier_file(twisted, tmp_path):
 
 @pytest.mark.parametrize("limit", [2_000, 25_000])
 def test_a_full_disk(twisted, tmp_path, limit):
-    """Simulated by a limit on the size of files, at several places of the file."""
+    """Simulated by a limit on the size of files, at several positions of the file."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))

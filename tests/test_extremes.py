@@ -38,7 +38,7 @@ def modes(frequency: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("check", "record", "row", "told"),
+    ("check", "record", "row", "message"),
     [
         (converged, RECORD, HOME, ""),
         (converged, RECORD, HOME | {"converged": False, "status": "stopped"}, "stopped"),
@@ -68,9 +68,9 @@ def modes(frequency: float) -> dict[str, Any]:
         (all_rows_pass, {"rows": [{"passed": True}]}, {}, ""),
     ],
 )
-def test_a_verdict(check: Any, record: Any, row: Any, told: str) -> None:
+def test_a_verdict(check: Any, record: Any, row: Any, message: str) -> None:
     why = check(record, row)
-    assert why.startswith(told) and bool(why) == bool(told)
+    assert why.startswith(message) and bool(why) == bool(message)
 
 
 def test_a_case_without_a_record_fails() -> None:
@@ -181,10 +181,10 @@ def test_a_material_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 def test_a_study_goes_on_where_it_was(done: tuple[Path, Outcome]) -> None:
     out, outcome = done
-    said: list[str] = []
-    again = extremes(out, only=["loads"], quick=True, report=said.append)
+    lines: list[str] = []
+    again = extremes(out, only=["loads"], quick=True, report=lines.append)
     pd.testing.assert_frame_equal(again.table, outcome.table)
-    assert said[0] == "6 of 6 points are there already"
+    assert lines[0] == "6 of 6 points are there already"
     with pytest.raises(BadInput, match=r"holds extremes.csv of other quick.*--overwrite"):
         extremes(out, only=["loads"])
 
@@ -196,10 +196,10 @@ def test_what_fails_is_exit_code_1(
     monkeypatch.setattr(loads, "cases", lambda quick, seeds, material: some)
     words = ["extremes", "--quick", "--only", "loads", "--out", str(tmp_path)]
     assert main([*words, "--timeout", "0.05"]) == 1
-    said = capsys.readouterr().out
-    assert f"failed: {some[0].name}: given up after 0.05 s" in said
+    output = capsys.readouterr().out
+    assert f"failed: {some[0].name}: given up after 0.05 s" in output
     assert (
-        "0 of 1 that are expected to pass do" in said
+        "0 of 1 that are expected to pass do" in output
         and "Failed:" in (tmp_path / "extremes.md").read_text()
     )
     assert main(words) == 1  # it has its row
@@ -211,7 +211,7 @@ def test_what_fails_is_exit_code_1(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ("--only scrambel", "family = 'scrambel': expected one of ... (did you mean 'scramble'?)"),
         ("--seeds 0", "seeds = 0: expected a whole number from 1 to 10000"),
@@ -223,9 +223,9 @@ def test_what_fails_is_exit_code_1(
     ],
 )
 def test_mistakes(
-    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["extremes", "--out", str(tmp_path / "new"), *words.split()]) == 2
-    said = capsys.readouterr().err
-    assert all(part in said for part in told.split("...")) and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert all(part in output for part in message.split("...")) and output.count("\n") == 1
     assert not (tmp_path / "new").exists()

@@ -127,7 +127,7 @@ def test_fields_of_the_command_line_are_a_comma_list(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "keys, said",
+    "keys, message",
     [
         ({"fields": ["von_mses"]}, r"fields = 'von_mses': expected one of .* mean 'von_mises'"),
         ({"fields": ["J"]}, r"fields = 'J': expected one of "),
@@ -137,8 +137,8 @@ def test_fields_of_the_command_line_are_a_comma_list(tmp_path):
         ({"fields_at": 1}, r"fields_at = 1: expected one of cells, nodes"),
     ],
 )  # fmt: skip
-def test_mistakes(keys, said):
-    with pytest.raises(BadInput, match=said):
+def test_mistakes(keys, message):
+    with pytest.raises(BadInput, match=message):
         scenes.load("twist", **keys)
 
 

@@ -15,7 +15,7 @@ from bodies import (
     every_energy_serially,
     one_cell,
     problem,
-    put,
+    set_values,
     wave,
 )
 
@@ -29,10 +29,10 @@ pointwise = pytest.mark.parametrize("element", POINTWISE)
 # --- symmetry and definiteness -------------------------------------------------------------------
 
 
-def wild(p):
-    """A state with inverted cells, or, where inversion has infinite energy, almost with some."""
+def set_large_waves(p):
+    """Set the largest waves with a finite energy; they invert cells where the energy allows it."""
     size = 0.8
-    while not np.isfinite(p.energy(put(p, wave(size)))):
+    while not np.isfinite(p.energy(set_values(p, wave(size)))):
         size *= 0.8
     assert p.material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
 
@@ -41,7 +41,7 @@ def wild(p):
 @every_energy
 def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, name):
     p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, name)
-    wild(p)
+    set_large_waves(p)
     values = {}
     for choice in ("exact", "clamp", "abs"):
         filtered = p.jacobian(p.x, choice)
@@ -95,7 +95,7 @@ def by_hand(p, element: Element, clamp):
 def test_filters_are_numpys_eigh_at_every_point(element, name, choice, clamp):
     """One bent cell; as the filtered Hessian's size goes with that of F, so does the bound."""
     p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
-    wild(p)
+    set_large_waves(p)
     p.jacobian(p.x, choice)
     expected, worst = by_hand(p, ELEMENTS[element], clamp)
     assert worst < 0  # there is something to filter

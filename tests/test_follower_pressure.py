@@ -16,7 +16,7 @@ from bodies import (
     cube,
     free_components,
     problem,
-    put,
+    set_values,
     wave,
 )
 from scipy.optimize import brentq
@@ -39,13 +39,13 @@ def ramp(load):
     return 2 * load
 
 
-def pressed(body, loads, element="Q1", law="stable_neo_hookean", amplitudes=None, **conditions):
+def pressed(body, loads, element="Q1", name="stable_neo_hookean", amplitudes=None, **conditions):
     """A problem with pressures."""
 
     def terms(mesh, u, regions, dirichlet):
         return [Pressure(u, mesh, loads, amplitudes or [float] * len(loads), dirichlet)]
 
-    return problem(body, element, law, loads=terms, **conditions)
+    return problem(body, element, name, loads=terms, **conditions)
 
 
 def roller(group, component):
@@ -109,10 +109,10 @@ def test_derivatives_of_the_energy(comm, element):
     p = symmetric_shell(comm, element)
     p.set_load(0.7)
     free = free_components(p)
-    put(p, lambda X: free * wave(0.2)(X))
+    set_values(p, lambda X: free * wave(0.2)(X))
     p.x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
     term, d = p.terms[1], p.x.duplicate()
-    put(p, lambda X: free * wave(1.0, 0.7)(X), d)
+    set_values(p, lambda X: free * wave(1.0, 0.7)(X), d)
 
     def moved(h):
         x = p.x.copy()
@@ -140,20 +140,20 @@ def test_derivatives_of_the_energy(comm, element):
     assert Ad.norm() < 1e-6 * change.norm()
 
 
-@pytest.mark.parametrize("law", MATERIALS)
+@pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("hold", [SYMMETRIC, AT_A_CORNER], ids=["symmetric", "free"])
-def test_a_cube_under_pressure_is_compressed_uniformly(comm, law, hold):
+def test_a_cube_under_pressure_is_compressed_uniformly(comm, name, hold):
     """F = s I with P = -p cof F: the patch test of a follower load, for each material."""
     value = 0.3
     loads = CLOSED if hold is AT_A_CORNER else [on("right"), on("back"), on("top")]
     p = pressed(
         cube(comm, "hexahedron", 2, 0.05),
         [on(load.group, value) for load in loads],
-        law=law,
+        name=name,
         hold=hold,
     )
     solve(p)
-    m = material(E=1.0, **MATERIALS[law])
+    m = material(E=1.0, **MATERIALS[name])
     s = brentq(lambda s: m.pk1(s * np.eye(3))[0, 0] + value * s**2, 0.5, 1.0, xtol=1e-15)
     X = p.V.tabulate_dof_coordinates()
     np.testing.assert_allclose(p.x.array.reshape(-1, 3), (s - 1) * X, atol=1e-9)

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Condition, Hold, constrained, cube, dense, problem, put, wave
+from bodies import MINIMISING, Condition, Hold, constrained, cube, dense, problem, set_values, wave
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
@@ -41,7 +41,7 @@ def test_against_a_dense_solver(comm, element, strained):
     body = cube(comm, ELEMENTS[element].cell, 1 if element[1] == "2" else 2, 0.03)
     p = problem(body, element, E=3.0, hold=[Hold("left"), Hold("front", ("y",))])
     if strained:
-        put(p, wave(0.02))
+        set_values(p, wave(0.02))
         p.prescribe(p.x)
     found = modes.lowest(p, 2.0, 8)
     p.jacobian(p.x, "exact")
@@ -63,12 +63,12 @@ def test_mass_is_that_of_the_body_and_consistent(element):
     """Exact for products of the element's functions on a mesh of straight cells."""
     p = problem(cube(MPI.COMM_SELF, ELEMENTS[element].cell, 2, size=0.5), element)
     M = mass_matrix(p.V, 8.0)
-    put(p, lambda X: np.array([1.0, 0, 0]) + 0 * X)
+    set_values(p, lambda X: np.array([1.0, 0, 0]) + 0 * X)
     y = p.x.duplicate()
     M.mult(p.x, y)
     assert p.x.dot(y) == pytest.approx(8.0 * 0.5**3, rel=1e-12)
     if element[1] == "2":
-        put(p, lambda X: X**2)  # the integral of x^4 + y^4 + z^4
+        set_values(p, lambda X: X**2)  # the integral of x^4 + y^4 + z^4
         M.mult(p.x, y)
         assert p.x.dot(y) == pytest.approx(8.0 * 3 * 0.5**7 / 5, rel=1e-12)
 
@@ -188,7 +188,7 @@ def test_an_unstable_state_has_negative_frequencies(comm):
     _dolfinx.geometry_x(body.domain)[:, 0] *= 6
     p = problem(body, "Q1", hold=rollers[:1], move=rollers[1:])
     p.set_load(1.0)
-    put(p, lambda X: press(X, 1.0))
+    set_values(p, lambda X: press(X, 1.0))
     found = modes.lowest(p, 1.0, 6)
     p.jacobian(p.x, "exact")
     K, M = dense(p.A), dense(mass_matrix(p.V, 1.0))

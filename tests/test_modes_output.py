@@ -40,10 +40,10 @@ def test_record_table_and_shapes(comm, folder, element):
     count = 4
     result = solve(cells=3, count=count, aspect=2.0, element=element, density=500.0, out=folder)
     comm.barrier()
-    told = json.loads((folder / "run.json").read_text())["modes"]
-    assert told == result.record["modes"]
-    assert told["density"] == 500 and told["frequencies"] == result.frequencies
-    assert len(told["residuals"]) == count and max(told["residuals"]) < 1e-9
+    modes = json.loads((folder / "run.json").read_text())["modes"]
+    assert modes == result.record["modes"]
+    assert modes["density"] == 500 and modes["frequencies"] == result.frequencies
+    assert len(modes["residuals"]) == count and max(modes["residuals"]) < 1e-9
     seconds = result.record["seconds"]
     assert min(seconds.values()) >= 0 and seconds["modes"] > 0
     with (folder / "modes.csv").open() as file:
@@ -107,7 +107,7 @@ def test_a_scene_without_modes_does_not_load_slepc():
 
 
 @pytest.mark.parametrize(
-    "overrides, told",
+    "overrides, message",
     [
         ({"modes.count": 0}, "modes.count = 0: expected a whole number from 1 to 2147483647"),
         ({"modes.density": 0}, r"modes.density = 0: expected a number > 0"),
@@ -115,8 +115,8 @@ def test_a_scene_without_modes_does_not_load_slepc():
         ({"modes": 3}, "modes = 3: expected a table"),
     ],
 )
-def test_mistakes_in_the_table(overrides, told):
-    with pytest.raises(BadInput, match=told):
+def test_mistakes_in_the_table(overrides, message):
+    with pytest.raises(BadInput, match=message):
         scenes.load("twist", **overrides)
 
 

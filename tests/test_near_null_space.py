@@ -16,7 +16,7 @@ from bodies import (
     every_energy_serially,
     one_cell,
     problem,
-    put,
+    set_values,
 )
 
 from fem_snh.fem.elements import ELEMENTS
@@ -68,7 +68,7 @@ def test_a_rotated_body_is_at_rest(comm, name):
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     p = problem(cube(comm, "hexahedron", 2, 0.05), "Q1", name)
-    put(p, lambda X: X @ R.T - X + [1, 2, 3])
+    set_values(p, lambda X: X @ R.T - X + [1, 2, 3])
     r = p.x.duplicate()
     p.gradient(p.x, r)
     assert p.energy(p.x) == pytest.approx(0, abs=1e-14)

@@ -118,9 +118,9 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("function", "said"), MISTAKES, ids=[f.__name__ for f, _ in MISTAKES])
-def test_mistakes_in_functions(function, said):
-    with pytest.raises(BadInput, match=f"^material '{function.__name__}'.*{said}") as caught:
+@pytest.mark.parametrize(("function", "message"), MISTAKES, ids=[f.__name__ for f, _ in MISTAKES])
+def test_mistakes_in_functions(function, message):
+    with pytest.raises(BadInput, match=f"^material '{function.__name__}'.*{message}") as caught:
         fem_snh.material(function, nu=0.3)
     assert "\n" not in str(caught.value)
 
@@ -142,9 +142,9 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize(("reference", "said"), FILES.items(), ids=list(FILES))
+@pytest.mark.parametrize(("reference", "message"), FILES.items(), ids=list(FILES))
 @pytest.mark.parametrize("command", ["materials {} --report", "run twist --material {} --cells 2"])
-def test_mistakes_in_files(reference, said, command, tmp_path: Path, monkeypatch, capsys):
+def test_mistakes_in_files(reference, message, command, tmp_path: Path, monkeypatch, capsys):
     (tmp_path / "gel.py").write_text("SIZE = 1\ndef gel(I_C, J, mu, lam):\n    return 2\n")
     (tmp_path / "broken.py").write_text("wrong + 1\n")
     (tmp_path / "syntax.py").write_text("def gel(:\n")
@@ -152,7 +152,7 @@ def test_mistakes_in_files(reference, said, command, tmp_path: Path, monkeypatch
     assert cli.main(command.format(reference).split()) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert re.search(said, error), error
+    assert re.search(message, error), error
 
 
 def test_materials_of_the_package_are_not_held_to_the_check_of_the_rest_stress():

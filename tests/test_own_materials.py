@@ -155,8 +155,8 @@ def test_run_and_resume_of_a_scene_file(comm, file: Path):
 
 @pytest.mark.mpi
 def test_a_mistake_is_the_same_on_every_rank(comm, file: Path):
-    for reference, said in (("no.py:gent", "cannot read"), ("gent.py:gnt", "has no function")):
-        with pytest.raises(BadInput, match=said) as caught:
+    for reference, message in (("no.py:gent", "cannot read"), ("gent.py:gnt", "has no function")):
+        with pytest.raises(BadInput, match=message) as caught:
             fem_snh.run("twist", material=str(file.parent / reference), progress=False)
         assert "\n" not in str(caught.value)
 

@@ -53,7 +53,7 @@ def test_two_files_of_one_name_are_two_modules(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("reference", "said"),
+    ("reference", "message"),
     [
         ("press.py", "'press.py': expected FILE.py:NAME"),
         ("press.py:", "expected FILE.py:NAME"),
@@ -64,14 +64,14 @@ def test_two_files_of_one_name_are_two_modules(folder: Path) -> None:
         ("press.py:SIZE", "SIZE is of type int: expected a function"),
     ],
 )
-def test_mistakes_in_a_reference(folder: Path, reference: str, said: str) -> None:
-    with pytest.raises(BadInput, match=said) as caught:
+def test_mistakes_in_a_reference(folder: Path, reference: str, message: str) -> None:
+    with pytest.raises(BadInput, match=message) as caught:
         load_reference(reference, folder)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("x = 1\ndef press(:\n", r"bad.py does not import: line 2: SyntaxError: .+"),
         (
@@ -83,9 +83,9 @@ def test_mistakes_in_a_reference(folder: Path, reference: str, said: str) -> Non
         ("raise SystemExit(3)\n", "line 1: SystemExit: 3"),
     ],
 )
-def test_a_file_that_does_not_import(tmp_path: Path, text: str, said: str) -> None:
+def test_a_file_that_does_not_import(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.py").write_text(text)
-    with pytest.raises(BadInput, match=said) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         load_reference("bad.py:press", tmp_path)
     assert "\n" not in str(caught.value)
 

@@ -81,7 +81,7 @@ def test_its_mesh_is_relative_to_the_file(folder: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "said"),
+    ("name", "overrides", "message"),
     [
         ("press", {"cells": 0}, "cells = 0: expected a whole number from 1 to 10000"),
         ("press", {"cells": "x"}, "cells = 'x': expected a whole number"),
@@ -93,8 +93,8 @@ def test_its_mesh_is_relative_to_the_file(folder: Path, monkeypatch: pytest.Monk
         ("pres", {}, r"has no function 'pres' \(did you mean 'press'\?\)"),
     ],
 )
-def test_mistakes(folder: Path, name: str, overrides: dict[str, object], said: str) -> None:
-    with pytest.raises(BadInput, match=said) as caught:
+def test_mistakes(folder: Path, name: str, overrides: dict[str, object], message: str) -> None:
+    with pytest.raises(BadInput, match=message) as caught:
         scenes.load(f"press.py:{name}", **overrides)
     assert "\n" not in str(caught.value) and f"press.py:{name}" in str(caught.value)
 

@@ -114,5 +114,7 @@ def test_plot_bad_arguments(tmp_path):
 
 def test_pictures_do_not_need_the_solver():
     code = "import fem_snh.plots, fem_snh.render, sys; print(*sys.modules)"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(said.stdout.split())
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert not {"dolfinx", "petsc4py", "mpi4py", "gmsh", "pyvista"} & set(output.stdout.split())

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import cube, put, wave
+from bodies import cube, set_values, wave
 
 import fem_snh
 from fem_snh import _dolfinx
@@ -35,7 +35,7 @@ class Point:
 
 @dataclass
 class Body:
-    """What `put` and `Probes` need of a problem."""
+    """What `set_values` and `Probes` need of a problem."""
 
     V: Any
     u: Any
@@ -70,14 +70,14 @@ def test_a_field_that_the_element_holds_is_exact(comm: MPI.Comm, element: str) -
     cell, degree = CELLS[element]
     p = body(cube(comm, cell, cells=4), degree)
     field = quadratic if degree == 2 else affine
-    put(p, field)
+    set_values(p, field)
     probes = Probes(p.u, [Point(f"p{i}", point) for i, point in enumerate(POINTS)])
     values = probes.values()
     assert list(values) == [f"p{i}" for i in range(len(POINTS))]
     expected = field(np.array(POINTS, dtype=float))
     assert np.array(list(values.values())) == pytest.approx(expected, abs=1e-13)
     assert comm.allgather(values) == [values] * comm.size
-    put(p, lambda X: 2 * field(X))  # located once, evaluated anew
+    set_values(p, lambda X: 2 * field(X))  # located once, evaluated again
     assert np.array(list(probes.values().values())) == pytest.approx(2 * expected, abs=1e-13)
 
 
@@ -87,7 +87,7 @@ def test_cells_of_any_shape(comm: MPI.Comm, element: str) -> None:
     """Isoparametric elements hold affine fields whatever the shape of their cells."""
     cell, degree = CELLS[element]
     p = body(cube(comm, cell, cells=3, bend=0.05, size=1e-3), degree)
-    put(p, affine)
+    set_values(p, affine)
     points = np.random.default_rng(0).uniform(0, 1e-3, (40, 3))
     values = Probes(p.u, [Point(f"p{i}", point) for i, point in enumerate(points)]).values()
     assert np.array(list(values.values())) == pytest.approx(affine(points), abs=1e-9)
@@ -100,7 +100,7 @@ def test_ranks_agree_with_one(comm: MPI.Comm) -> None:
     found = []
     for ranks in (MPI.COMM_SELF, comm):
         p = body(cube(ranks, "tetrahedron", cells=4), 2)
-        put(p, wave(1.0))
+        set_values(p, wave(1.0))
         found.append(np.array(list(Probes(p.u, probes).values().values())))
     assert found[1] == pytest.approx(found[0], abs=1e-12)
 
@@ -108,7 +108,7 @@ def test_ranks_agree_with_one(comm: MPI.Comm) -> None:
 @mpi
 def test_rounding_does_not_put_a_point_outside(comm: MPI.Comm) -> None:
     p = body(cube(comm, "hexahedron", cells=3, size=0.1), 1)
-    put(p, affine)
+    set_values(p, affine)
     point = np.array([0.1 + 1e-9, 0.05, -1e-9])
     (value,) = Probes(p.u, [Point("a", point)]).values().values()
     assert value == pytest.approx(affine(point[None])[0], abs=1e-12)
@@ -119,11 +119,11 @@ def test_rounding_does_not_put_a_point_outside(comm: MPI.Comm) -> None:
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_a_point_outside_is_bad_input_on_every_rank(comm: MPI.Comm, cell: str, point: Any) -> None:
     p = body(cube(comm, cell, cells=2), 1)
-    told = (
+    message = (
         rf"^probe 'far': \[{point[0]}.* is outside the body, which extends over "
         r"x = 0..1, y = 0..1, z = 0..1$"
     )
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=message):
         Probes(p.u, [Point("near", (0, 0, 0)), Point("far", point)])
 
 

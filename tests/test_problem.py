@@ -15,7 +15,7 @@ from bodies import (
     every_energy,
     norm,
     problem,
-    put,
+    set_values,
     wave,
 )
 
@@ -122,7 +122,7 @@ def test_small_traction_is_linear_elasticity(comm, element, name):
 def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
     t = np.array([0.3, -0.2, 0.5])
     p = bar(comm, "Q1", traction=[Force("right", t), Force("top", -t)], bend=0.0)
-    put(p, wave(0.05))
+    set_values(p, wave(0.05))
     other, force = p.x.duplicate(), p.x.duplicate()
     energies = []
     for load in (0.0, 0.5):
@@ -154,7 +154,7 @@ def test_without_an_energy_there_are_forces(comm):
     with pytest.raises(BadInput, match="'filtered_neo_hookean' has no energy, only a stress"):
         p.energy(p.x)
     assert p.reactions(p.x)["left"] == pytest.approx([0, 0, 0], abs=1e-14)
-    put(p, lambda X: 0.1 * X * [1, 0, 0])
+    set_values(p, lambda X: 0.1 * X * [1, 0, 0])
     (force,) = p.reactions(p.x).values()
     assert force[0] == pytest.approx(-filtered.pk1(np.diag([1.1, 1, 1]))[0, 0], rel=1e-10)
 
@@ -174,7 +174,7 @@ def test_prescribed_values_are_exact_and_follow_the_load(comm, element):
         hold=[Hold("left"), Hold("corners", ("z",))],
         move=[Condition("right", turn, ("x", "y"))],
     )
-    put(p, wave(1.0))
+    set_values(p, wave(1.0))
     before = p.x.array.copy()
     p.set_load(0.5)
     p.prescribe(p.x)

@@ -58,10 +58,10 @@ def test_memory_is_counted_over_all_ranks(tmp_path: Path) -> None:
 def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
     """A finer mesh than one that was given up, or than one that took too long by itself."""
     scene = scenes.load("twist", **TINY)
-    said: list[str] = []
+    lines: list[str] = []
     batch = Batch(
         tmp_path, "study", {}, ["point", *REQUESTED, *MEASURED], Limits(2, timeout=0.05),
-        report=said.append,
+        report=lines.append,
     )  # fmt: skip
     points = {
         "a": ScenePoint("twist", TINY, scene),
@@ -75,7 +75,7 @@ def test_what_is_hopeless_is_not_tried(tmp_path: Path) -> None:
     assert status.pop("a") == "given up after 0.05 s"
     assert status.pop("b") == status.pop("c") == "not tried: 2 cells were given up after 0.05 s"
     assert status == {"d": "converged", "e": "not tried: would take more than 60 s"}
-    assert len(said) == 5 and not (tmp_path / "b").exists()
+    assert len(lines) == 5 and not (tmp_path / "b").exists()
 
 
 class Echo(Point):
@@ -91,8 +91,8 @@ class Echo(Point):
         return {"scene": "none"}
 
     def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
-        said = log.read_text().split()
-        return {"converged": code == 0 and not record, "status": said[0], "seconds": None}
+        words = log.read_text().split()
+        return {"converged": code == 0 and not record, "status": words[0], "seconds": None}
 
 
 def test_a_point_may_be_any_command(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_a_page_gets_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(GROUPS, "two", two)
     page = folder / "page.md"
     page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n")
-    for _ in range(2):  # what is made anew is the same
+    for _ in range(2):  # the second table equals the first
         assert benchmarks.main("references", {"only": "two", "write": str(page)}) == 1
         text = page.read_text()
         assert "| two | length [m] | a book | 2 | 2.01 | +0.5 % | 0.6 % | ok |" in text

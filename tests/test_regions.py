@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import dense, norm, put, wave
+from bodies import dense, norm, set_values, wave
 
 from fem_snh.fem import mesh
 from fem_snh.fem.create_problem import create_problem
@@ -32,7 +32,7 @@ def bar(element: str, materials: list[Any], cells: int = 2) -> Any:
 def state(p: Any) -> Any:
     """Set the unknowns to smooth fields, and return them."""
     if not p.saddle_point:
-        return put(p, wave(0.05))
+        return set_values(p, wave(0.05))
     X = p.coordinates
     p.x.array[: X.size] = wave(0.05)(X).ravel()
     Q, n = p.saddle_point.Q, len(p.saddle_point.pressure_dofs(p.x))

@@ -86,8 +86,8 @@ def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> 
     for number in range(1, len(frequencies) + 1):
         mode.interpolate(lambda x, n=number: np.array([0 * x[0], n * x[2], 0 * x[0]]))
         file.write([u, mode], float(number))
-    told = {"density": 1.0, "frequencies": frequencies, "residuals": [0.0] * len(frequencies)}
-    on_root(comm, write_record, folder, record(modes=told))
+    eigenmodes = {"density": 1.0, "frequencies": frequencies, "residuals": [0.0] * len(frequencies)}
+    on_root(comm, write_record, folder, record(modes=eigenmodes))
     comm.barrier()
     return folder
 

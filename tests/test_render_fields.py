@@ -70,16 +70,16 @@ def test_colours_of_a_field_that_changes_sign_are_centred_at_zero():
 
 
 def test_mistakes(stressed):
-    def said(field):
+    def error_message(field):
         return bad(render.main, stressed, None, None, field)
 
     for field in ("von_mses", "pk1_stress", "pk1_stress.xy"):
-        message = said(field)
+        message = error_message(field)
         assert message.startswith(f"field = '{field}': expected one of J, cauchy_stress, ")
-    assert "did you mean 'von_mises'" in said("von_mses")
-    assert "a run with --set fields=pk1_stress writes it" in said("pk1_stress.xy")
-    assert said("cauchy_stress.q") == (
+    assert "did you mean 'von_mises'" in error_message("von_mses")
+    assert "a run with --set fields=pk1_stress writes it" in error_message("pk1_stress.xy")
+    assert error_message("cauchy_stress.q") == (
         "field = 'cauchy_stress.q': expected a component of cauchy_stress: "
         "xx, xy, xz, yx, yy, yz, zx, zy, zz"
     )
-    assert said("von_mises.x") == "field = 'von_mises.x': expected 'von_mises', a scalar"
+    assert error_message("von_mises.x") == "field = 'von_mises.x': expected 'von_mises', a scalar"

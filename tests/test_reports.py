@@ -118,10 +118,10 @@ def test_kernels_take_any_order_and_pair_of_signs(name):
 @every_name
 def test_report(name, tmp_path):
     r = reported(name)
-    told = str(r)
-    assert name in told.splitlines()[0]
-    assert all(s.name in told and str(s) in told for s in r.stabilities)
-    assert "nan" not in told and max(map(len, told.splitlines())) < 200
+    text = str(r)
+    assert name in text.splitlines()[0]
+    assert all(s.name in text and str(s) in text for s in r.stabilities)
+    assert "nan" not in text and max(map(len, text.splitlines())) < 200
     assert (r.mu_lame, r.lambda_lame) == pytest.approx((1.7 / 2.6, 1.7 * 0.3 / (1.3 * 0.4)))
 
 

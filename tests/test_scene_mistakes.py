@@ -100,9 +100,9 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "told"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
-def test_mistake_in_one_line(overrides: dict[str, Any], told: str) -> None:
-    with pytest.raises(BadInput, match=f"^twist: .*{told}") as caught:
+@pytest.mark.parametrize(("overrides", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
+def test_mistake_in_one_line(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: .*{message}") as caught:
         scenes.load("twist", **overrides)
     assert "\n" not in str(caught.value)
 
@@ -113,7 +113,7 @@ def test_held_and_moved_in_different_components_is_fine() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("steps = 4", "step = 4", "unknown key 'step': expected .*did you mean 'steps'"),
         ("steps = 4", "steps = 4 4", r"not valid TOML: .*line 4"),
@@ -127,10 +127,10 @@ def test_held_and_moved_in_different_components_is_fine() -> None:
         ("angle = 1.57", "angle = nan", "move.0.rotate.angle = nan: expected a finite number"),
     ],
 )
-def test_mistake_in_a_scene_file(toml: Path, old: str, new: str, told: str) -> None:
+def test_mistake_in_a_scene_file(toml: Path, old: str, new: str, message: str) -> None:
     assert old in TOML
     toml.write_text(TOML.replace(old, new))
-    with pytest.raises(BadInput, match=rf"block\.toml.*{told}") as caught:
+    with pytest.raises(BadInput, match=rf"block\.toml.*{message}") as caught:
         scenes.load(toml)
     assert "\n" not in str(caught.value)
 

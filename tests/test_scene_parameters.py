@@ -44,7 +44,7 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "told"),
+    ("key", "value", "message"),
     [
         ("powers", 2.0, r"powers = 2.0: expected a list of float"),
         ("powers", ["a"], r"powers = \['a'\]: expected a list of float"),
@@ -61,6 +61,6 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
         ),
     ],
 )
-def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, told: str) -> None:
-    with pytest.raises(BadInput, match=f"^twist: material[.:].*{told}"):
+def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, message: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: material[.:].*{message}"):
         scenes.load("twist", material={"name": parametrised, key: value})

@@ -84,7 +84,7 @@ def test_any_table_gives_a_scene_or_one_line(table: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("quadrature", HUGE, f"quadrature = {HUGE}: expected a whole number from 1 to 30"),
         ("quadrature", 31, "quadrature = 31: expected a whole number from 1 to 30"),
@@ -107,10 +107,10 @@ def test_any_table_gives_a_scene_or_one_line(table: dict[str, Any]) -> None:
         ("load_range", [0, 10**400], "load_range = [0, 1000"),
     ],
 )
-def test_numbers_out_of_range(key: str, value: Any, said: str) -> None:
+def test_numbers_out_of_range(key: str, value: Any, message: str) -> None:
     with pytest.raises(BadInput) as caught:
         scenes.load(WHOLE, **{key: value})
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_number_that_python_does_not_print() -> None:

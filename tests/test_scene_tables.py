@@ -83,9 +83,9 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "told"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
-def test_mistake_in_one_line(overrides: dict[str, Any], told: str) -> None:
-    with pytest.raises(BadInput, match=f"^twist: .*{told}") as caught:
+@pytest.mark.parametrize(("overrides", "message"), MISTAKES, ids=[str(m[0]) for m in MISTAKES])
+def test_mistake_in_one_line(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=f"^twist: .*{message}") as caught:
         scenes.load("twist", **overrides)
     assert "\n" not in str(caught.value)
 

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, norm, put, wave
+from bodies import MINIMISING, norm, set_values, wave
 from solver_problems import (
     TRUST,
     half_turn,
@@ -164,7 +164,7 @@ def test_iterations_free_their_memory(comm):
     with options(snes_forcing_max=5e-3):
         for _ in range(3):
             before = resident()
-            put(p, wave(0.0))
+            set_values(p, wave(0.0))
             solve(p, **TRUST)
             grown.append(resident() - before)
     assert comm.allreduce(max(grown[1:]), op=MPI.MAX) < 4.0

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import Force, Hold, cube, problem, put, wave
+from bodies import Force, Hold, cube, problem, set_values, wave
 from solver_problems import (
     options,
     solve,
@@ -135,7 +135,7 @@ def test_steps_out_of_the_domain_are_backtracked(comm):
 @mpi
 def test_start_outside_the_domain_is_reported(comm):
     p = problem(cube(comm, "hexahedron", 2), "Q1", "neo_hookean", hold=[Hold("left")])
-    put(p, wave(2.0))
+    set_values(p, wave(2.0))
     snes = solver.create(p)
     snes.solve(None, p.x)
     assert solver.converged_reason(snes) == "DIVERGED_FUNCTION_DOMAIN"

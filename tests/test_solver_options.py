@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, problem, put
+from bodies import Condition, Hold, problem, set_values
 from solver_problems import (
     SYMMETRIC,
     options,
@@ -122,7 +122,9 @@ def test_growing_residual_is_no_divergence(comm):
         snes, _ = solve(p, hessian="clamp", predictor="tangent")
     straight, energy = p.x.copy(), p.energy(p.x)
     assert snes.getConvergedReason() > 0
-    bow = put(p, lambda X: 1e-5 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate())
+    bow = set_values(
+        p, lambda X: 1e-5 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate()
+    )
     p.x.axpy(1.0, bow)
     bent = p.x.copy()
     with options(snes_max_it=25):  # clamp needs many more to converge

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Condition, Force, cube, norm, problem, put
+from bodies import MINIMISING, Condition, Force, cube, norm, problem, set_values
 from solver_problems import (
     options,
     solve,
@@ -124,7 +124,7 @@ def test_frame_indifference_of_the_whole_solve(comm, element):
             Condition("top", lambda X, load: (X + top(X, load)) @ frame.T - X),
         ]
         p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, move=conditions)
-        put(p, lambda X: X @ (frame.T - np.eye(3)))
+        set_values(p, lambda X: X @ (frame.T - np.eye(3)))
         with options(snes_scaled_tol=1e-10, ksp_rtol=1e-10, snes_forcing_max=0):
             _, context = solve(p, hessian="clamp")
         X = p.V.tabulate_dof_coordinates()[: p.x.getLocalSize() // 3]

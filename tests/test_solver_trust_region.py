@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import Condition, Hold, cube, dense, problem, put
+from bodies import Condition, Hold, cube, dense, problem, set_values
 from solver_problems import (
     SYMMETRIC,
     TRUST,
@@ -94,7 +94,9 @@ def test_trust_region_leaves_an_unstable_state_that_clamp_does_not(comm):
     with options(snes_scaled_tol=1e-5, **SYMMETRIC):
         snes, _ = solve(p, hessian="clamp", predictor="tangent")
     straight, energy = p.x.copy(), p.energy(p.x)
-    bow = put(p, lambda X: 1e-4 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate())
+    bow = set_values(
+        p, lambda X: 1e-4 * np.sin(np.pi * X[:, :1] / 6) ** 2 * [0, 1, 0], p.x.duplicate()
+    )
     straight.axpy(1.0, bow)
     assert snes.getConvergedReason() > 0  # clamp converges to the saddle point
     ends = {}

@@ -85,7 +85,7 @@ def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "told"),
+    ("key", "value", "message"),
     [
         ("start", {"map": np.eye(3).tolist(), "scatter": 2.0}, "start: 'map' and 'scatter'"),
         ("start", {"through": [0, 0, 0]}, "missing key 'map': expected with 'through'"),
@@ -104,8 +104,8 @@ def test_prescribed_nodes_stay(comm: MPI.Comm) -> None:
         ("nu_continuation", 0.3, "nu_continuation = 0.3"),
     ],
 )
-def test_mistakes(key: str, value: Any, told: str) -> None:
-    with pytest.raises(BadInput, match=told):
+def test_mistakes(key: str, value: Any, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
         scenes.load("scramble", **{key: value})
 
 

@@ -86,11 +86,11 @@ def test_sweep_is_a_tidy_table_and_a_picture(done: tuple[Path, pd.DataFrame]) ->
 
 def test_a_finished_sweep_runs_nothing(done: tuple[Path, pd.DataFrame]) -> None:
     out, table = done
-    said: list[str] = []
+    lines: list[str] = []
     definition = json.loads((out / "sweep.json").read_text())
-    again = sweep("twist", out, definition["axes"], report=said.append)
+    again = sweep("twist", out, definition["axes"], report=lines.append)
     pd.testing.assert_frame_equal(again, table)
-    assert said[0] == "4 of 4 points are there already"
+    assert lines[0] == "4 of 4 points are there already"
 
 
 def test_another_sweep_needs_another_folder(done: tuple[Path, pd.DataFrame]) -> None:
@@ -131,8 +131,8 @@ def test_interrupt_leaves_a_readable_table_and_no_process(tmp_path: Path) -> Non
         assert time.monotonic() < late and parent.poll() is None
         time.sleep(0.05)
     parent.send_signal(signal.SIGINT)
-    _, said = parent.communicate(timeout=30)
-    assert parent.returncode == 130 and said.count("\n") == 1 and "interrupted" in said
+    _, output = parent.communicate(timeout=30)
+    assert parent.returncode == 130 and output.count("\n") == 1 and "interrupted" in output
     assert list(pd.read_csv(tmp_path / "sweep.csv")["point"]) == ["cells=2__steps=1"]
     assert not _mentioning(str(tmp_path))
 

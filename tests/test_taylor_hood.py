@@ -13,7 +13,7 @@ from volume_energies import (
     TAYLOR_HOOD,
     moduli,
     mpi,
-    put,
+    set_state,
 )
 
 from fem_snh import _dolfinx
@@ -38,7 +38,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, name, nu):
     kind = replace(kind, quadrature={"tetrahedron": 2, "hexahedron": 5}[kind.cell])
     body = cube(comm, kind.cell, 2, 0.05)
     keywords = volume.keywords | {"nu": nu, "barrier": "barrier" in name}
-    p = put(create_problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
+    p = set_state(create_problem(body, kind, material(E=1.0, **keywords)), wave(0.03), 0.3)
     r = p.x.duplicate()
     energy = p.energy(p.x)
     p.gradient(p.x, r)

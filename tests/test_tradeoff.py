@@ -69,7 +69,7 @@ def test_forcing_is_turned_with_an_iterative_solver() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong, told",
+    "wrong, message",
     [
         ({"element": "Q3"}, "element = 'Q3': expected one of"),
         ({"solver": "minres+gamg"}, r"solver of Q1 = 'minres\+gamg': expected one of"),
@@ -78,13 +78,13 @@ def test_forcing_is_turned_with_an_iterative_solver() -> None:
         ({"tolerance": "small"}, "tolerance = small: expected a number > 0"),
     ],
 )
-def test_a_choice_that_there_is_not(wrong: dict[str, Any], told: str) -> None:
-    with pytest.raises(BadInput, match=told):
+def test_a_choice_that_there_is_not(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=message):
         Choice(**{"element": "Q1", "cells": 4, **wrong})
 
 
 @pytest.mark.parametrize(
-    "words, told",
+    "words, message",
     [
         ("cook --nu 0.5 --elements Q1", r"nu = 0\.5: none of Q1 can have it"),
         ("cook --elements Q9", "element = 'Q9': expected one of"),
@@ -99,15 +99,15 @@ def test_a_choice_that_there_is_not(wrong: dict[str, Any], told: str) -> None:
     ],
 )
 def test_bad_input(
-    words: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["tradeoff", *words.split(), "--out", str(tmp_path / "o")]) == 2
-    said = capsys.readouterr().err
-    assert told.replace("\\", "") in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message.replace("\\", "") in output and output.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    "words, told",
+    "words, message",
     [
         ("pull --accuracy 1%", "there is no table for pull, only for"),
         ("cook --accuracy-table a.csv", "--accuracy-table: expected with --accuracy"),
@@ -115,10 +115,10 @@ def test_bad_input(
         ("cook --accuracy 1% --accuracy-table setup.py", "has no column"),
     ],
 )
-def test_bad_accuracy(words: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_accuracy(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", *words.split()]) == 2
-    said = capsys.readouterr().err
-    assert told in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
 
 
 SCENE = """
@@ -163,23 +163,23 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def study(own: Path, said: list[str], **more: Any) -> pd.DataFrame:
+def study(own: Path, lines: list[str], **more: Any) -> pd.DataFrame:
     meshes = [str(own / f"box{n}.msh") for n in (1, 2, 4)]
     asked: dict[str, Any] = {"vary": [], "timeout": 60.0} | more
-    return tradeoff(own / "box.toml", own / "out", meshes=meshes, report=said.append, **asked)
+    return tradeoff(own / "box.toml", own / "out", meshes=meshes, report=lines.append, **asked)
 
 
 def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said: list[str] = []
-    table = study(own, said, elements=["Q2Q1"], vary=["eigensolver"])
+    lines: list[str] = []
+    table = study(own, lines, elements=["Q2Q1"], vary=["eigensolver"])
     assert len(table) == 4 and table["converged"].all() and table["cpu"].between(1e-4, 60).all()
     assert set(table["eigensolver"]) == {"cubic", "jacobi"} and table["default"].sum() == 3
     assert table["h"].tolist()[:3] == pytest.approx([1, 1 / 2, 1 / 4])
-    assert any("energy: Q2Q1 up to" in line for line in said)
+    assert any("energy: Q2Q1 up to" in line for line in lines)
 
-    said.clear()
-    table = study(own, said, elements=["Q1", "Q2Q1"])
-    assert said[0] == "3 of 6 points are there already"
+    lines.clear()
+    table = study(own, lines, elements=["Q1", "Q2Q1"])
+    assert lines[0] == "3 of 6 points are there already"
     assert len(table) == 7
     q1 = table[table["element"] == "Q1"]
     assert q1["error_energy"].iloc[0] > q1["error_energy"].iloc[2] > 0
@@ -187,12 +187,12 @@ def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]
     for name in ("tradeoff.csv", "tradeoff.png", "advice.csv", "advice.md", "tradeoff.json"):
         assert (own / "out" / name).stat().st_size > 100
 
-    said.clear()
-    again = study(own, said, elements=["Q1", "Q2Q1"])
-    assert said[0] == "6 of 6 points are there already"
+    lines.clear()
+    again = study(own, lines, elements=["Q1", "Q2Q1"])
+    assert lines[0] == "6 of 6 points are there already"
     pd.testing.assert_frame_equal(again, table)
     with pytest.raises(BadInput, match=r"holds tradeoff\.csv of other values"):
-        study(own, said, overrides={"E": 2.0})
+        study(own, lines, overrides={"E": 2.0})
 
     with (own / "out" / "advice.csv").open() as file:
         best = list(csv.DictReader(file))[-1]
@@ -207,10 +207,10 @@ def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]
 
 def test_what_runs_out_of_time_is_a_row(own: Path, tmp_path: Path) -> None:
     meshes = [str(own / f"box{n}.msh") for n in (1, 2, 4)]
-    said: list[str] = []
+    lines: list[str] = []
     table = tradeoff(
         own / "box.toml", tmp_path, meshes=meshes, elements=["Q1"], vary=[], timeout=0.05,
-        report=said.append,
+        report=lines.append,
     )  # fmt: skip
     assert table["status"][0] == "given up after 0.05 s"
     assert table["status"][1].startswith("not tried: ") and not table["converged"].any()

@@ -23,18 +23,18 @@ from fem_snh.studies.tradeoff.knobs import Choice
 
 
 def test_errors_are_of_what_converged_against_the_finest() -> None:
-    said: list[str] = []
-    table = errors.assess(by_hand(), OF, said.append)
+    lines: list[str] = []
+    table = errors.assess(by_hand(), OF, lines.append)
     q1 = table[table["element"] == "Q1"]["error_displacement"]
     assert q1.tolist() == pytest.approx([0.5, 0.25, 0.125], rel=1e-3)
     assert table["error_energy"][0] == pytest.approx(0.5, rel=1e-3)
     assert np.isnan(table["error_displacement"].iloc[-1])  # that did not converge
     assert table["shift"].iloc[-2] == pytest.approx(1e-5, rel=1e-2)
     assert table["shift"][0] == 0
-    told = {line.partition(":")[0]: line for line in said}
-    assert "order 3.00" in told["energy"] and "Q2Q1 up to 16 cells" in told["energy"]
-    assert "rejected" in told["volume"] and table["error_volume"].isna().all()
-    assert "reaction" not in told
+    by_quantity = {line.partition(":")[0]: line for line in lines}
+    assert "order 3.00" in by_quantity["energy"] and "Q2Q1 up to 16 cells" in by_quantity["energy"]
+    assert "rejected" in by_quantity["volume"] and table["error_volume"].isna().all()
+    assert "reaction" not in by_quantity
 
 
 def test_without_three_meshes_there_is_no_error() -> None:
@@ -104,8 +104,8 @@ def test_a_scene_has_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     """At a lower nu than any that was measured, the row of the lowest."""
     words = ["run", "cook", "--nu", "0.2", "--accuracy", "5%", "--out", str(tmp_path)]
     assert main(words) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("accuracy: ") and "at nu = 0.3 (cook.csv)" in said
+    output = capsys.readouterr().out
+    assert output.startswith("accuracy: ") and "at nu = 0.3 (cook.csv)" in output
     record = json.loads((tmp_path / "run.json").read_text())
     assert record["accuracy"]["error"] <= 0.05 and record["accuracy"]["asked"] == 0.05
     assert record["material"]["nu"] == 0.2 and record["hessian"] == record["accuracy"]["hessian"]

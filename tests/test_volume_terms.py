@@ -1,6 +1,6 @@
 """Mean dilatation and Taylor-Hood by hand: energy, forces and filtered matrices, in numpy and UFL.
 
-What these elements do to a material is written here anew: the volume terms below, their derivatives
+An independent implementation of the split is the oracle: the volume terms below, their derivatives
 and their conjugates are typed in, cells are summed in numpy, and UFL derives the rest.
 """
 
@@ -20,8 +20,8 @@ from volume_energies import (
     mpi,
     pairs,
     problem,
-    put,
-    wild,
+    set_inverted_state,
+    set_state,
 )
 
 from fem_snh import _dolfinx
@@ -106,7 +106,7 @@ def block_by_hand(p, volume, keep):
 def test_filters_are_numpys_eigh_at_every_point(element, name, choice):
     """One cell that is no unit cell, inverted at some points."""
     p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
-    wild(p, p.material.expression.inversion_safe)
+    set_inverted_state(p, p.material.expression.inversion_safe)
     p.jacobian(p.x, choice)
     found = dense(p.A)
     n = 3 * _dolfinx.num_nodes(p.V)[0]
@@ -124,7 +124,7 @@ def test_filters_are_numpys_eigh_at_every_point(element, name, choice):
 def test_mean_dilatation_energy(element, name):
     """psi - U(J) at each point, and U of the mean of J once a cell."""
     p = problem(cube(MPI.COMM_SELF, ELEMENTS[element].cell, 2, 0.05), element, name)
-    put(p, wave(0.05))
+    set_state(p, wave(0.05))
     found, volume = p.energy(p.x), ENERGIES[name]
     k, expected = moduli(p)[2], 0.0
     for _, w, F, _ in cells(p):
@@ -153,7 +153,7 @@ def difference(function, x, d, h):
 def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Of the energy and of the residual, along a random direction, pressures included."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.05), element, name, hold=HOLD)
-    put(p, wave(0.03), 0.3)
+    set_state(p, wave(0.03), 0.3)
     r, d, Ad = (p.x.duplicate() for _ in range(3))
     d.array[:] = np.random.default_rng(comm.rank).uniform(-1, 1, d.getLocalSize())
     d.array[p.constrained_dofs] = 0

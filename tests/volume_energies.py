@@ -89,8 +89,8 @@ def problem(body, element, name, **conditions):
     )
 
 
-def put(p, field, push=0.0):
-    """The displacement field((n, 3)) at this rank's nodes; waves of ``push`` for pressures."""
+def set_state(p, field, push=0.0):
+    """Set displacements to field((n, 3)) at this rank's nodes, pressures to waves of ``push``."""
     n = 3 * _dolfinx.num_nodes(p.V)[0]
     p.x.array[:n] = field(p.V.tabulate_dof_coordinates()[: n // 3]).ravel()
     if p.saddle_point:
@@ -100,12 +100,12 @@ def put(p, field, push=0.0):
     return p
 
 
-def wild(p, inverted):
-    """A state with inverted points or, for energies that have no value there, almost."""
+def set_inverted_state(p, inverted):
+    """Set a state with inverted points, or nearly inverted ones if their energy is infinite."""
     size = 0.8
-    put(p, wave(size), 0.8)
+    set_state(p, wave(size), 0.8)
     while not inverted and p.measures(p.x)["min_J"] < 0.02:
         size *= 0.8
-        put(p, wave(size), 0.8)
+        set_state(p, wave(size), 0.8)
     assert np.isfinite(p.energy(p.x)) and (p.measures(p.x)["min_J"] < 0) == inverted
     return p

@@ -168,7 +168,7 @@ def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, An
             data[key] = value
         else:
             for long in _keys(data, _SHORT.get(key, key)):
-                _put(data, long, value)
+                _set_dotted(data, long, value)
     return data
 
 
@@ -187,7 +187,7 @@ def _keys(data: dict[str, Any], key: str) -> list[str]:
     return [f"material.{number}.{rest}" for number in range(len(materials))]
 
 
-def _put(data: Any, key: str, value: Any) -> None:
+def _set_dotted(data: Any, key: str, value: Any) -> None:
     """Set data[a][b][c] for the dotted key a.b.c; create missing tables on the way."""
     *way, last = key.split(".", 1) if key.startswith("petsc.") else key.split(".")
     try:

@@ -122,9 +122,11 @@ class Choice:
 
     def name(self) -> str:
         """Return the name of the folder, which is unique for these settings."""
-        told: dict[str, Any] = {key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")}
-        told |= {"mesh": Path(self.mesh).stem, "steps": self.steps and f"steps={self.steps}"}
-        return "__".join(str(v) for v in (self.row() | told).values() if v not in ("", None))
+        numbers: dict[str, Any] = {
+            key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")
+        }
+        numbers |= {"mesh": Path(self.mesh).stem, "steps": self.steps and f"steps={self.steps}"}
+        return "__".join(str(v) for v in (self.row() | numbers).values() if v not in ("", None))
 
     def variations(self) -> Iterator[Choice]:
         """Yield these settings with one knob changed.
