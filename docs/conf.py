@@ -69,6 +69,7 @@ nitpick_ignore_regex = [
     # Types: text such as "array (n, 3)", and classes of packages that have no inventory here.
     ("py:class", r"(?!fem_snh\.).*"),
     ("py:class", r"fem_snh\.(\w+\.)*[A-Z]"),  # type variables
+    ("py:exc", r"petsc4py\..*"),  # no entry in the inventory
     ("py:class", r"fem_snh\.scenes\._\w+\.\w+"),  # documented where the package exports them
 ]
 

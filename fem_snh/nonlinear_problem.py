@@ -122,7 +122,7 @@ class NonlinearProblem:
 
         Raises
         ------
-        PETSc.Error
+        petsc4py.PETSc.Error
             If the solver diverged and ``snes_error_if_not_converged`` is set. Otherwise
             ``solver.getConvergedReason()`` is negative.
         """

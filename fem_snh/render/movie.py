@@ -77,7 +77,6 @@ def main(
     record = read_record(folder)
     stored = dict(sorted(stored_loads(folder / "fields.pvd").items()))
     check_field(folder / "fields.pvd", field)
-    check_field(folder / "fields.pvd", field)
     if len(stored) < 2:
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(stored)}")
     low, high = record.get("load_range", (0.0, 1.0))

@@ -1,6 +1,6 @@
 """Predict the solution at the next load: the first guess of Newton's method.
 
-`fem_snh.runs.stepping` calls ``predict`` before each solve.
+The load stepping (``fem_snh.runs.stepping``) calls ``predict`` before each solve.
 """
 
 from __future__ import annotations
