@@ -49,6 +49,7 @@ def exact(a: float) -> float:
     return by_quadrature
 
 
+@pytest.mark.mpi
 def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> None:
     """Within 2 %: one element across the wall, and nu = 0.49 instead of 1/2."""
     result = fem_snh.run(shell(SYMMETRIC), progress=False)
@@ -64,6 +65,7 @@ def test_pressure_of_the_exact_solution_on_both_sides_of_the_limit_point() -> No
     assert a == pytest.approx(STRETCH, rel=0.01)
 
 
+@pytest.mark.mpi
 def test_a_surface_with_a_free_edge_encloses_no_volume() -> None:
     with pytest.raises(BadInput, match=r"cavity.group = 'inner': expected a surface that encloses"):
         fem_snh.run(shell(SYMMETRIC[:1]), progress=False)

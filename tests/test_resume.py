@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bodies import PRESS
 from interrupted_runs import ALL, ALONE, STRETCH, cut, record, solve
+from test_cavity import SYMMETRIC, shell
 
 from fem_snh.runs import checkpoint, nodal_values
 
@@ -39,6 +40,7 @@ CASES = {
     "pressure": ("stretch", STRETCH | {"element": "Q2Q1", "nu": 0.5}, 2),
     "halved": (PRESS, {}, 4),
     "traction": ("cook", {"cells": 3, "element": "Q1", "steps": 3}, 2),
+    "cavity": (shell(SYMMETRIC), {}, 2),
 }
 
 

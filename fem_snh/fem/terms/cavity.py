@@ -123,7 +123,8 @@ class Cavity:
 
         The Hessian has the further part k g g^T.
         """
-        g.set(0.0)
+        with g.localForm() as local:  # ghosts included
+            local.set(0.0)
         self._pressure.value = np.array(1.0)
         self._term.add_residual(u, None, g, None)
         g.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
