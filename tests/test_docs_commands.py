@@ -44,8 +44,11 @@ QUICK = {
     f"{_BENCH} assembly": "--elements Q1 --material stable_neo_hookean --cells 2 --repeat 1",
     f"{_BENCH} convergence_orders": "--elements Q1 --nus 0.3 --cells 1,2",
     f"{_BENCH} coo_assembly": "--elements Q1 --cells 2 --repeat 1",
+    f"{_BENCH} dolfinx_program": "--parts scene --scene_cells 3 --repeat 1",
     f"{_BENCH} eigensolvers": "--samples 1 --points 16",
+    f"{_BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
     f"{_BENCH} hessian_filters": "--elements Q1 --nus 0.3 --cells 1 --seeds 1",
+    f"{_BENCH} interface": "--elements Q1P0 --cells 2",
     f"{_BENCH} linear_iterations": "--cells 3 --nus 0.49 --solvers cg+ssor",
     f"{_BENCH} memory_traffic": "--cells 3 --repeat 1",
     f"{_BENCH} negative_curvature": "--nus 0.3 --cells 3 --seeds 1 --lbfgs 0,20",
@@ -53,9 +56,11 @@ QUICK = {
     f"{_BENCH} petsc_parts": "--scenes twist --cells 2 --steps 1 --repeat 1",
     f"{_BENCH} quadrature": "--elements Q1 --nus 0.3 --cells 1 --repeat 1",
     f"{_BENCH} references": "--only uniaxial",
+    f"{_BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
     f"{_BENCH} stretch_times": "--cells 3 --ways ours --steps 1 --ranks 1 --timeout 60",
     f"{_BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3",
     f"{_BENCH} twist": "--cells 2",
+    f"{_BENCH} ufl_filter": "--elements Q1 --cells 2 --amplitude 0.02 --repeat 1",
     f"{_BENCH} volume_split": "--elements Q1 --bounds 1 --stretches 1 --cells 1",
 }
 #: Beginning of a command -> the test that runs it, or for a script the file that does.
