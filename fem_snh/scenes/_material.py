@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.materials.normalise import LARGEST_MODULUS
 from fem_snh.scenes._types import GroupKey, Positive
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -56,9 +57,11 @@ class MaterialChoice(Table):
     name: Annotated[Any, Expect("the name of a material, see `fem-snh materials`")] = Field(
         description="Name of the material, one that `fem-snh materials` lists, or FILE.py:FUNCTION."
     )
-    E: Annotated[Finite, Field(gt=0), Expect("a number > 0 (Young's modulus)")] = Field(
-        description="Young's modulus at small strain [Pa]."
-    )
+    E: Annotated[
+        Finite,
+        Field(ge=1 / LARGEST_MODULUS, le=LARGEST_MODULUS),
+        Expect(f"a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} (Young's modulus)"),
+    ] = Field(description="Young's modulus at small strain [Pa].")
     nu: Annotated[
         Finite,
         Field(gt=-1, le=0.5),
