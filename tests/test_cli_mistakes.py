@@ -26,7 +26,7 @@ MISTAKES = [
     ("run twist --nu -inf", "material.nu = -inf: "),
     ("run twist --nu nan", "material.nu = nan: "),
     ("run twist --nu abc", "material.nu = 'abc': "),
-    ("run twist --E -1e-3", "material.E = -0.001: expected a number from 1e-100 to 1e+100"),
+    ("run twist --E -1e-3", "material.E = -0.001: expected a number from 1e-100 to 1e\\+100"),
     ("run twist --cells 0", "cells = 0: expected a whole number from 1 to 10000"),
     (
         "run twist --material neo_hookan",
