@@ -25,6 +25,7 @@ SMALLER = {
     "scramble": ["--cells", "6"],
     "tutorial_beam": ["--cells", "4,1,1"],
     "foundation": ["--cells", "4"],
+    "inflation": ["--cells", "2", "--steps", "12"],
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
@@ -39,6 +40,7 @@ PICTURES = {
     "scramble": ["scramble/J.png"],
     "tutorial_beam": ["tutorial_beam/tutorial_beam.png"],
     "foundation": ["foundation/foundation.png"],
+    "inflation": ["inflation/inflation.png"],
 }
 
 
