@@ -58,14 +58,14 @@ def write_sequence(
             f"{min(later)}: of an earlier, longer sequence: remove it or choose another name"
         )
     nodes, triangles = surface_of(states.mesh)
-    faces = io.StringIO()
+    faces = io.BytesIO()
     np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
     rest = states.mesh.points[nodes]
     frame = _interpolated(states, nodes, frames) if frames else _stored(states, nodes)
     for number, (path, (load, u)) in enumerate(zip(paths, frame, strict=True), 1):
-        text = io.StringIO()
+        text = io.BytesIO()
         np.savetxt(text, rest + u, fmt="v %.10g %.10g %.10g", header=f"load {load:.10g}")
-        replace_file(path, text.getvalue() + faces.getvalue())
+        replace_file(path, (text.getvalue() + faces.getvalue()).decode())
         if report:
             report(number, count)
     return paths

@@ -92,7 +92,7 @@ class DirichletConditions:
         self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[Motion]
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
-        self.constrained = np.zeros((owned + ghosts, 3), dtype=bool)
+        self.constrained: Array = np.zeros((owned + ghosts, 3), dtype=bool)
         self._moved: list[tuple[Array, list[int], Motion, Array]] = []
         for condition in hold:
             self._constrain(V, mesh, condition)
@@ -101,7 +101,7 @@ class DirichletConditions:
             nodes, axes = self._constrain(V, mesh, motion)
             nodes = nodes[nodes < owned]
             self._moved.append((nodes, axes, motion, coordinates[nodes]))
-        self.dofs = np.flatnonzero(self.constrained[:owned])
+        self.dofs: Array = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(self._moved)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:

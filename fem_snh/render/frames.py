@@ -99,7 +99,9 @@ def _write_gif(path: Path, job: dict[str, Any]) -> None:
         drawn.append(compressed)
         print(count, flush=True)
     palette = Image.open(drawn[-1]).quantize(_GIF_COLOURS)
-    images = [Image.open(data).quantize(palette=palette, dither=0) for data in drawn]
+    images = [
+        Image.open(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in drawn
+    ]
     images[0].save(
         path,
         save_all=True,

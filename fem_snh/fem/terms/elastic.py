@@ -193,7 +193,7 @@ class Elastic:
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
         values = _local(u), _if_any(_local, p)
-        fields = {name: np.empty(self.shape[0]) for name in FIELDS}
+        fields: dict[str, Array] = {name: np.empty(self.shape[0]) for name in FIELDS}
         for part in self.parts:
             for name, value in part.loops.fields(*values).items():
                 fields[name][part.region.cells] = value
