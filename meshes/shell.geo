@@ -68,7 +68,7 @@ Transfinite Curve {21:27} = layers + 1;
 If (tets)
   // Unstructured: the triangles of transfinite surfaces do not match transfinite tetrahedra.
   Mesh.Optimize = 1;
-  Mesh.HighOrderOptimize = order - 1;
+  Mesh.HighOrderOptimize = 3 * (order - 1);  // elastic analogy: gmsh 4.13 aborts in method 1
 Else
   Transfinite Surface {1:3, 11:13, 21:29};
   Recombine Surface {1:3, 11:13, 21:29};
