@@ -56,7 +56,7 @@ class RankOneUpdate:
         self._U.setUp()
         self._U.assemble()
         self._factors = PETSc.Vec().createSeq(len(self._terms), comm=PETSc.COMM_SELF)
-        self.mat = PETSc.Mat().createLRC(A, self._U, self._factors, None)
+        self.mat = PETSc.Mat().createLRC(A, self._U, self._factors, self._U)
 
     @classmethod
     def of(
