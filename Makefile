@@ -7,10 +7,11 @@ JOBS ?= 2
 
 # One thread per rank: MPI is the only parallelism.
 export OMP_NUM_THREADS ?= 1
-# Open MPI needs a core for each rank, unless told to oversubscribe (variables of versions 4 and 5).
+# Open MPI needs a core for each rank, unless told to oversubscribe (variables of versions 4, 5 and 6).
 ifeq ($(shell lscpu -p=CORE,SOCKET | grep '^[0-9]' | sort -u | wc -l),1)
 export OMPI_MCA_rmaps_base_oversubscribe ?= 1
 export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
+export PRTE_MCA_mapby ?= :oversubscribe
 endif
 # All ranks are on this machine: no network transport is needed. Debian excludes the same ones but
 # tcp, but setting this variable replaces its list; one of them sleeps for a second at every exit.

@@ -40,11 +40,11 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : str
         Of the beam, along its edges: 30x7x7 has 41175 unknowns.
-    scene_cells
+    scene_cells : int
         Of the stretch, along the diameter.
-    repeat
+    repeat : int
         Solves of the scene and of `NonlinearProblem`, in turns.
 
     Yields
@@ -174,7 +174,7 @@ def _scene(cells: int, repeat: int) -> Row:
         values.x.scatter_forward()
         nodes = np.unique(setup.problem.constrained_dofs // 3).astype(np.int32)
         problem = fem_snh.NonlinearProblem(
-            u, {setup.problem.material: ufl.dx}, bcs=[_dolfinx.prescribed(values, nodes)]
+            u, {setup.problem.regions[0].material: ufl.dx}, bcs=[_dolfinx.prescribed(values, nodes)]
         )
         start = process_time()
         problem.solve()

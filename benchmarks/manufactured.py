@@ -172,7 +172,7 @@ class Manufactured:
         else:
             numbers |= {
                 "lam": lam,
-                "volume": self.problem.elastic.parts[0].energy.volume_stiffness,
+                "volume": self.problem.elastic.parts[0].loops.constants.volume_stiffness,
                 "push": 0.0,
             }
         self._constants = {

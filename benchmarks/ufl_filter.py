@@ -38,11 +38,11 @@ def rows(
 
     Parameters
     ----------
-    cells
+    cells : int
         Along the edge; default: `benchmarks.assembly.CELLS` of each element.
-    amplitude
+    amplitude : str
         Of short waves, in cells: the higher they are, the more element matrices are indefinite.
-    repeat
+    repeat : int
         Assemblies of each kind.
 
     Yields

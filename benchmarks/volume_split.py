@@ -16,7 +16,7 @@ from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS, Element, element
 from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
-from fem_snh.materials.volume_split import BOUNDS
+from fem_snh.materials.keywords import BOUNDS
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
 
@@ -85,7 +85,7 @@ def least_eigenvalue(kind: Element, stretch: float, nu: float) -> float:
     p.x.array[: X.size] = (X * (np.array([stretch, lateral, lateral]) - 1)).ravel()
     if p.saddle_point:
         p.saddle_point.pressure_dofs(p.x)[:] = (
-            p.elastic.parts[0].energy.volume_stiffness * (J - 1) * p.length
+            p.elastic.parts[0].loops.constants.volume_stiffness * (J - 1) * p.length
         )
     p.jacobian(p.x, "exact")
     A = dense(p.A)

@@ -40,6 +40,8 @@ smartquotes = False  # options have two dashes
 default_role = "py:obj"  # `name` in a docstring links to what is called so
 suppress_warnings = ["ref.python"]  # a short name that several classes have links to the first one
 autodoc_typehints = "signature"
+# h5py cannot be imported after dolfinx, which loads another HDF5 library.
+autodoc_mock_imports = ["h5py"]
 autodoc_member_order = "bysource"
 autosummary_generate = True
 napoleon_google_docstring = False

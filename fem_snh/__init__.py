@@ -6,6 +6,7 @@
     >>> print(m.report())  # stability, admissible region, stress curves
     >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # also under mpirun
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
+    >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
 
 Each subpackage uses those before it: `materials` (symbolic energies), `kernels` (their generated
 C), `linalg` (linear solvers), `scenes` (experiments), `fem` (mesh, elements, assembly), `solver`
@@ -20,11 +21,14 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.pointwise import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
 
-__all__ = ["BadInput", "NonlinearProblem", "Result", "material", "materials", "run"]
+__all__ = [
+    "BadInput", "DynamicProblem", "NonlinearProblem", "Result", "material", "materials", "run"
+]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
 _MODULES = {
@@ -32,6 +36,7 @@ _MODULES = {
     "run": "runs",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
+    "DynamicProblem": "dynamic_problem",
 }
 
 

@@ -21,6 +21,7 @@ int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghos
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
 int MatGetSize(void *A, int *rows, int *columns);
+int MatGetNonzeroState(void *A, long *state);
 int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr,
                 int **indices, int *done);
 int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
@@ -68,6 +69,27 @@ def call(name: str, *arguments: Any) -> None:
     given = (ffi.cast("void *", a.handle) if isinstance(a, PETSc.Object) else a for a in arguments)
     if code := getattr(_library(), name)(*given):
         raise PETSc.Error(code)
+
+
+#: The attribute of a matrix that counts its patterns.
+_PATTERNS = "fem_snh_patterns"
+
+
+def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
+    """Return numbers that change with the matrix's sparsity pattern."""
+    state = ffi.new("long *")  # PetscObjectState, of 64 bits
+    call("MatGetNonzeroState", A, state)
+    return int(state[0]), int(A.getAttr(_PATTERNS) or 0)
+
+
+def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
+    """Give a matrix another pattern and values, (indptr, indices, values). Collective.
+
+    The object stays. PETSc's nonzero state may, too: from 3.22 on that of a parallel matrix is the
+    sum of its new blocks' states, so another number counts the patterns.
+    """
+    A.setPreallocationCSR(csr)
+    A.setAttr(_PATTERNS, int(A.getAttr(_PATTERNS) or 0) + 1)
 
 
 #: PETSC_ERR_MEM, the error code of an allocation that failed.

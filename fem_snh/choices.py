@@ -22,13 +22,22 @@ EIGENSOLVERS = ("cubic", "jacobi")
 ASSEMBLIES = ("kernels", "ufl")
 
 #: First guesses of a load step (`fem_snh.solver.predictor`).
-PREDICTORS = ("none", "extrapolate", "tangent")
+PREDICTORS = ("none", "extrapolate", "tangent", "bones")
+
+#: Time integrators (`fem_snh.fem.integrators`); without damping of their own: newmark.
+INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")
+
+#: Mass matrices (`fem_snh.fem.nodal_mass`).
+MASSES = ("consistent", "lumped")
 
 #: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike.
 DEFAULT_HESSIAN = "adaptive"
 DEFAULT_PREDICTOR = "extrapolate"
 DEFAULT_EIGENSOLVER = EIGENSOLVERS[0]
 DEFAULT_ASSEMBLY = ASSEMBLIES[0]
+DEFAULT_INTEGRATOR = "newmark"
+#: Spectral radius of generalized_alpha at infinite frequency; 1 damps nothing, 0 the most.
+DEFAULT_RHO_INFINITY = 0.8
 
 #: The default globalization of each kind of problem, if the user names no Hessian. A trust region
 #: requires an energy to minimise.
@@ -37,6 +46,17 @@ DEFAULT_GLOBALIZATIONS = {
     "saddle-point problem": "linesearch",  # Taylor-Hood elements
     "forces without an energy": "linesearch",
 }
+
+#: How contact with an obstacle is enforced; the first is the default.
+CONTACT_METHODS = ("penalty", "augmented_lagrangian")
+
+#: How contact of a body with itself is enforced.
+SELF_CONTACT_METHODS = ("reference", "ipc")
+
+#: How the cells of a lattice count that the body fills in part: by the filled fraction, or whole;
+#: whether parts of the body in one cell that do not touch have cells of their own; defaults first.
+LATTICE_WEIGHTINGS = ("fraction", "full")
+LATTICE_PARTS = ("separate", "joined")
 
 #: The default globalization if the user names a Hessian: the textbook's method with that Hessian,
 #: which with ``clamp`` is the method of Smith et al. 2018.

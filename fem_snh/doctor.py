@@ -15,12 +15,15 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 
 from fem_snh.errors import BadInput
 
 SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
 #: Packages that a solve imports; pictures and sweeps import theirs when they need them.
-NEEDED = "numpy scipy sympy cffi pydantic rich mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
+NEEDED = "numpy scipy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
+#: Packages of Python alone that only some solves import: sympy if a kernel is generated.
+FOUND = "sympy rich".split()
 #: Packages that pip installs (pyproject.toml), besides pyvista, which has its own row.
 PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
 
@@ -37,6 +40,9 @@ def check() -> None:
         except Exception as error:  # also a library that is missing, or numpy's ABI: ValueError
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise BadInput(f"{sys.executable} cannot import {name} ({reason}): {SETUP}") from None
+    for name in FOUND:
+        if find_spec(name) is None:
+            raise BadInput(f"{sys.executable} cannot import {name}: {SETUP}")
     from petsc4py import PETSc
 
     if PETSc.ScalarType().dtype.kind != "f":
@@ -62,8 +68,11 @@ def _environment() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if not k.startswith(prefixes)}
 
 
-def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
-    """Run a command; return whether it succeeded, and the last line of its output."""
+def _run(command: list[str], timeout: float = 60.0, reason: int = -1) -> tuple[bool, str]:
+    """Run a command; return whether it succeeded, and the last line of its output.
+
+    If it failed, it is the line number ``reason`` instead: Python's last one, mpirun's first one.
+    """
     try:
         done = subprocess.run(
             command,
@@ -80,8 +89,8 @@ def _run(command: list[str], timeout: float = 60.0) -> tuple[bool, str]:
     ok = done.returncode == 0
     lines = (done.stdout if ok else done.stderr or done.stdout).splitlines()
     words = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
-    last = words[-1].strip() if words else f"exit code {done.returncode}"
-    return ok, last if ok else re.sub(r"^[\w.]*(Error|BadInput): ", "", last)
+    line = words[-1 if ok else reason].strip() if words else f"exit code {done.returncode}"
+    return ok, line if ok else re.sub(r"^[\w.]*(Error|BadInput): ", "", line)
 
 
 def _probe(what: str, code: str, remedy: str) -> Callable[[], Finding]:
@@ -129,7 +138,7 @@ def _ranks() -> Finding:
         "from mpi4py import MPI; world = MPI.COMM_WORLD\n"
         "if world.rank == 0: print(f'{world.size} ranks start')"
     )
-    ok, found = _run(["mpirun", "-n", "2", sys.executable, "-c", code])
+    ok, found = _run(["mpirun", "-n", "2", sys.executable, "-c", code], reason=0)
     if ok and found.startswith("2 "):
         return Finding("MPI ranks", "ok", found)
     if ok:
@@ -138,7 +147,7 @@ def _ranks() -> Finding:
     if "PATH" in found:
         remedy = "install openmpi-bin"
     elif "slots" in found:
-        remedy = "set OMPI_MCA_rmaps_base_oversubscribe=1"
+        remedy = "start it with `mpirun --oversubscribe`"
     elif os.geteuid() == 0 and "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM" not in os.environ:
         found = "Open MPI refuses to run as root"
         remedy = "set OMPI_ALLOW_RUN_AS_ROOT=1 and OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
@@ -155,10 +164,10 @@ print(build.compiler())
 """
 _WRITES = """
 import tempfile
-from fem_snh.kernels import build
-build.cache_folder().mkdir(parents=True, exist_ok=True)
-tempfile.TemporaryFile(dir=build.cache_folder()).close()
-print(build.cache_folder())
+from fem_snh import cache
+cache.folder().mkdir(parents=True, exist_ok=True)
+tempfile.TemporaryFile(dir=cache.folder()).close()
+print(cache.folder())
 """
 
 

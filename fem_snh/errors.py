@@ -44,6 +44,10 @@ class Failed(RuntimeError):
     """
 
 
+class NotSettled(RuntimeError):
+    """The reason why a step failed although no solve did; the step is halved."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``."""
     match = get_close_matches(str(word), [str(k) for k in known], n=1, cutoff=_SIMILAR)

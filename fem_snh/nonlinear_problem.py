@@ -10,6 +10,7 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.errors import choose
 from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material
 
 #: First guesses when boundary values have changed: see `fem_snh.solver.Predictor`.
@@ -102,7 +103,7 @@ class NonlinearProblem:
         predictor: str = _PREDICTORS[0],
     ) -> None:
         choose("predictor", predictor, _PREDICTORS)
-        self._problem = create_dolfinx_problem(u, materials, bcs or (), terms, element)
+        self._problem = self._create(u, materials, bcs or (), terms, element)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A = u, self._problem.x, self._problem.A
         with self._petsc_options():
@@ -111,6 +112,10 @@ class NonlinearProblem:
         self.b = self.solver.getFunction()[0]
         self._pressure = self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
+
+    def _create(self, *arguments: Any) -> Problem:
+        """Return the problem, from the arguments of `create_dolfinx_problem`."""
+        return create_dolfinx_problem(*arguments)
 
     def solve(self) -> Any:
         """Solve with the present boundary values, constants and functions. Collective.
@@ -127,18 +132,26 @@ class NonlinearProblem:
             ``solver.getConvergedReason()`` is negative.
         """
         problem = self._problem
-        own = self.x.array[: 3 * len(problem.coordinates)]
-        own[:] = self.u.x.array[: len(own)]
+        self._read_displacement()
         with self._petsc_options(), solver.callback_errors():
             if self._boundary_values_changed():
                 self._predictor.predict(1.0)
             else:
                 problem.set_load(1.0)
             self.solver.solve(None, self.x)
-        problem.split(self.x)
+        self._write_solution()
+        return self.u
+
+    def _read_displacement(self) -> None:
+        """Set the unknowns to the values of ``u``."""
+        own = self.x.array[: 3 * len(self._problem.coordinates)]
+        own[:] = self.u.x.array[: len(own)]
+
+    def _write_solution(self) -> None:
+        """Set ``u`` and ``p`` to the unknowns, ghosts included. Collective."""
+        self._problem.split(self.x)
         if self._pressure is not None:
             self.p.x.array[:] = self._pressure.pressure()
-        return self.u
 
     def _boundary_values_changed(self) -> bool:
         """Whether the boundary values differ from those of ``x``. Collective."""

@@ -76,5 +76,27 @@ ON_REQUEST = {
     ),
 }  # fmt: skip
 
-#: Where the fields of ``ON_REQUEST`` are written; ``reaction_force`` is at the nodes always.
+#: Those that only a scene in time may name.
+IN_TIME = {
+    "velocity": OutputField("velocity", "m/s", VECTOR, "velocity of the nodes; with [time]"),
+    "acceleration": OutputField(
+        "acceleration", "m/s^2", VECTOR, "acceleration of the nodes; with [time]"
+    ),
+}
+#: Those that only a scene with obstacles may name.
+AT_OBSTACLES = {
+    "contact_pressure": OutputField(
+        "contact pressure", "Pa", (),
+        "normal force per reference area of the surface; with [[obstacle]]",
+    ),
+    "gap": OutputField(
+        "gap", "m", (), "signed distance from the closest obstacle; with [[obstacle]]"
+    ),
+}  # fmt: skip
+#: All that a scene may name.
+NAMED = ON_REQUEST | IN_TIME | AT_OBSTACLES
+
+#: Fields that are at the nodes always.
+NODAL = ("reaction_force", *IN_TIME, *AT_OBSTACLES)
+#: Where the other fields are written.
 LOCATIONS = ("cells", "nodes")

@@ -12,7 +12,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -98,7 +98,7 @@ def entry_points(group: str) -> dict[str, Callable[[], Function]]:
     """
     found = metadata.entry_points(group=group)
     return {
-        point.name: lambda point=point: _load_entry_point(point)  # type: ignore[misc]
+        point.name: partial(_load_entry_point, point)
         for point in sorted(found, key=lambda point: point.name)
     }
 

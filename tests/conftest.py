@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+from same_on_every_debian import SAME_ON_EVERY_DEBIAN
 from scene_file import TOML
 
 if TYPE_CHECKING:
@@ -50,19 +51,6 @@ def toml(tmp_path: Path) -> Path:
 
 
 # --- tests that run on one Debian only ------------------------------------------------------------
-
-#: Files whose tests use neither dolfinx nor PETSc, or repeat what other files test of them.
-SAME_ON_EVERY_DEBIAN = frozenset(
-    f"test_{name}"
-    for name in (
-        "arrows bench bench_elements cli_values constants demos docs eigen3 eigensystem "
-        "energy_families extremes faults generated_energies materials movies own_material_mistakes "
-        "own_references plots pointwise_extremes pointwise_oracle published_energies readme "
-        "references reports scene_mistakes scene_moves scene_parameters scene_schema scene_tables "
-        "smith_materials smith_properties stable_neo_hookean stress_curves svd sweep theory "
-        "tradeoff tradeoff_advice tradeoff_reference tuning view words"
-    ).split()
-)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.runs.stepping import Stepper
+from fem_snh.runs.step_size import AdaptiveStepSize, StepSize
 
 ALONE, ALL = MPI.COMM_SELF, MPI.COMM_WORLD
 
@@ -20,21 +20,27 @@ class CutOff(Exception):
 @contextmanager
 def cut(steps):
     """End the run in this ``with`` block before it attempts step ``steps`` + 1."""
-    attempt, left = Stepper._attempt, [steps]
+    ends, left = {kind: kind.end for kind in (StepSize, AdaptiveStepSize)}, [steps]
 
-    def attempted(self, *arguments):
-        if not left[0]:
-            raise CutOff
-        left[0] -= 1
-        return attempt(self, *arguments)
+    def counted(end):
+        def next_end(self, load, target):
+            """The end of the next step: the stepper asks for it once before each attempt."""
+            if not left[0]:
+                raise CutOff
+            left[0] -= 1
+            return end(self, load, target)
 
-    Stepper._attempt = attempted
+        return next_end
+
+    for kind, end in ends.items():
+        kind.end = counted(end)
     try:
         yield
     except CutOff:
         pass
     finally:
-        Stepper._attempt = attempt
+        for kind, end in ends.items():
+            kind.end = end
 
 
 def solve(scene, comm=ALL, **options):

@@ -4,7 +4,7 @@
 
 runs a page as its reader does, from top to bottom: Python blocks in one namespace, TOML blocks as
 scenes, commands of `fem-snh` in the same process. A block whose first line is a comment with the
-name of a file (`# gent.py`, `# press.toml`, `// block.geo`) is that file. A comment above a block
+name of a file (`# gent.py`, `# squeeze.toml`, `// block.geo`) is that file. A comment above a block
 is its note: `<!-- exit code 1 -->` is what its command returns; `<!-- quick: OLD => NEW -->`
 replaces text of a Python block; the commands below `<!-- not run -->`, and those of the results
 pages, are left to test_docs_commands.py, or `<!-- not run: FILE does -->` to that test.

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import SAME_ON_EVERY_DEBIAN
 from layers import ALLOWED, FORBIDDEN, LAYER, LAZY, THIRD_PARTY
+from same_on_every_debian import SAME_ON_EVERY_DEBIAN
 
 import fem_snh
 

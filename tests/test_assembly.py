@@ -67,9 +67,9 @@ def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     energy, residual, jacobian = (
         _dolfinx.form(form, options)
         for form in (
-            ufl_forms.elastic_energy(p.material.expression, u, dx),
-            ufl_forms.residual(p.material.expression, u, v, dx),
-            ufl_forms.jacobian(p.material.expression, u, v, w, dx),
+            ufl_forms.elastic_energy(p.regions[0].material.expression, u, dx),
+            ufl_forms.residual(p.regions[0].material.expression, u, v, dx),
+            ufl_forms.jacobian(p.regions[0].material.expression, u, v, w, dx),
         )
     )
     assert p.energy(p.x) == pytest.approx(_dolfinx.assemble_scalar(energy), rel=1e-12)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from fem_snh import cache
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 
@@ -20,7 +21,7 @@ NOBODY = 65534  # Debian's user id of nobody
 
 
 @pytest.fixture(autouse=True)
-def cache(monkeypatch, tmp_path) -> Path:
+def cache_folder(monkeypatch, tmp_path) -> Path:
     """An empty cache for each test."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("FEM_SNH_CACHE", str(folder))
@@ -44,11 +45,14 @@ def one_line(function, *arguments) -> str:
     return message
 
 
-def test_a_source_is_compiled_once_and_kept_beside_its_library(cache, monkeypatch):
+def test_a_source_is_compiled_once_and_kept_beside_its_library(cache_folder, monkeypatch):
     path = build.library(SOURCE)
     _, lib = build.load(path, "int answer(void);")
     assert lib.answer() == 42
-    assert set(cache.iterdir()) == {path, path.with_suffix(".c")}  # no temporary file is left
+    assert set(cache_folder.iterdir()) == {
+        path,
+        path.with_suffix(".c"),
+    }  # no other file
     assert path.with_suffix(".c").read_text() == SOURCE
     before = path.stat().st_mtime_ns
     monkeypatch.setattr(build.subprocess, "run", None)  # the compiler is not called again
@@ -80,7 +84,7 @@ def test_no_flag_breaks_nan_and_infinity():
     assert lib.same(float("nan")) == 1
 
 
-def test_concurrent_processes_share_the_cache(cache):
+def test_concurrent_processes_share_the_cache(cache_folder):
     """Four processes start on an empty cache; each gets a complete library."""
     code = (
         "from fem_snh.kernels import build\n"
@@ -95,7 +99,7 @@ def test_concurrent_processes_share_the_cache(cache):
     ended = [(*p.communicate(timeout=120), p.returncode) for p in running]
     assert {code for *_, code in ended} == {0}, ended
     assert {out for out, *_ in ended} == {"300\n"}
-    assert sorted(p.suffix for p in cache.iterdir()) == [".c", ".so"]
+    assert sorted(p.suffix for p in cache_folder.iterdir()) == [".c", ".so"]
 
 
 def test_a_missing_compiler_is_bad_input(monkeypatch, tmp_path):
@@ -110,12 +114,12 @@ def test_a_command_that_is_no_compiler_is_bad_input(monkeypatch, tmp_path):
     assert re.search(r"^CC = .*broken: expected a C compiler", one_line(build.library, SOURCE))
 
 
-def test_a_compiler_error_is_bad_input_and_names_its_log(cache):
+def test_a_compiler_error_is_bad_input_and_names_its_log(cache_folder):
     message = one_line(build.library, "no C at all\n")
     log = Path(message.rpartition(" ")[2])
-    assert log.parent == cache
+    assert log.parent == cache_folder
     assert "error" in log.read_text()
-    assert [p.suffix for p in cache.iterdir()] == [".log"]
+    assert [p.suffix for p in cache_folder.iterdir()] == [".log"]
 
 
 def test_a_cache_that_cannot_be_written_is_bad_input(monkeypatch, tmp_path):
@@ -157,7 +161,7 @@ def test_a_library_that_cannot_be_opened_is_bad_input():
 def test_cache_folder_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.delenv("FEM_SNH_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert build.cache_folder() == tmp_path / "fem_snh"
+    assert cache.folder() == tmp_path / "fem_snh"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert build.cache_folder() == tmp_path / ".cache" / "fem_snh"
+    assert cache.folder() == tmp_path / ".cache" / "fem_snh"

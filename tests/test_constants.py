@@ -13,7 +13,8 @@ import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.materials import models
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.materials.tuning import TUNING, stretch_power
+from fem_snh.materials.keywords import TUNING
+from fem_snh.materials.tuning import stretch_power
 
 NU = 0.3
 ALPHAS = [0.4, 0.5, 1.5, 2.0, 3.0, 3.7, 6.0]

@@ -19,13 +19,14 @@ SMALLER = {
     "cube_twist": ["--cells", "8"],  # on 6 the filtered material does not stall
     "pull": ["--cells", "3", "--alphas", "0.5", "1"],
     "nu_sweep": ["--nus", "0.4", "0.499"],
-    "modes": ["--cells", "4"],
+    "modes": ["--cells", "3"],
     "cook": ["--finest", "16"],
     "gent": ["--cells", "4"],
     "scramble": ["--cells", "6"],
     "tutorial_beam": ["--cells", "4,1,1"],
     "foundation": ["--cells", "4"],
     "inflation": ["--cells", "2", "--steps", "12"],
+    "squash": ["--cells", "20", "--seconds", "0"],
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
@@ -41,6 +42,8 @@ PICTURES = {
     "tutorial_beam": ["tutorial_beam/tutorial_beam.png"],
     "foundation": ["foundation/foundation.png"],
     "inflation": ["inflation/inflation.png"],
+    "squash": ["squash/squash.png"],
+    "swing": ["swing/swing.png"],
 }
 
 

@@ -32,6 +32,7 @@ from pages import (
     runner,
     words_of,
 )
+from time_scenes import in_time
 
 import fem_snh
 
@@ -99,9 +100,14 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     text = (ROOT / "docs/reference/run_json.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `(\w+)`", text, re.M))
     record = fem_snh.run("twist", cells=2, modes={"count": 1}, progress=False).record
+    moved = fem_snh.run(in_time({"duration": 0.1, "steps": 1, "tolerance": 1.0}), progress=False)
     found = {*record, *record["steps"][0], *record["seconds"], *record["modes"]}
+    found |= {*moved.record, *moved.steps[0]}
     assert found <= listed
-    assert listed - found <= {"accuracy", "cavities", "fields", "notes", "resumed"}
+    assert listed - found <= {
+        "accuracy", "bones", "cavities", "contacts", "fields", "notes", "obstacles", "resumed",
+        "self_contact", "volumes",
+    }  # fmt: skip
 
 
 def test_blocks_of_a_page(tmp_path: Path) -> None:
@@ -129,7 +135,11 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 #: Functions that take minutes: only the arguments of the example are checked here.
 STUDIES = {"sweep", "tradeoff", "extremes"}
 #: Examples that need a mesh, and the test that runs the same lines.
-EXAMPLES_ELSEWHERE = {"fem_snh/nonlinear_problem.py": "tests/test_nonlinear_problem.py"}
+EXAMPLES_ELSEWHERE = {
+    "fem_snh/fem/bone_conditions.py": "tests/test_bones.py",
+    "fem_snh/dynamic_problem.py": "tests/test_dynamic_problem.py",
+    "fem_snh/nonlinear_problem.py": "tests/test_nonlinear_problem.py",
+}
 
 
 def test_examples_of_docstrings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,7 +153,7 @@ def test_examples_of_docstrings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         module = import_module(name)
         names = vars(module) | names
         for example in doctest.DocTestParser().get_examples(module.__doc__ or ""):
-            if "NonlinearProblem(" in example.source:  # as in EXAMPLES_ELSEWHERE
+            if "Problem(" in example.source:  # as in EXAMPLES_ELSEWHERE
                 continue
             call = getattr(ast.parse(example.source).body[0], "value", None)
             study = next((n for n in ast.walk(call) if _is_study(n)), None) if call else None

@@ -67,11 +67,15 @@ def test_table_is_all_there(capsys: pytest.CaptureFixture[str], monkeypatch) -> 
     assert "missing" not in shown
 
 
+#: What Open MPI prints with fewer cores than ranks, from its first line with words to its last.
+NO_SLOTS = "---\\nThere are not enough slots available in the system\\nlaunch.\\n---\\n"
+
+
 def test_table_says_what_to_do(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     mpirun = tmp_path / "mpirun"
-    mpirun.write_text("#!/bin/sh\necho 'not enough slots' >&2; exit 1\n")
+    mpirun.write_text(f"#!/bin/sh\nprintf -- '{NO_SLOTS}' >&2; exit 1\n")
     mpirun.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv("COLUMNS", "300")
@@ -80,5 +84,5 @@ def test_table_says_what_to_do(
     assert doctor.main() == 2
     shown = capsys.readouterr().out
     assert shown.count("missing") == 3
-    for remedy in ("set CC", "set FEM_SNH_CACHE", "oversubscribe"):
+    for remedy in ("set CC", "set FEM_SNH_CACHE", "mpirun --oversubscribe"):
         assert remedy in shown

@@ -130,7 +130,7 @@ def test_uniaxial_stretch(comm, element, nu, stretch):
         move=[Condition("right", pull, ("x",))],
         reactions=["right", "left"],
     )
-    mu, lam = p.material.expression.values
+    mu, lam = p.regions[0].material.expression.values
     J = 1 + mu / lam * (1 - 1 / stretch)
     lateral = np.sqrt(J / stretch)
     solve(p, lambda X: X * (np.array([stretch, lateral, lateral]) - 1) + wave(0.005)(X))
@@ -143,7 +143,7 @@ def test_uniaxial_stretch(comm, element, nu, stretch):
     assert reactions["right"] == pytest.approx([force, 0, 0], rel=1e-9, abs=1e-10)
     assert reactions["left"] == pytest.approx([-force, 0, 0], rel=1e-9, abs=1e-10)
     if p.saddle_point:  # sigma_22 = 0: mu F + (p + what psi' has of J) cof F
-        local = 1 / (1 / p.material.lame[1] + 1 / (2 * mu))
+        local = 1 / (1 / p.regions[0].material.lame[1] + 1 / (2 * mu))
         pressure = mu - mu / stretch - (local + mu) * (J - 1)
         assert p.saddle_point.pressure() == pytest.approx(pressure, rel=1e-8)
 

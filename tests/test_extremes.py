@@ -11,7 +11,7 @@ import pytest
 
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.studies.extremes import crush, loads, pointwise, scramble
+from fem_snh.studies.extremes import crush, drop, loads, pointwise, press, scramble
 from fem_snh.studies.extremes.cases import COLUMNS, at_rest, converged
 from fem_snh.studies.extremes.pointwise import __main__ as pointwise_program
 from fem_snh.studies.extremes.pointwise import all_rows_pass
@@ -90,7 +90,7 @@ def test_what_several_must_fulfil() -> None:
     assert list(Outcome(table, found).failures) == ["b", list(found)[1]]
 
 
-@pytest.mark.parametrize("family", [scramble, crush, loads])
+@pytest.mark.parametrize("family", [scramble, crush, loads, drop, press])
 @pytest.mark.parametrize("quick", [True, False])
 def test_every_case_has_a_name_of_its_own(family: Any, quick: bool) -> None:
     made = family.cases(quick, 2)
@@ -166,7 +166,7 @@ def test_a_material_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[st
     """Its pointwise errors must be within their bounds; no theory predicts its runs."""
     (tmp_path / "gent.py").write_text(GENT)
     material, out = f"{tmp_path / 'gent.py'}:gent", tmp_path / "out"
-    for family in (scramble, crush, loads):
+    for family in (scramble, crush, loads, drop, press):
         made = family.cases(True, 1, material)
         assert made and not any(case.required for case in made)
         assert {case.point.requested()["material"] for case in made} == {material}

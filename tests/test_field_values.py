@@ -14,7 +14,7 @@ from stress_states import affine, close, displaced, evaluated, quadrature_points
 from fem_snh import _dolfinx
 from fem_snh.fem.field_values import FieldValues
 from fem_snh.fem.nodal_projection import NodalProjection
-from fem_snh.fem.stress_fields import POINT_FIELDS
+from fem_snh.kernels.point_fields import POINT_FIELDS
 from fem_snh.output_fields import ON_REQUEST
 
 mpi = pytest.mark.mpi
@@ -25,11 +25,11 @@ mpi = pytest.mark.mpi
 @pytest.mark.parametrize("element", ["Q1", pytest.param("P2", marks=mpi), "Q2"])
 def test_a_linear_field_is_projected_exactly(comm, element):
     p = displaced(comm, element, np.zeros_like)
-    state = FieldValues(p)._stresses.evaluate(p.x)
+    state = FieldValues(p)._stresses.evaluate(p.x, ())
     X = quadrature_points(p)
     values = np.stack([slope(X), np.ones_like(X[..., 0]), X[..., 1]], axis=-1)
     nodes = p.V.tabulate_dof_coordinates()
-    found = NodalProjection(p, state.weights).project(values)
+    found = NodalProjection(p, state.weights).project({"f": values})["f"]
     close(found, np.column_stack([slope(nodes), np.ones(len(nodes)), nodes[:, 1]]))
 
 

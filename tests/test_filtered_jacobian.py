@@ -34,7 +34,7 @@ def set_large_waves(p):
     size = 0.8
     while not np.isfinite(p.energy(set_values(p, wave(size)))):
         size *= 0.8
-    assert p.material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
+    assert p.regions[0].material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
 
 
 @elements
@@ -79,7 +79,7 @@ def by_hand(p, element: Element, clamp):
             F = np.eye(3) + u[nodes].T @ G
             # vec(F) by columns: entry 3 j + i is F_ij = ... + u_ai G_aj
             B = np.einsum("aj,ik->jiak", G, np.eye(3)).reshape(9, -1)
-            e, Q = np.linalg.eigh(p.material.hessian(F))
+            e, Q = np.linalg.eigh(p.regions[0].material.hessian(F))
             worst = min(worst, e.min() / abs(e).max())
             H = Q @ np.diag(clamp(e)) @ Q.T
             A[np.ix_(dofs, dofs)] += weight * abs(np.linalg.det(T)) * B.T @ H @ B

@@ -7,9 +7,7 @@ import pytest
 from points import make
 
 from fem_snh.choices import EIGENSOLVERS, FILTERS
-from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
-from fem_snh.kernels.element_energy import element_energy
+from fem_snh.kernels.cell_loops import CellLoops, ElementTables, compile_cell_loops
 
 GRADIENTS = np.array([[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
@@ -21,8 +19,7 @@ def count(m, F: np.ndarray, filter: str, eigensolver: str) -> int:
     corners = np.maximum(GRADIENTS, 0)
     g, weights = GRADIENTS[None], np.array([1 / 6])
     tables = ElementTables(nodes, nodes, np.tile(corners, (n, 1)), g, g, weights)
-    energy = element_energy(m.expression, "pointwise")
-    loops = CellLoops(build.library(cell_loops_source(energy, tables)), energy, tables)
+    loops = CellLoops(compile_cell_loops(m, tables), tables)
     # Every element matrix is added to the same 3x3 block: only the count matters here.
     stride, position = np.full(4 * n, 3, np.int32), np.zeros((n, 4, 4), np.int32)
     values, free, constrained = np.zeros(9), np.ones((4 * n, 3)), np.zeros(n, np.uint8)

@@ -74,7 +74,7 @@ each_energy = pytest.mark.parametrize("function", ENERGIES, ids=lambda f: f.__na
 
 @lru_cache
 def make_material(function, nu: float = 0.3) -> Material:
-    return Material(construct(function, function.__name__, 1.7, nu, {}, {}, {}))
+    return Material.of(construct(function, function.__name__, 1.7, nu, {}, {}, {}))
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,9 @@ def test_a_movie_needs_two_states(tmp_path):
 def test_frames_have_even_sizes(twisted):
     job = {
         "field": "J", "title": "t", "states": [{"files": f} for f in files_of(twisted)],
-        "loads": LOADS, "names": LOADS, "load_name": "load", "frames": 2,
+        "obstacles": [], "opacity": 1.0,
+        "loads": LOADS, "names": LOADS, "load_name": "load", "load_unit": "",
+        "frames": 2,
     }  # fmt: skip
     (first, _) = frames.frames(job)
     assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

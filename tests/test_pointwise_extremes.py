@@ -10,11 +10,9 @@ import pytest
 import sympy
 from points import every_name, exact, make, vec
 
-from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, ElementTables, cell_loops_source
+from fem_snh.kernels.cell_loops import CellLoops, ElementTables, compile_cell_loops
 from fem_snh.kernels.codegen.divided_differences import DividedDifference
 from fem_snh.kernels.codegen.increments import Increments
-from fem_snh.kernels.element_energy import element_energy
 from fem_snh.kernels.pointwise import material
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.studies.extremes import pointwise
@@ -160,8 +158,7 @@ def tetrahedron(name: str, volume: str, nu: float):
     corners = np.maximum(g, 0)
     corners[0] = 0
     t = ElementTables(nodes, nodes, corners, g[None], g[None], np.array([1 / 6]), volume)
-    chosen = element_energy(m.expression, volume)
-    return CellLoops(build.library(cell_loops_source(chosen, t)), chosen, t), m
+    return CellLoops(compile_cell_loops(m, t), t), m
 
 
 @pytest.mark.parametrize("volume", ["pointwise", "mean"])

@@ -85,7 +85,7 @@ def test_oracle_against_a_dense_eigendecomposition(name, F):
 def test_a_wrong_kernel_is_found():
     """The bounds are no formality: a modulus off by 1e-12 breaks them."""
     m = make("neo_hookean", 0.3)
-    wrong = Material(m.expression)
+    wrong = Material.of(m.expression)
     wrong.constants = m.constants * (1 + 1e-12)
     rng = np.random.default_rng(0)
     found = {c.quantity: c.ratio for c in compare(wrong, np.array(SAMPLE), rng)}

@@ -50,7 +50,7 @@ def rollers(**kwargs):
 def test_the_force_of_a_uniaxial_stretch_is_exact(comm, element):
     """eq. 13: P11 = mu (s - J/s^2), J = 1 + (mu/lambda)(1 - 1/s), on a face of 1 m^2."""
     result = solve(rollers(element=element))
-    mu, lam = result.problem.material.expression.values
+    mu, lam = result.problem.regions[0].material.expression.values
     assert len(result.steps) == 3
     for step in result.steps:
         s = 1 + step["load"]

@@ -53,15 +53,15 @@ def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_new_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "press.py").write_text(block("python", "def press", "docs/howto/own_scene.md"))
+    (tmp_path / "squeeze.py").write_text(block("python", "def squeeze", "docs/howto/own_scene.md"))
     monkeypatch.setattr(builtin, "__path__", [*builtin.__path__, str(tmp_path)])
-    assert "press" in scenes.names()
-    result = fem_snh.run("press", cells=2, depth=0.2, progress=False)
+    assert "squeeze" in scenes.names()
+    result = fem_snh.run("squeeze", cells=2, depth=0.2, progress=False)
     assert result.converged and result.steps[-1]["volume_ratio"] < 1
 
 
 def test_scene_file(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(block("toml", "press.toml", "docs/howto/own_scene.md"))
+    (tmp_path / "scene.toml").write_text(block("toml", "squeeze.toml", "docs/howto/own_scene.md"))
     scene = scenes.load(tmp_path / "scene.toml")
     assert scene.petsc == {"ksp_rtol": 1e-6} and scene.move[0].translate == (0, 0, -0.4)
 

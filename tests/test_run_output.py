@@ -35,7 +35,8 @@ def test_the_record_says_what_was_solved_and_how(comm, folder):
         "mu_lame": pytest.approx(1 / 2.98, rel=1e-10),
         "lambda_lame": pytest.approx(0.49 / (1.49 * 0.02), rel=1e-10),
         "parameters": dict(
-            zip(("mu", "lam"), result.problem.material.expression.values, strict=True), barrier=None
+            zip(("mu", "lam"), result.problem.regions[0].material.expression.values, strict=True),
+            barrier=None,
         ),
     }
     plain = (

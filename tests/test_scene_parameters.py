@@ -16,9 +16,9 @@ from fem_snh.scenes import Scene
 def parametrised() -> Any:
     """A function: a material of many constants and of shape parameters of every kind."""
 
-    def many(  # type: ignore[no-untyped-def]
-        I_C,
-        J,
+    def many(
+        I_C: Any,
+        J: Any,
         C1: Any = 0.1,
         C2: Any = 0.05,
         kappa: Any = 1.0,
@@ -27,7 +27,7 @@ def parametrised() -> Any:
         volume: str = "J",
         n: float = 2.0,
         terms: int | None = None,
-    ):
+    ) -> Any:
         """Many."""
 
     return many

@@ -57,7 +57,7 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, name, nu):
     L = (volume.rest(F, mu, local) + pressure * ufl.det(F) - dual) * dx
     assert energy == pytest.approx(_dolfinx.assemble_scalar(_dolfinx.form(L)), rel=1e-12)
 
-    n, scale = 3 * _dolfinx.num_nodes(p.V)[0], p.material.expression.E / p.length
+    n, scale = 3 * _dolfinx.num_nodes(p.V)[0], p.regions[0].material.expression.E / p.length
     tests, trials = [[f(V) for V in (p.V, Q)] for f in (ufl.TestFunction, ufl.TrialFunction)]
     first = [ufl.derivative(L, w, v) for w, v in zip((u, pressure), tests, strict=True)]
     parts = [r.array_r[:n], r.array_r[n:] / scale]

@@ -89,7 +89,7 @@ def block_by_hand(p, volume, keep):
         for q, pressure in enumerate(pressures(p, volume, w, F, cell)):
             J, c = np.linalg.det(F[q]), vec(cofactor(F[q]))
             _, slope, bend = volume.curve(J, k)
-            H = p.material.hessian(F[q]) - bend * np.outer(c, c)
+            H = p.regions[0].material.hessian(F[q]) - bend * np.outer(c, c)
             H += (pressure - slope) * curvature(F[q])
             e, X = np.linalg.eigh(H)
             A[dofs] += w[q] * B[q].T @ (X @ np.diag(keep(e)) @ X.T) @ B[q]
@@ -106,7 +106,7 @@ def block_by_hand(p, volume, keep):
 def test_filters_are_numpys_eigh_at_every_point(element, name, choice):
     """One cell that is no unit cell, inverted at some points."""
     p = problem(one_cell(MPI.COMM_SELF, ELEMENTS[element].cell), element, name)
-    set_inverted_state(p, p.material.expression.inversion_safe)
+    set_inverted_state(p, p.regions[0].material.expression.inversion_safe)
     p.jacobian(p.x, choice)
     found = dense(p.A)
     n = 3 * _dolfinx.num_nodes(p.V)[0]
@@ -129,7 +129,7 @@ def test_mean_dilatation_energy(element, name):
     k, expected = moduli(p)[2], 0.0
     for _, w, F, _ in cells(p):
         J = np.linalg.det(F)
-        points = p.material.energy(F) - volume.curve(J, k)[0]
+        points = p.regions[0].material.energy(F) - volume.curve(J, k)[0]
         expected += w @ points + w.sum() * volume.curve(w @ J / w.sum(), k)[0]
     assert found == pytest.approx(expected, rel=1e-12)
 

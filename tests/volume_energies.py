@@ -77,7 +77,7 @@ def pairs(elements):
 
 def moduli(p):
     """(mu_lame, lambda_local, k) [Pa]: 1/lambda_local = 1/lambda + 1/(b mu)."""
-    mu, lam = p.material.lame
+    mu, lam = p.regions[0].material.lame
     b = 2 if p.saddle_point else 4
     local = 1 / (1 / lam + 1 / (b * mu))
     return mu, local, lam - local

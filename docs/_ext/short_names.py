@@ -31,7 +31,8 @@ def resolve(
     if not target.replace(".", "").isidentifier():
         return content
     ends = ("." + target, "." + definition(target))
-    objects = env.get_domain("py").objects  # type: ignore[attr-defined]
+    domain: Any = env.get_domain("py")  # Any: Sphinx declares the base class, without objects
+    objects = domain.objects
     found = {
         entry.node_id: entry
         for name, entry in objects.items()

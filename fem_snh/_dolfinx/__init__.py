@@ -12,6 +12,7 @@ from __future__ import annotations
 import dolfinx
 
 from fem_snh._dolfinx.element_kernels import integrals, kernel_arguments, pack
+from fem_snh._dolfinx.facets import FACET_OF, exterior_facets, facet_maps
 from fem_snh._dolfinx.forms import (
     add_vector,
     assemble_matrix,
@@ -39,7 +40,7 @@ from fem_snh._dolfinx.meshes import (
     reference_corners,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
-from fem_snh._dolfinx.output import Series
+from fem_snh._dolfinx.output import Series, collection, earlier_states
 from fem_snh._dolfinx.points import bounding_box, locate
 from fem_snh._dolfinx.programs import (
     bc_dofs,
@@ -66,7 +67,9 @@ from fem_snh._dolfinx.spaces import (
     reference_nodes,
     surface_measure,
     tabulate,
+    tabulate_element,
     tabulate_geometry,
+    tabulate_geometry_values,
     tabulate_values,
 )
 from fem_snh._dolfinx.vtu_arrays import DataArray
@@ -74,14 +77,16 @@ from fem_snh._dolfinx.vtu_arrays import DataArray
 version: str = dolfinx.__version__
 
 __all__ = [
-    "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar", "assemble_vector",
-    "bc_dofs", "bc_space_is_within", "bounding_box", "cell_measures", "cell_name", "constant",
-    "coordinates", "create_matrix", "create_mesh", "create_vector", "degree", "form", "function",
-    "function_space", "geometry_degree", "geometry_dofs", "geometry_x", "gmsh_permutation",
-    "has_real_values", "input_cells", "input_vertices", "integrals", "interpolate", "is_function",
-    "is_lagrange", "is_measure", "kernel_arguments", "local_to_global", "locate", "locate_dofs",
-    "measure_cells", "mesh_dimension", "newton_solver", "node_dofs", "num_cells",
-    "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed",
-    "quadrature", "reference_corners", "reference_nodes", "set_bcs", "surface_measure", "tabulate",
-    "tabulate_geometry", "tabulate_values", "version",
+    "FACET_OF", "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar",
+    "assemble_vector", "bc_dofs", "bc_space_is_within", "bounding_box", "cell_measures",
+    "cell_name", "collection", "constant", "coordinates", "create_matrix", "create_mesh",
+    "create_vector", "degree", "earlier_states", "exterior_facets", "facet_maps", "form",
+    "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
+    "gmsh_permutation", "has_real_values", "input_cells", "input_vertices", "integrals",
+    "interpolate", "is_function", "is_lagrange", "is_measure", "kernel_arguments",
+    "local_to_global", "locate", "locate_dofs", "measure_cells", "mesh_dimension",
+    "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned",
+    "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners", "reference_nodes",
+    "set_bcs", "surface_measure", "tabulate", "tabulate_element", "tabulate_geometry",
+    "tabulate_geometry_values", "tabulate_values", "version",
 ]  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -39,7 +39,7 @@ class Series:
         Raises BadInput on every rank if the existing one cannot be read.
         """
         self._comm, self._path = comm, path
-        self.times: list[float] = on_root(comm, self._earlier, until)
+        self.times: list[float] = on_root(comm, earlier_states, path, until)
 
     def write(
         self,
@@ -85,21 +85,6 @@ class Series:
 
     # --- on one rank -----------------------------------------------------------------------------
 
-    def _earlier(self, until: float | None) -> list[float]:
-        """Return the times of the existing states up to ``until``; remove the pieces of others."""
-        kept = []
-        if until is not None and self._path.exists():
-            try:
-                states = list(ET.parse(self._path).iter("DataSet"))
-                kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
-            except (OSError, ET.ParseError, KeyError, ValueError) as error:
-                raise BadInput(f"{self._path} cannot be read ({error}): remove it") from None
-        for file in self._path.parent.glob(f"{self._path.stem}*vtu"):
-            number = re.search(r"(\d{6,})\.p?vtu$", file.name)
-            if number and int(number[1]) >= len(kept):
-                remove(file)
-        return kept
-
     def _show_piece(
         self,
         hidden: Path,
@@ -138,17 +123,8 @@ class Series:
         declare_arrays(root, cells, points)
         ET.indent(root)
         replace_file(state, ET.tostring(root, encoding="unicode"))
-        rows = [
-            f'    <DataSet timestep="{time:.17g}" part="0" '
-            f'file="{self._named("", k, ".pvtu").name}" />\n'
-            for k, time in enumerate([*self.times, t])
-        ]
-        replace_file(
-            self._path,
-            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
-            + "".join(rows)
-            + "  </Collection>\n</VTKFile>\n",
-        )
+        names = [self._named("", k, ".pvtu").name for k in range(number + 1)]
+        replace_file(self._path, collection(zip([*self.times, t], names, strict=True)))
 
     def _named(self, part: str, number: int, suffix: str) -> Path:
         """Return the final name of a file of state ``number``."""
@@ -160,3 +136,34 @@ class Series:
         if self._comm.rank == 0:
             remove(hidden)
             remove(hidden.with_name(f"{hidden.stem}{0:06}.pvtu"))
+
+
+def earlier_states(path: Path, until: float | None) -> list[float]:
+    """Return the times of a .pvd's states up to ``until``; remove the pieces of others.
+
+    Raises BadInput if the file cannot be read. Not collective.
+    """
+    kept = []
+    if until is not None and path.exists():
+        try:
+            states = list(ET.parse(path).iter("DataSet"))
+            kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
+        except (OSError, ET.ParseError, KeyError, ValueError) as error:
+            raise BadInput(f"{path} cannot be read ({error}): remove it") from None
+    for file in path.parent.glob(f"{path.stem}*vtu"):
+        number = re.search(r"(\d{6,})\.p?vtu$", file.name)
+        if number and int(number[1]) >= len(kept):
+            remove(file)
+    return kept
+
+
+def collection(states: Iterable[tuple[float, str]]) -> str:
+    """Return the text of a .pvd file that lists the files of states with their times."""
+    rows = [
+        f'    <DataSet timestep="{time:.17g}" part="0" file="{name}" />\n' for time, name in states
+    ]
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
+        + "".join(rows)
+        + "  </Collection>\n</VTKFile>\n"
+    )

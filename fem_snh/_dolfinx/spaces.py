@@ -123,6 +123,32 @@ def _table(cell: str, degree: int, points: Array) -> Array:
     return table
 
 
+def tabulate_element(kind: str, degree: int, points: Array, order: int) -> Array:
+    """Return the Lagrange basis on a reference cell or facet, and its derivatives.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the reference cell, of any dimension, e.g. "triangle".
+    degree : int
+        Polynomial degree; the nodes are those of `reference_nodes`.
+    points : (n, dimension)
+        Points of the reference cell.
+    order : int
+        Highest order of the derivatives.
+
+    Returns
+    -------
+    (derivatives, n, nodes)
+        Values, then derivatives in basix's order: in two dimensions x, y, xx, xy, yy.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if not len(points):  # basix 0.5 aborts
+        points = np.zeros((1, points.shape[1]))
+        return tabulate_element(kind, degree, points, order)[:, :0]
+    return np.asarray(_lagrange(kind, degree).tabulate(order, points)[..., 0])
+
+
 def _gradients(cell: str, degree: int, points: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(_table(cell, degree, points)[1:], 0, -1))
 
@@ -138,6 +164,12 @@ def tabulate(V: Any, points: Array) -> Array:
     Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
     """
     return _gradients(cell_name(V.mesh), degree(V), points)
+
+
+def tabulate_geometry_values(domain: Any, points: Array) -> Array:
+    """Return the geometry's basis functions at reference points, (points, nodes)."""
+    table = _table(cell_name(domain), geometry_degree(domain), points)
+    return np.ascontiguousarray(table[0])
 
 
 def tabulate_geometry(domain: Any, points: Array) -> Array:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -46,25 +48,32 @@ def insert_arrays(
 ) -> list[Buffer]:
     """Return the content of a .vtu file with further arrays, in pieces.
 
-    Their values are appended as raw binary data, without conversion or copies.
+    Their values are appended as raw binary data. Neither they nor the content are copied.
     """
-    order = f'<VTKFile byte_order="{sys.byteorder.title()}Endian" header_type="UInt64" '
-    content = content.replace(b"<VTKFile ", order.encode(), 1)
+    order = f'byte_order="{sys.byteorder.title()}Endian" header_type="UInt64" '
+    start = b"<VTKFile "
+    inserted: list[tuple[int, list[Buffer]]] = []
+    inserted.append((content.index(start) + len(start), [order.encode()]))
     appended: list[Buffer] = []
     offset = 0
     for arrays, end in ((cells, b"</CellData>"), (points, b"</PointData>")):
-        tags = []
+        tags: list[Buffer] = []
         for array in arrays:
             values = np.ascontiguousarray(array.values, dtype=np.float64)
             attributes = array.attributes() | {"format": "appended", "offset": str(offset)}
-            tags.append(ET.tostring(ET.Element("DataArray", attributes)))
+            words = (f"{name}={quoteattr(value)}" for name, value in attributes.items())
+            tags.append(f"<DataArray {' '.join(words)} />".encode())
             appended += [np.uint64(values.nbytes).tobytes(), values.data]
             offset += np.uint64(0).nbytes + values.nbytes
-        before, end, after = content.rpartition(end)
-        content = b"".join([before, *tags, end, after])
-    before, end, after = content.rpartition(b"</VTKFile>")
-    start, stop = b'<AppendedData encoding="raw">_', b"</AppendedData>"
-    return [before, start, *appended, stop, end, after]
+        inserted.append((content.rindex(end), tags))
+    data: list[Buffer] = [b'<AppendedData encoding="raw">_', *appended, b"</AppendedData>"]
+    inserted.append((content.rindex(b"</VTKFile>"), data))
+    whole, last = memoryview(content), 0
+    pieces: list[Buffer] = []
+    for position, buffers in sorted(inserted, key=itemgetter(0)):
+        pieces += [whole[last:position], *buffers]
+        last = position
+    return [*pieces, whole[last:]]
 
 
 def declare_arrays(

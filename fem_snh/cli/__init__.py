@@ -76,7 +76,7 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
         return _stop(str(error), 2) if error.filename else _crash()
     except KeyboardInterrupt:
         return _stop("interrupted; what was computed is kept", 130)
-    except Exception:
+    except Exception:  # a bug: its traceback, and no rank waits for this one
         return _crash()
 
 

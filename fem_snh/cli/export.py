@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.cli.options import Parser
+from fem_snh.cli.progress_bar import progress_bar
 
 
 def export_parser() -> Parser:
@@ -12,14 +13,15 @@ def export_parser() -> Parser:
     parser = Parser(
         "export",
         "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
-        "or the deformed surface as a sequence of OBJ files.",
+        "or the deformed surface as a sequence of OBJ files or as one USD file.",
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
     parser.add_argument(
         "out",
         metavar="OUT",
         type=Path,
-        help="NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...",
+        help="NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...; "
+        "NAME.usd: one file (needs fem_snh[usd])",
     )
     parser.add_argument(
         "--frames",
@@ -34,18 +36,9 @@ def export(argv: list[str]) -> int:
     """Write a run's states in another format, with a progress bar. Return 0."""
     args = export_parser().parse(argv)
 
-    from rich.console import Console
-    from rich.progress import Progress
-
     from fem_snh.export import main
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("writing")
-        paths = main(
-            args.folder,
-            args.out,
-            args.frames,
-            lambda written, count: bar.update(task, completed=written, total=count),
-        )
+    with progress_bar("writing") as report:
+        paths = main(args.folder, args.out, args.frames, report)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0

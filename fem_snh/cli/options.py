@@ -39,7 +39,7 @@ SCENE_OPTIONS = (
         f"energy and residual by {' or '.join(ASSEMBLIES)} (forms that FFCx compiles); "
         f"default: {DEFAULT_ASSEMBLY}",
     ),
-    ("steps", "N", "load steps"),
+    ("steps", "N", "load steps; time steps of a scene with [time]"),
     ("predictor", "P", f"start of a step: {', '.join(PREDICTORS)}; default: {DEFAULT_PREDICTOR}"),
 )
 

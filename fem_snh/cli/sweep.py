@@ -16,6 +16,14 @@ def sweep_parser() -> Parser:
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the sweep's folder")
+    parser.add_argument(
+        "--render",
+        metavar="FIELD",
+        nargs="?",
+        const="J",
+        help="also draw the bodies of all points in one picture, bodies.png, with the colours of a "
+        "field; default: J",
+    )
     return parser
 
 
@@ -29,7 +37,8 @@ def sweep(argv: list[str]) -> int:
 
     from fem_snh.studies.sweep import sweep as study
 
-    table = study(args.scene, args.out, axes, petsc=petsc, **study_options.limits(args))
+    limits = study_options.limits(args)
+    table = study(args.scene, args.out, axes, petsc=petsc, render=args.render, **limits)
     good = int(table["converged"].sum())
     print(f"{good} of {len(table)} points converged: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1

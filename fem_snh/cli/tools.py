@@ -6,6 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from fem_snh.cli.options import Parser, value
+from fem_snh.cli.progress_bar import progress_bar
 from fem_snh.errors import BadInput
 
 
@@ -34,7 +35,11 @@ def render_parser() -> Parser:
     parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
     parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
-    parser.add_argument("--loads", metavar="T,T", help="loads to draw, between 0 and 1, e.g. 0.5,1")
+    parser.add_argument(
+        "--loads",
+        metavar="T,T",
+        help="loads to draw, between 0 and 1, e.g. 0.5,1; times [s] of a run in time",
+    )
     parser.add_argument(
         "--modes", metavar="N,N", nargs="?", const="", help="draw eigenmodes: these numbers, or all"
     )
@@ -43,6 +48,13 @@ def render_parser() -> Parser:
         metavar="NAME",
         default="J",
         help="field of the run that the colours show, or a component: cauchy_stress.xy; default: J",
+    )
+    parser.add_argument(
+        "--opacity",
+        metavar="A",
+        type=float,
+        default=1.0,
+        help="opacity of the body, e.g. 0.4 to show its bones; default: 1",
     )
     parser.add_argument(
         "--movie", metavar="FILE", type=Path, help="draw a movie instead: a file .mp4 or .gif"
@@ -61,13 +73,14 @@ def render(argv: list[str]) -> int:
         raise BadInput("--loads and --modes: expected one of the two")
     if args.movie is not None:
         return _movie(args)
-    loads = _numbers("--loads", args.loads, "numbers between 0 and 1, e.g. 0.5,1", (int, float))
+    loads = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
     modes = _numbers("--modes", args.modes, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
     from fem_snh.render import main
 
     pictured = loads if args.modes is None else modes
-    print(main(args.folder, args.out, pictured, args.field, modes=args.modes is not None))
+    modal = args.modes is not None
+    print(main(args.folder, args.out, pictured, args.field, modal, args.opacity))
     return 0
 
 
@@ -77,20 +90,10 @@ def _movie(args: Namespace) -> int:
         if given is not None:
             raise BadInput(f"{option} and --movie: expected one of the two")
 
-    from rich.console import Console
-    from rich.progress import Progress
-
     from fem_snh.render.movie import main
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("drawing")
-        path = main(
-            args.folder,
-            args.movie,
-            args.field,
-            args.seconds,
-            lambda drawn, frames: bar.update(task, completed=drawn, total=frames),
-        )
+    with progress_bar("drawing") as report:
+        path = main(args.folder, args.movie, args.field, args.seconds, report, args.opacity)
     print(path)
     return 0
 

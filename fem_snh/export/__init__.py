@@ -1,4 +1,4 @@
-"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ files.
+"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ or USD files.
 
 The files of a run are read one state at a time: `fem_snh.export.states`.
 """
@@ -10,11 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.render import read_record, stored_loads
+from fem_snh.render import read_record, series, stored_loads
+from fem_snh.render.records import duration
 from fem_snh.render.worker import require, run_elsewhere
 
 #: File types, and the packages that write them beside pyvista.
-TYPES: dict[str, tuple[str, ...]] = {".vtkhdf": ("h5py",), ".obj": ()}
+TYPES: dict[str, tuple[str, ...]] = {
+    ".vtkhdf": ("h5py",),
+    ".obj": (),
+    ".usd": ("pxr",),
+    ".usda": ("pxr",),
+    ".usdc": ("pxr",),
+}
+#: What a user installs for them.
+_EXTRAS = {"h5py": "'fem_snh[export]'", "pxr": "'fem_snh[usd]'"}
 #: Bounds of the number of OBJ files between stored loads; the names have four digits.
 MIN_FRAMES, MAX_FRAMES = 2, 10_000
 #: Upper bound of the time that a state takes [s], after which the process counts as hung.
@@ -36,6 +45,8 @@ def main(
     out : Path
         ``NAME.vtkhdf``: one file with mesh, all fields and all stored loads. ``NAME.obj``: a
         sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ... of the deformed surface.
+        ``NAME.usd``, ``.usda``, ``.usdc``: the deformed surface over time.
+        Of a body in a lattice, all of them have its skin.
     frames : int, optional
         Number of OBJ files, evenly spaced over the load: between the stored loads the displacement
         is interpolated by monotone cubic polynomials (PCHIP). Default: one for each stored load.
@@ -56,10 +67,11 @@ def main(
     if frames is not None and not MIN_FRAMES <= frames <= MAX_FRAMES:
         raise bad_value("--frames", frames, f"a number from {MIN_FRAMES} to {MAX_FRAMES}")
     require("export", ("pyvista",))
-    require(f"a file {kind}", TYPES[kind], "'fem_snh[export]'")
+    for package in TYPES[kind]:
+        require(f"a file {kind}", (package,), _EXTRAS[package])
     record = read_record(folder)
 
-    pvd = folder / "fields.pvd"
+    pvd = series(folder)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -71,6 +83,10 @@ def main(
     from fem_snh.export.obj import write_sequence
     from fem_snh.export.states import States
 
+    if kind != ".obj":
+        from fem_snh.export.usd import write_usd
+
+        return [write_usd(out, States(pvd), duration(record), report)]
     return write_sequence(out, States(pvd), frames, report)
 
 

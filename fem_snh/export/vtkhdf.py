@@ -13,7 +13,6 @@ https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specif
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,8 +22,8 @@ import numpy as np
 import pyvista as pv
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.errors import BadInput
 from fem_snh.export.states import State, States
+from fem_snh.render.worker import serve
 
 #: Of the specification; 2.2 is the first that allows groups beside VTKHDF.
 VERSION = (2, 2)
@@ -114,15 +113,15 @@ def _write_state(root: h5py.Group, state: State, number: int, count: int) -> Non
             root[place][name][rows * number : rows * (number + 1)] = values
 
 
+def _write(job: dict[str, Any]) -> None:
+    """Write the file that a request describes, and print the progress."""
+    write_vtkhdf(
+        Path(job["out"]),
+        States(Path(job["pvd"])),
+        job["record"],
+        lambda written, count: print(written, count, flush=True),
+    )
+
+
 if __name__ == "__main__":
-    job = json.load(sys.stdin)
-    try:
-        write_vtkhdf(
-            Path(job["out"]),
-            States(Path(job["pvd"])),
-            job["record"],
-            lambda written, count: print(written, count, flush=True),
-        )
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    serve(_write)

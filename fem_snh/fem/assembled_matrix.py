@@ -1,19 +1,20 @@
 """An AIJ matrix into whose value arrays the terms of a problem add element matrices directly.
 
 ``MatSetValues`` searches the row of every value for its column, in every assembly. The sparsity
-pattern of a finite element space never changes, so `BlockMatrix` looks up once where each block of
+pattern of a mesh's cells never changes, so `BlockMatrix` looks up once where each block of
 each element matrix is stored in PETSc's value arrays. The compiled cell loops then add to these
 addresses, without a search and without storing element matrices (as ``MatSetValuesCOO`` needs).
 ``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
 ``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
 
 Contributions to rows of another rank are summed in an array apart, and each of these rows is sent
-to its owner once per assembly, by ``MatSetValues``.
+to its owner once per assembly, by ``MatSetValues``. So are the blocks between nodes that share no
+cell (`fem_snh.fem.couplings`), which change from step to step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
@@ -23,10 +24,11 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh._petsc import aij_blocks, call, ffi
-from fem_snh.fem.block_sparsity import concatenated_ranges
+from fem_snh._petsc import aij_blocks
+from fem_snh.fem.couplings import Couplings
 from fem_snh.fem.matrix_layout import MatrixLayout
 from fem_snh.fem.numbering import MixedDofMap, dof_map
+from fem_snh.fem.sent_rows import SentRows
 from fem_snh.kernels.matrix_addition import MatrixAddition
 
 Array = npt.NDArray[Any]
@@ -45,13 +47,20 @@ class BlockMatrix:
         The numbering of the unknowns, the displacement's before others.
     constrained : (local nodes, 3) bool, optional
         Constrained components of the displacement, ghost nodes included. Default: none.
+    layout : MatrixLayout, optional
+        The layout of another matrix of the dof map, to share.
 
     Attributes
     ----------
     mat : PETSc.Mat
         The matrix.
+    layout : MatrixLayout
+        Its sparsity pattern; another object after `couple` has changed it.
+    constrained_dofs : (n,) int
+        The constrained dofs that this rank owns, as indices into a vector's local array.
     block_positions : (cells, n, n) int32
         Where the blocks of each cell are stored: see `fem_snh.fem.matrix_layout.MatrixLayout`.
+        Another array after `couple` has changed the pattern.
     row_strides : list of three (local blocks,) int32
         See `MatrixLayout`.
     free : (local nodes, 3) float64
@@ -67,18 +76,24 @@ class BlockMatrix:
         If a rank has more values than a 32-bit offset can address.
     """
 
-    def __init__(self, dof_map: MixedDofMap, constrained: Array | None = None) -> None:
+    def __init__(
+        self,
+        dof_map: MixedDofMap,
+        constrained: Array | None = None,
+        layout: MatrixLayout | None = None,
+    ) -> None:
         self._dof_map = dof_map
-        layout = self._layout = MatrixLayout(dof_map)
-        self.mat, self.row_strides = layout.mat, layout.row_strides
-        self.block_positions = layout.block_positions
+        self._set_layout(layout or MatrixLayout(dof_map))
+        if layout is not None:
+            self.mat = layout.mat.duplicate()
+        self._couplings: Couplings | None = None
         self.addresses: list[int] = []
 
         if constrained is None:
             constrained = np.zeros((dof_map.num_blocks[0], 3), dtype=bool)
         num_nodes = dof_map.num_owned_blocks[0]
         self._num_u = 3 * num_nodes
-        self._constrained_dofs = np.flatnonzero(constrained[:num_nodes])
+        self.constrained_dofs = np.flatnonzero(constrained[:num_nodes])
         self.free = np.where(constrained, 0.0, 1.0)
         nodes = dof_map.cell_blocks[:, : dof_map.num_cell_blocks[0]]
         self.is_constrained: Array = np.any(constrained[nodes], axis=(1, 2)).astype(np.uint8)
@@ -92,16 +107,18 @@ class BlockMatrix:
         Terms may add in any order; ranks need not add the same number of element matrices.
         """
         self.mat.zeroEntries()
-        self._sent_values[:] = 0
+        self._sent_rows.values[:] = 0
         with aij_blocks(self.mat) as blocks:
             addresses = [block.values for block in blocks]
             missing = [0] * (2 - len(addresses))
-            self.addresses = [*addresses, *missing, self._sent_values.ctypes.data]
+            self.addresses = [*addresses, *missing, self._sent_rows.values.ctypes.data]
             try:
                 yield
             finally:
                 self.addresses = []
-        self._send_values()
+        self._sent_rows.add_to(self.mat)
+        if self._couplings:
+            self._couplings.set_values(self.mat)
         self.mat.assemble()
         # Preconditioners compare this counter; writing to the arrays does not increase it.
         self.mat.stateIncrease()
@@ -122,6 +139,66 @@ class BlockMatrix:
             displacement alone.
         """
         self._addition.add(self.addresses, cells, matrices)
+
+    def couple(self, pairs: Sequence[Array]) -> None:
+        """Extend the sparsity pattern, if it lacks one of these pairs of nodes. Collective.
+
+        The matrix is then zero. `mat` is the same object with another pattern: its nonzero state
+        tells PETSc's preconditioners and `fem_snh.linalg` to set up again.
+
+        Parameters
+        ----------
+        pairs : sequence of (n, 2) int64
+            Row and column of 3x3 blocks as global nodes of the displacement's space. Each rank
+            gives all pairs of the rows that it owns; those of other rows are left out.
+        """
+        if self._couplings is None:
+            self._couplings = Couplings(self._dof_map, self.constrained_dofs)
+        if self._couplings.require(pairs):
+            self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
+
+    def add_couplings(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
+        """Add matrices of nodes that share no cell, inside of `adding`. Not collective.
+
+        Rows and columns of constrained dofs are left out. The pattern must have the blocks: those
+        of a cell are there, others need `couple`.
+
+        Parameters
+        ----------
+        nodes : (n, k) int64
+            Global nodes of the displacement's space. Each rank gives all matrices with a row that
+            it owns; the rows of other ranks are left out.
+        matrices : (n, 3 k, 3 l)
+            Their matrices [N/m], numbered node by node.
+        others : (n, l) int64, optional
+            The nodes of the columns. Default: those of the rows.
+        """
+        if self._couplings is None:
+            raise ValueError("add_couplings: expected after couple")
+        self._couplings.add(nodes, matrices, others)
+
+    def _set_layout(self, layout: MatrixLayout) -> None:
+        self.layout, self.mat = layout, layout.mat
+        self.block_positions, self.row_strides = layout.block_positions, layout.row_strides
+        for name in ("_addition", "_sent_rows"):
+            self.__dict__.pop(name, None)  # of the former pattern
+
+    def without_constraints(self) -> BlockMatrix:
+        """Return a zero matrix of the same layout that has all rows and columns. Collective."""
+        return BlockMatrix(self._dof_map, layout=self.layout)
+
+    def add_node_pairs(
+        self, pattern: tuple[Array, Array], positions: Array, factor: float, values: Array
+    ) -> None:
+        """Add multiples of the 3x3 identity at pairs of nodes, inside of `adding`. Not collective.
+
+        See `MatrixAddition.add_node_pairs`; the positions are those in ``block_positions``.
+        """
+        self._addition.add_node_pairs(self.addresses, pattern, positions, factor, values)
+
+    @cached_property
+    def _sent_rows(self) -> SentRows:
+        return SentRows(self._dof_map, self.layout)
 
     @cached_property
     def _addition(self) -> MatrixAddition:
@@ -147,43 +224,13 @@ class BlockMatrix:
             self._diagonal_vec = self.mat.getDiagonal()
             values = self._diagonal_vec.array
             if self._constrained_diagonal is None:
-                free = np.delete(values[: self._num_u], self._constrained_dofs)
+                free = np.delete(values[: self._num_u], self.constrained_dofs)
                 local = np.array([np.abs(free).sum(), len(free)])
                 total, count = self._dof_map.comm.allreduce(local)
                 self._constrained_diagonal = float(total / max(count, 1)) or 1.0
             values[:] = 0.0
-            values[self._constrained_dofs] = self._constrained_diagonal
+            values[self.constrained_dofs] = self._constrained_diagonal
         self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
-
-    @cached_property
-    def _sent_values(self) -> Array:
-        return np.zeros(int(self._layout.sent.row_offsets[-1]))
-
-    @cached_property
-    def _sent_dofs(self) -> tuple[Array, Array, Array, Array]:
-        """Global dofs of the sent rows and columns, and where those of each block row begin."""
-        sent = self._layout.sent
-        dofs, sizes = self._dof_map.global_dofs(self._layout.ghosts)
-        rows = concatenated_ranges(dofs, sizes).astype(PETSc.IntType)
-        blocks = self._dof_map.local_to_global[sent.indices]
-        columns = concatenated_ranges(*self._dof_map.global_dofs(blocks)).astype(PETSc.IntType)
-        lengths = sent.row_lengths
-        return rows, np.cumsum(sizes) - sizes, columns, np.cumsum(lengths) - lengths
-
-    def _send_values(self) -> None:
-        """Pass the rows of other ranks to PETSc, which sends them when it assembles."""
-        sent = self._layout.sent
-        rows, row_start, columns, column_start = self._sent_dofs
-        handle = ffi.cast("void *", self.mat.handle)
-        values = ffi.cast("double *", self._sent_values.ctypes.data)
-        row, column = (ffi.cast("int *", a.ctypes.data) for a in (rows, columns))
-        add = int(PETSc.InsertMode.ADD)
-        sizes, lengths = sent.row_sizes.tolist(), sent.row_lengths.tolist()
-        for i, (size, length) in enumerate(zip(sizes, lengths, strict=True)):
-            if length:
-                block = (size, row + int(row_start[i]), length, column + int(column_start[i]))
-                offset = int(sent.row_offsets[i])
-                call("MatSetValues", handle, *block, values + offset, add)
 
 
 def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> BlockMatrix:

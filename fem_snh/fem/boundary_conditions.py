@@ -37,6 +37,21 @@ class Motion(Constraint, Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
+class NodalMotion(Protocol):
+    """The displacement of some nodes, in all components, as a function of the load."""
+
+    @property
+    def nodes(self) -> Array:
+        """The local nodes, ghosts included."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the displacement is not zero."""
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
+
+
 class Dirichlet(Protocol):
     """The constrained dofs of a displacement space and their values.
 
@@ -59,7 +74,7 @@ class Dirichlet(Protocol):
 
 
 class DirichletConditions:
-    """Dirichlet conditions on physical groups: see `Dirichlet`. Collective.
+    """Dirichlet conditions on physical groups, with the attributes of `Dirichlet`. Collective.
 
     Parameters
     ----------
@@ -72,15 +87,8 @@ class DirichletConditions:
     move : sequence of Motion
         Displacement that follows the load. Where conditions overlap, a later one overrides an
         earlier one, and any of ``move`` overrides ``hold``.
-
-    Attributes
-    ----------
-    constrained : (local nodes, 3) bool
-        Which components of which nodes, ghosts included, are constrained.
-    dofs : (n,) int
-        The constrained dofs this rank owns, as indices into a vector's local array.
-    depends_on_load : bool
-        Whether any value depends on the load.
+    bones : sequence of NodalMotion, optional
+        Displacements of nodes, different ones, which override all others.
 
     Raises
     ------
@@ -89,11 +97,17 @@ class DirichletConditions:
     """
 
     def __init__(
-        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[Motion]
+        self,
+        V: Any,
+        mesh: Mesh,
+        hold: Sequence[Constraint],
+        move: Sequence[Motion],
+        bones: Sequence[NodalMotion] = (),
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
         self.constrained: Array = np.zeros((owned + ghosts, 3), dtype=bool)
-        self._moved: list[tuple[Array, list[int], Motion, Array]] = []
+        self.bones = list(bones)
+        self._moved: list[tuple[Array, list[int], Motion | NodalMotion, Array]] = []
         for condition in hold:
             self._constrain(V, mesh, condition)
         coordinates = V.tabulate_dof_coordinates()
@@ -101,8 +115,12 @@ class DirichletConditions:
             nodes, axes = self._constrain(V, mesh, motion)
             nodes = nodes[nodes < owned]
             self._moved.append((nodes, axes, motion, coordinates[nodes]))
+        for bone in bones:
+            self.constrained[bone.nodes] = True
+            nodes = bone.nodes[bone.nodes < owned]
+            self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
         self.dofs: Array = np.flatnonzero(self.constrained[:owned])
-        self.depends_on_load = bool(self._moved)
+        self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
         """Mark a condition's components as constrained; return its local nodes and components."""

@@ -8,9 +8,15 @@ from typing import Any
 from fem_snh import _dolfinx
 from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import bad_value
-from fem_snh.fem.boundary_conditions import Constraint, Dirichlet, DirichletConditions, Motion
+from fem_snh.fem.boundary_conditions import (
+    Constraint,
+    Dirichlet,
+    DirichletConditions,
+    Motion,
+    NodalMotion,
+)
 from fem_snh.fem.elements import Element
-from fem_snh.fem.measures import Reactions
+from fem_snh.fem.measures import Reactions, group_cells
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling, Region, regions_of_groups
@@ -27,9 +33,11 @@ def create_problem(
     *,
     hold: Sequence[Constraint] = (),
     move: Sequence[Motion] = (),
+    bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
     traction: Sequence[SurfaceLoad] = (),
     loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
     reactions: Sequence[str | int] = (),
+    volumes: Sequence[str | int] = (),
     eigensolver: str = EIGENSOLVERS[0],
     assembly: str = DEFAULT_ASSEMBLY,
 ) -> Problem:
@@ -47,12 +55,16 @@ def create_problem(
         Components of the displacement that are zero on physical groups.
     move : sequence of Motion, optional
         Components of the displacement that follow the load on physical groups.
+    bones : callable, optional
+        Returns displacements of nodes, given the displacement's space and the mesh.
     traction : sequence of SurfaceLoad, optional
         Dead loads on physical groups of surfaces, proportional to the load.
     loads : callable, optional
         Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
     reactions : sequence of str or int, optional
         Physical groups whose reaction forces `Problem.reactions` returns.
+    volumes : sequence of str or int, optional
+        Physical groups of volumes whose volume ratios `Problem.measures` returns.
     eigensolver : str, optional
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
     assembly : str, optional
@@ -71,15 +83,18 @@ def create_problem(
     fillings = [Filling(material)] if isinstance(material, Material) else material
     regions = regions_of_groups(mesh, fillings)
     u = _dolfinx.function(V, "displacement")
-    dirichlet = DirichletConditions(V, mesh, hold, move)
+    dirichlet = DirichletConditions(V, mesh, hold, move, bones(V, mesh) if bones else ())
     terms: list[Term] = [Traction(V, mesh, traction)] if traction else []
-    return Problem(
+    problem = Problem(
         create_unknowns(u, element),
         element,
         regions,
         dirichlet,
         [*terms, *(loads(mesh, u, regions, dirichlet) if loads else [])],
         Reactions(V, mesh, reactions) if reactions else None,
+        group_cells(mesh, volumes),
         eigensolver,
         assembly,
     )
+    problem.skin = mesh.skin
+    return problem

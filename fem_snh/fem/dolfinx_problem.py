@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -13,14 +13,18 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.errors import bad_value
+from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.elements import ELEMENTS, Element, element
+from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region, check_partition
-from fem_snh.fem.terms import UFLTerm
+from fem_snh.fem.terms import Term, UFLTerm
 from fem_snh.fem.unknowns import create_unknowns
 from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
+#: Returns terms, given displacement, regions and Dirichlet conditions.
+MoreTerms = Callable[[Any, Sequence[Region], Dirichlet], Sequence[Term]]
 
 #: Shear of the central difference in `_shear_modulus`: about the cube root of the rounding error.
 _SHEAR = 1e-5
@@ -36,6 +40,8 @@ class DolfinxConditions:
     bcs : sequence of dolfinx DirichletBC
         Conditions on V or on components of it; where they overlap, a later one overrides an
         earlier one. Their values are read whenever `set_values` is called.
+    on_load : callable, optional
+        ``on_load(load)`` sets these values for a load parameter.
 
     Raises
     ------
@@ -43,10 +49,10 @@ class DolfinxConditions:
         For a condition on another space.
     """
 
-    depends_on_load = False
-
-    def __init__(self, V: Any, bcs: Sequence[Any]) -> None:
-        self._bcs = list(bcs)
+    def __init__(
+        self, V: Any, bcs: Sequence[Any], on_load: Callable[[float], None] | None = None
+    ) -> None:
+        self._bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
         for number, bc in enumerate(self._bcs):
             if not hasattr(bc, "dof_indices"):
@@ -57,13 +63,14 @@ class DolfinxConditions:
             dofs = _dolfinx.bc_dofs(bc)
             # Not all ghosts of constrained nodes need be in a condition.
             mask.array[dofs[dofs < mask.getLocalSize()]] = 1.0
-        mask.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        with mask.localForm() as local:
-            self.constrained: Array = local.array_r.reshape(-1, 3) > 0
+        update_ghosts(mask)
+        self.constrained: Array = local_values(mask).reshape(-1, 3) > 0
         self.dofs: Array = np.flatnonzero(mask.array_r)
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set the constrained entries of ``x`` to their present values."""
+        if self._on_load is not None:
+            self._on_load(load)
         _dolfinx.set_bcs(x.array, self._bcs)
 
 
@@ -73,6 +80,10 @@ def create_dolfinx_problem(
     bcs: Sequence[Any] = (),
     terms: Sequence[Any] = (),
     element_name: str | None = None,
+    *,
+    densities: Mapping[Material, float] | None = None,
+    on_load: Callable[[float], None] | None = None,
+    more_terms: MoreTerms | None = None,
 ) -> Problem:
     """Return the problem of a displacement in a user's dolfinx program. Collective.
 
@@ -89,6 +100,12 @@ def create_dolfinx_problem(
     element_name : str, optional
         One of `ELEMENTS`, of the mesh's cell and the displacement's degree. Default: the element
         with the volume term at every quadrature point.
+    densities : mapping of Material to float, optional
+        Masses per reference volume [kg/m^3].
+    on_load : callable, optional
+        ``on_load(load)`` sets constants, functions and boundary values for a load parameter.
+    more_terms : callable, optional
+        Returns further terms, given displacement, regions and Dirichlet conditions.
 
     Raises
     ------
@@ -98,14 +115,15 @@ def create_dolfinx_problem(
     check_displacement(u)
     V = u.function_space
     chosen = _element(u, element_name, materials)
-    regions = _regions(V.mesh, materials)
-    conditions = DolfinxConditions(V, bcs)
-    ufl_terms = [UFLTerm(form, u, f"terms[{number}]") for number, form in enumerate(terms)]
+    regions = _regions(V.mesh, materials, densities or {})
+    conditions = DolfinxConditions(V, bcs, on_load)
+    ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in enumerate(terms)]
     if not regions and not any(term.has_hessian for term in ufl_terms):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
-    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, ufl_terms)
+    found = [*ufl_terms, *(more_terms(u, regions, conditions) if more_terms else [])]
+    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found)
     if not regions:
         _set_modulus(problem)
     return problem
@@ -153,7 +171,9 @@ def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Ele
     return element(name or fitting[0], None if quadrature is None else int(quadrature))
 
 
-def _regions(domain: Any, materials: Mapping[Material, Any]) -> list[Region]:
+def _regions(
+    domain: Any, materials: Mapping[Material, Any], densities: Mapping[Material, float]
+) -> list[Region]:
     """The materials' cells; every cell has one material, unless there are none."""
     regions = []
     for material, measure in materials.items():
@@ -161,7 +181,8 @@ def _regions(domain: Any, materials: Mapping[Material, Any]) -> list[Region]:
             found = "a measure on another mesh"
             raise bad_value(f"materials[{material.name}]", found, "the mesh of the displacement")
         try:
-            regions.append(Region(material, _dolfinx.measure_cells(measure, domain)))
+            cells = _dolfinx.measure_cells(measure, domain)
+            regions.append(Region(material, cells, densities.get(material)))
         except ValueError as error:
             found = f"dx({measure.subdomain_id()})"
             raise bad_value(f"materials[{material.name}]", found, str(error)) from None

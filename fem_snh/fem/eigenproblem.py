@@ -57,7 +57,7 @@ class Eigenproblem:
         domain, regions = problem.domain, problem.regions
         densities = [density if r.density is None else r.density for r in regions]
         self.density = volume_mean(domain, regions, densities)
-        same = len(set(densities)) == 1
+        same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
         rho = densities[0] if same else cell_constant(domain, regions, densities)
         self._scale = problem.modulus / (self.density * problem.length**2)
         owned = problem.x.getLocalSize()

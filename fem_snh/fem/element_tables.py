@@ -38,14 +38,17 @@ def element_tables(
     return ElementTables(*tables, _dolfinx.node_dofs(Q), basis)
 
 
-def restricted(tables: ElementTables, cells: Array) -> ElementTables:
-    """Return an element's tables on some of the cells."""
+def restricted(
+    tables: ElementTables, cells: Array, fractions: Array | None = None
+) -> ElementTables:
+    """Return an element's tables on some of the cells, (n,), with their fractions, (n,)."""
     chosen = selection(cells, len(tables.nodes))
     pressure = tables.pressure_nodes
     return replace(
         tables,
         nodes=tables.nodes[chosen],
         geometry=tables.geometry[chosen],
+        fractions=fractions,
         pressure_nodes=pressure[chosen] if len(pressure) else pressure,
     )
 

@@ -6,21 +6,24 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.errors import choose
+from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.stress_fields import POINT_FIELDS, PointState, StressFields
+from fem_snh.fem.stress_fields import PointState, StressFields
+from fem_snh.kernels.point_fields import POINT_FIELDS
 from fem_snh.output_fields import LOCATIONS, ON_REQUEST
 
 if TYPE_CHECKING:
     from fem_snh.fem.nodal_projection import NodalProjection
 
 Array = npt.NDArray[np.float64]
+
+#: The symmetric tensors of ``POINT_FIELDS``.
+_SYMMETRIC = ("cauchy_stress", "green_lagrange_strain")
 
 
 class FieldValues:
@@ -60,8 +63,9 @@ class FieldValues:
             choose("field", name, ON_REQUEST)
         choose("at", at, (*LOCATIONS, "points"))
         wanted = [name for name in names if name in POINT_FIELDS]
-        state = self._stresses.evaluate(self._problem.x) if wanted else None
-        found = {name: self._located(state, name, at) for name in wanted if state}
+        found = {}
+        if wanted:
+            found = self._located(self._stresses.evaluate(self._problem.x, wanted), at)
         if "reaction_force" in names:
             found["reaction_force"] = self._reaction_force()
         return {name: found[name] for name in names}
@@ -70,17 +74,17 @@ class FieldValues:
     def _stresses(self) -> StressFields:
         return StressFields(self._problem)
 
-    def _located(self, state: PointState, name: str, at: str) -> Array:
-        """Return a field of ``POINT_FIELDS`` at points, cells or nodes."""
+    def _located(self, state: PointState, at: str) -> dict[str, Array]:
+        """Return fields of ``POINT_FIELDS`` at points, cells or nodes."""
         if at == "cells":
-            return state.mean(name)
+            return {name: state.mean(name) for name in state.values}
         if at == "points":
-            return state.values(name)
+            return state.values
         if self._projection is None:
             from fem_snh.fem.nodal_projection import NodalProjection  # imports scipy
 
             self._projection = NodalProjection(self._problem, state.weights)
-        return self._projection.project(state.values(name))
+        return self._projection.project(state.values, _SYMMETRIC)
 
     def _reaction_force(self) -> Array:
         """Return dE/du [N] at constrained dofs and 0 at the others, (nodes, 3)."""
@@ -89,6 +93,5 @@ class FieldValues:
         problem.gradient(problem.x, r)
         force = _dolfinx.create_vector(problem.V)
         force.array[problem.constrained_dofs] = r.array_r[problem.constrained_dofs]
-        force.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        with force.localForm() as local:
-            return np.array(local.array_r).reshape(-1, 3)
+        update_ghosts(force)
+        return np.array(local_values(force)).reshape(-1, 3)

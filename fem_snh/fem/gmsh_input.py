@@ -17,6 +17,7 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, bad_value, choose, unknown_name
+from fem_snh.fem.skin import Skin
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -62,6 +63,10 @@ class MeshData(NamedTuple):
         Degree of the geometry, 1 or 2.
     groups : list of PhysicalGroup
         The physical groups.
+    fractions : (cells,) array or None
+        Of a lattice, the part of each cell's volume that the body fills.
+    skin : Skin or None
+        Of a lattice, the surface of the body.
     """
 
     cells: np.ndarray
@@ -69,6 +74,8 @@ class MeshData(NamedTuple):
     cell: str
     degree: int
     groups: list[PhysicalGroup]
+    fractions: np.ndarray | None = None
+    skin: Skin | None = None
 
 
 @contextmanager
@@ -131,6 +138,31 @@ def read(path: str) -> MeshData:
             raise BadInput("this is not a gmsh .msh file")
     with _session() as gmsh:
         gmsh.merge(path)
+        return _extract(gmsh)
+
+
+def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
+    """Fill a closed surface with tetrahedra, whose facets on the boundary are its triangles.
+
+    Parameters
+    ----------
+    points, triangles : (n, 3) array, (m, 3) int array
+        The surface.
+    size : float
+        Length of the edges inside [length].
+    """
+    with _session() as gmsh:
+        model = gmsh.model
+        surface = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, surface, np.arange(1, len(points) + 1), points.ravel())
+        model.mesh.addElementsByType(surface, 2, [], triangles.ravel() + 1)
+        volume = model.geo.addVolume([model.geo.addSurfaceLoop([surface])])
+        model.geo.synchronize()
+        for dim, tag, name in ((3, volume, "body"), (2, surface, "boundary")):
+            model.setPhysicalName(dim, model.addPhysicalGroup(dim, [tag]), name)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        model.mesh.generate(3)
+        model.mesh.optimize("")
         return _extract(gmsh)
 
 

@@ -1,14 +1,15 @@
-"""The initial state of a run that does not start from the undeformed body."""
+"""The initial state of a run that does not start from the undeformed body at rest."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from mpi4py import MPI
 
 import numpy as np
 
+from fem_snh.fem.ghosted_vectors import local_values
 from fem_snh.fem.problem import Problem
 
 #: Nodes are identified by their coordinates rounded to this fraction of the body's size.
@@ -40,6 +41,14 @@ class InitialState(Protocol):
     def seed(self) -> int:
         """Seed of the random numbers."""
 
+    @property
+    def velocity(self) -> Sequence[float] | None:
+        """A velocity [m/s]."""
+
+    @property
+    def angular_velocity(self) -> Sequence[float] | None:
+        """An angular velocity [rad/s] about the point ``through``."""
+
 
 def set_initial_state(problem: Problem, state: InitialState) -> None:
     """Set ``problem.x`` to an initial state. Collective.
@@ -61,6 +70,33 @@ def set_initial_state(problem: Problem, state: InitialState) -> None:
         x += state.noise * (2 * _random(problem.comm, scaled, state.seed, stream=1) - 1)
     problem.x.array[: X.size] = (x - X).ravel()
     problem.prescribe(problem.x)
+
+
+def initial_velocity(
+    problem: Problem, state: InitialState
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    r"""Return the initial velocity [m/s] as a function of the reference coordinates of all nodes.
+
+    .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
+
+    with the initial displacement u. The function's argument and result are of the local nodes,
+    ghosts included, (nodes, 3); without a velocity there is no function. Collective.
+    """
+    if state.velocity is None and state.angular_velocity is None:
+        return None
+    low, high = _bounding_box(problem.comm, problem.coordinates)
+    fixed = (low + high) / 2 if state.through is None else np.array(state.through)
+    u = local_values(problem.split(problem.x)[0]).reshape(-1, 3).copy()
+
+    def velocity(X: np.ndarray) -> np.ndarray:
+        v = np.zeros_like(X)
+        if state.velocity is not None:
+            v += np.array(state.velocity)
+        if state.angular_velocity is not None:
+            v += np.cross(state.angular_velocity, X + u - fixed)
+        return v
+
+    return velocity
 
 
 def _bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
 from fem_snh.fem.block_sparsity import BlockSparsity, concatenated_ranges
 from fem_snh.fem.numbering import MixedDofMap
@@ -30,6 +31,10 @@ class MatrixLayout:
     ----------
     dof_map : MixedDofMap
         The numbering of the unknowns.
+    pairs : (n, 2) int64, optional
+        Row and column of further blocks, as global blocks; this rank owns the rows.
+    mat : PETSc.Mat, optional
+        A matrix of another pattern, which becomes ``mat``. Default: a new one.
 
     Attributes
     ----------
@@ -40,6 +45,8 @@ class MatrixLayout:
         value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
     row_strides : list of three (local blocks,) int32
         For each of the three arrays, the values in a row of each local block.
+    num_values : tuple of int
+        Values in the diagonal and in the off-diagonal block.
     ghosts : (ghost blocks,) int64
         Global numbers of the ghost blocks.
     sent : BlockSparsity
@@ -51,7 +58,12 @@ class MatrixLayout:
         If a rank has more values than a 32-bit offset can address.
     """
 
-    def __init__(self, dof_map: MixedDofMap) -> None:
+    def __init__(
+        self,
+        dof_map: MixedDofMap,
+        pairs: Array | None = None,
+        mat: PETSc.Mat | None = None,
+    ) -> None:
         self._dof_map = dof_map
         cells, n = dof_map.cell_blocks, dof_map.cell_blocks.shape[1]
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
@@ -65,9 +77,11 @@ class MatrixLayout:
         sent_rows = self.ghosts[self.sent.block_rows()]
         received = self._send_to_owners(sent_rows, numbers[self.sent.indices])
 
-        # The pattern of the owned rows: of this rank's cells, and of what other ranks send.
-        pattern_rows = np.concatenate([numbers[rows[~sent]], received[0]]) - first
-        pattern_columns = np.concatenate([numbers[columns[~sent]], received[1]])
+        # The pattern of the owned rows: of this rank's cells, of what other ranks send, and more.
+        more = [] if pairs is None else [pairs.T]
+        own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
+        pattern_rows, pattern_columns = np.concatenate([own, received, *more], axis=1)
+        pattern_rows = pattern_rows - first
         inside = (pattern_columns >= first) & (pattern_columns < last)
         # PETSc numbers the columns of the off-diagonal block densely, in ascending order.
         others = np.unique(pattern_columns[~inside])
@@ -81,7 +95,8 @@ class MatrixLayout:
             own_sizes,
             dof_map.global_dofs(others)[1],
         )
-        self.mat = self._create(diagonal, off_diagonal, others)
+        self.mat = self._create(diagonal, off_diagonal, others, mat)
+        self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
 
         row, column = numbers[rows] - first, numbers[columns]
         own_column, ghost_column = ~sent & owned[columns], ~sent & ~owned[columns]
@@ -108,7 +123,11 @@ class MatrixLayout:
         return np.concatenate(received, axis=1)
 
     def _create(
-        self, diagonal: BlockSparsity, off_diagonal: BlockSparsity, others: Array
+        self,
+        diagonal: BlockSparsity,
+        off_diagonal: BlockSparsity,
+        others: Array,
+        mat: PETSc.Mat | None,
     ) -> PETSc.Mat:
         """Return a zero AIJ matrix; ``others`` are the off-diagonal block's global columns."""
         dof_map, row_sizes = self._dof_map, diagonal.row_sizes
@@ -123,13 +142,14 @@ class MatrixLayout:
         block_row = np.repeat(np.arange(len(row_sizes)), row_sizes)
         indices = indices[concatenated_ranges(starts[block_row], lengths[block_row])]
         indptr = np.concatenate([[0], np.cumsum(lengths[block_row])])
+        integers = (array.astype(PETSc.IntType) for array in (indptr, indices))
+        csr = (*integers, np.zeros(len(indices)))
+        if mat is not None:
+            set_pattern(mat, csr)
+            return mat
         return PETSc.Mat().createAIJ(
             ((dof_map.num_owned_dofs, None),) * 2,
             bsize=dof_map.block_size,
-            csr=(
-                indptr.astype(PETSc.IntType),
-                indices.astype(PETSc.IntType),
-                np.zeros(len(indices)),
-            ),
+            csr=csr,
             comm=dof_map.comm,
         )

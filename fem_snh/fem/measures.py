@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.errors import bad_value
 from fem_snh.fem.boundary_conditions import group_nodes
 from fem_snh.fem.mesh import Mesh
 
@@ -56,7 +57,30 @@ class Reactions:
         return dict(zip(self._nodes, total.tolist(), strict=True))
 
 
-def body_measures(comm: MPI.Intracomm, cell_fields: dict[str, Array], u: Array) -> dict[str, float]:
+def group_cells(mesh: Mesh, groups: Sequence[str | int]) -> dict[str, Array]:
+    """Return the cells of physical groups of volumes among those that this rank owns, by key.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown group and for one that is not of volumes.
+    """
+    found = {}
+    for key in groups:
+        group = mesh.group(key)
+        if group.dim != 3:
+            raise bad_value("volumes", key, f"a group of volumes, not a {group.label}")
+        owned = _dolfinx.num_owned(mesh.domain, 3)
+        found[str(key)] = group.entities[group.entities < owned]
+    return found
+
+
+def body_measures(
+    comm: MPI.Intracomm,
+    cell_fields: dict[str, Array],
+    u: Array,
+    parts: Mapping[str, Array] | None = None,
+) -> dict[str, Any]:
     """Return measures of the whole body. Collective.
 
     Parameters
@@ -67,19 +91,25 @@ def body_measures(comm: MPI.Intracomm, cell_fields: dict[str, Array], u: Array) 
         Volumes [m^3] and smallest J of this rank's cells.
     u : (n, 3) array
         Displacement [m] of this rank's nodes.
+    parts : mapping of arrays, optional
+        Cells of parts of the body, from `group_cells`.
 
     Returns
     -------
     dict
         ``volume_ratio``, deformed over reference volume; ``min_J``, the smallest J at a quadrature
-        point; ``max_u``, the largest nodal displacement [m].
+        point; ``max_u``, the largest nodal displacement [m]; ``volumes``, the volume ratio of each
+        part, if there are parts.
     """
     max_u = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
-    sums = np.array([cell_fields["deformed_volume"].sum(), cell_fields["volume"].sum()])
-    deformed, volume = comm.allreduce(sums)
+    cells: list[Any] = [slice(None), *(parts or {}).values()]
+    volumes = [cell_fields[key] for key in ("deformed_volume", "volume")]
+    deformed, rest = comm.allreduce(np.array([[v[c].sum() for c in cells] for v in volumes]))
+    ratios = (deformed / rest).tolist()
     min_J = float(cell_fields["min_J"].min(initial=np.inf))
-    return {
-        "volume_ratio": float(deformed / volume),
+    found = {
+        "volume_ratio": ratios[0],
         "min_J": float(comm.allreduce(min_J, op=MPI.MIN)),
         "max_u": float(comm.allreduce(max_u, op=MPI.MAX)),
     }
+    return found | ({"volumes": dict(zip(parts, ratios[1:], strict=True))} if parts else {})

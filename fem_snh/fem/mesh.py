@@ -18,11 +18,10 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, choose, nearest, on_root
 from fem_snh.fem import gmsh_input
+from fem_snh.fem.skin import Skin
 
 #: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
-
-
 #: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
 _VOLUME_DEGREE = 5
 #: Scaled Jacobian below which a cell counts as degenerate: far above rounding, far below any cell
@@ -69,19 +68,23 @@ class Mesh:
     Attributes
     ----------
     domain : dolfinx Mesh
-        The mesh.
     cell : {"hexahedron", "tetrahedron"}
         Kind of its cells.
     groups : tuple of Group
-        Its physical groups.
     num_cells : int
         Number of cells on all ranks.
+    fractions : (local cells,) array or None
+        Of a lattice, the part of each cell that the body fills, ghosts included; None: all of it.
+    skin : Skin or None
+        Of a lattice, the surface of the body, which its cells carry.
     """
 
     domain: Any
     cell: str
     groups: tuple[Group, ...]
     num_cells: int
+    fractions: np.ndarray | None = None
+    skin: Skin | None = None
 
     def group(self, key: str | int) -> Group:
         """Return the physical group with this name, number or label.
@@ -132,7 +135,7 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
     """
     choose("cell", cell, gmsh_input.CELL_KINDS)
     path = on_root(comm, gmsh_input.source_path, source)
-    return _distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
+    return distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
 
 
 def read(comm: MPI.Comm, path: str | Path) -> Mesh:
@@ -146,23 +149,23 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
         On every rank, if the file cannot be read, or has no volume cells, cells of another kind or
         of several kinds, or inverted cells.
     """
-    return _distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
+    return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
 
 
 def volume(domain: Any) -> float:
     """Return the volume of a dolfinx mesh [m^3]. Collective."""
-    return float(domain.comm.allreduce(_point_volumes(domain).sum()))
+    return float(domain.comm.allreduce(point_volumes(domain).sum()))
 
 
 def cell_volumes(domain: Any) -> np.ndarray:
     """Return the volume of each cell [m^3], (owned cells,)."""
-    volumes: np.ndarray = _point_volumes(domain).sum(axis=1)
+    volumes: np.ndarray = point_volumes(domain).sum(axis=1)
     return volumes
 
 
-def _point_volumes(domain: Any) -> np.ndarray:
+def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE) -> np.ndarray:
     """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
-    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), _VOLUME_DEGREE)
+    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
     T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
     products: np.ndarray = np.abs(np.linalg.det(T)) * weights
@@ -194,13 +197,10 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
     return worst
 
 
-# --- on every rank -----------------------------------------------------------------------------
-
-
-def _distribute(
+def distribute(
     comm: MPI.Comm, what: str, make: Callable[..., gmsh_input.MeshData], *args: Any
 ) -> Mesh:
-    """Call make(*args) on rank 0, distribute its cells, and locate its groups on every rank."""
+    """Call ``make(*args)`` on rank 0, distribute its cells, and locate its groups on every rank."""
     kept: list[gmsh_input.MeshData] = []
 
     def make_on_root() -> tuple[gmsh_input.MeshData, int]:
@@ -216,16 +216,17 @@ def _distribute(
         kept.append(data)
         return data._replace(cells=data.cells[:0], x=data.x[:0]), len(data.cells)
 
-    common, num_cells = on_root(
-        comm, make_on_root
-    )  # all ranks get the groups, only rank 0 the cells
+    # All ranks get the groups, only rank 0 the cells.
+    common, num_cells = on_root(comm, make_on_root)
     data = kept[0] if kept else common
     domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
     bad = comm.allreduce(int((scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN).sum()))
     if bad:
         raise BadInput(f"{what} has {bad} inverted or degenerate cells of {num_cells}")
     groups = tuple(_locate(domain, group) for group in common.groups)
-    return Mesh(domain, common.cell, groups, num_cells)
+    fractions = common.fractions
+    fractions = None if fractions is None else fractions[_dolfinx.input_cells(domain)]
+    return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin)
 
 
 def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:

@@ -9,7 +9,7 @@ It is exact where g is constant. It may overshoot where g jumps, as between two 
 
 from __future__ import annotations
 
-from petsc4py import PETSc
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,22 @@ import ufl
 from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
+from fem_snh.errors import on_root
 from fem_snh.fem.problem import Problem
+from fem_snh.kernels import build
+from fem_snh.kernels.point_fields import LANES, PointFieldLoops, point_fields_source
+from fem_snh.linalg.columns_cg import ColumnsCG
+from fem_snh.linalg.halo import Halo
 
 Array = npt.NDArray[np.float64]
 
-#: Relative residual of the mass matrix's linear systems: its condition number is about 10.
+#: Relative residual of the mass matrix's linear systems: its condition number is at most 27.
 _TOLERANCE = 1e-13
+#: Components of a symmetric tensor that are projected, and where they are in its rows.
+_UPPER = np.array([0, 1, 2, 4, 5, 8])
+_SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
+#: Values of a basis function below this are zero: they are rounding errors of its tabulation.
+_ROUNDING = 1e-12
 
 
 class NodalProjection:
@@ -38,59 +48,79 @@ class NodalProjection:
 
     def __init__(self, problem: Problem, weights: Array) -> None:
         V, element = problem.V, problem.element
-        self._space = Q = _dolfinx.function_space(problem.domain, 1)
+        Q = _dolfinx.function_space(problem.domain, 1)
         points, _ = _dolfinx.quadrature(element.cell, element.quadrature)
-        self._integration = _integration(Q, points, weights)
-        self._right, self._solution = _dolfinx.create_vector(Q), _dolfinx.create_vector(Q)
+        self._weights, self._basis = weights, _dolfinx.tabulate_values(Q, points)
+        self._vertices = np.ascontiguousarray(_dolfinx.node_dofs(Q), np.int32)
+        self._loops = PointFieldLoops(on_root(problem.comm, build.library, point_fields_source()))
         nodes = _dolfinx.reference_nodes(element.cell, element.degree)
-        self._table = _dolfinx.tabulate_values(Q, nodes)
-        self._nodes = _dolfinx.node_dofs(V)
-        self._num_nodes = sum(_dolfinx.num_nodes(V))
+        self._interpolation = _interpolation(V, Q, _dolfinx.tabulate_values(Q, nodes))
         form = _dolfinx.form(ufl.TrialFunction(Q) * ufl.TestFunction(Q) * ufl.dx)
         mass = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(mass, form)
-        self._solver = PETSc.KSP().create(problem.comm)
-        self._solver.setOperators(mass)
-        self._solver.setType("cg")
-        self._solver.getPC().setType("jacobi")
-        self._solver.setTolerances(rtol=_TOLERANCE)
+        self._owned = _dolfinx.num_nodes(Q)[0]
+        ghosts = _dolfinx.local_to_global(Q)[self._owned :]
+        first = mass.getOwnershipRanges()
+        self._halo = Halo(problem.comm, first, ghosts, LANES, np.float64)
+        self._solver = ColumnsCG(mass, _TOLERANCE)
 
-    def project(self, values: Array) -> Array:
-        """Return a field at this rank's displacement nodes, ghosts included. Collective.
+    def project(
+        self, fields: Mapping[str, Array], symmetric: Collection[str] = ()
+    ) -> dict[str, Array]:
+        """Return fields at this rank's displacement nodes, ghosts included. Collective.
 
         Parameters
         ----------
-        values : (cells, points, ...)
-            The field at the quadrature points.
+        fields : mapping of (cells, points, ...)
+            The fields at the quadrature points, by name.
+        symmetric : collection of str
+            Names of those that are symmetric tensors, for which six components are projected.
 
         Returns
         -------
-        (nodes, ...)
+        dict of (nodes, ...)
         """
-        shape = values.shape[2:]
-        columns = values.reshape(values.shape[0] * values.shape[1], -1)
-        at_vertices = np.column_stack([self._solve(b) for b in (self._integration @ columns).T])
-        cells = at_vertices[_dolfinx.node_dofs(self._space)]
-        found = np.empty((self._num_nodes, columns.shape[1]))
-        found[self._nodes] = self._table @ cells
-        return found.reshape(self._num_nodes, *shape)
+        columns: list[Array] = []
+        parts = {}
+        for name, values in fields.items():
+            flat = values.reshape(*values.shape[:2], -1)
+            chosen = _UPPER if name in symmetric else range(flat.shape[2])
+            parts[name] = slice(len(columns), len(columns) + len(chosen))
+            columns += [flat[..., k] for k in chosen]
+        at_vertices = self._solve(columns)
+        at_nodes = self._interpolation @ at_vertices
+        found = {}
+        for name, part in parts.items():
+            values = at_nodes[:, part]
+            if name in symmetric:
+                values = values[:, _SYMMETRIC]
+            found[name] = values.reshape(len(values), *fields[name].shape[2:])
+        return found
 
-    def _solve(self, integrals: Array) -> Array:
-        """Return the values at the vertices, ghosts included. Collective."""
-        with self._right.localForm() as local:
-            local.array[:] = integrals
-        self._right.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        self._solver.solve(self._right, self._solution)
-        self._solution.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-        with self._solution.localForm() as local:
-            return np.array(local.array_r)
+    def _solve(self, columns: list[Array]) -> Array:
+        """Return the projections at the vertices, ghosts included, (vertices, columns)."""
+        size = self._interpolation.shape[1]
+        blocks = self._loops.integrate(columns, self._vertices, self._weights, self._basis, size)
+        owned, ghosts = blocks[:, : self._owned], blocks[:, self._owned :]
+        for mine, others in zip(owned, ghosts, strict=True):
+            self._halo.add(others, mine)
+        self._solver.solve(owned)
+        for mine, others in zip(owned, ghosts, strict=True):
+            self._halo.exchange(mine)
+            others[:] = self._halo.ghosts
+        return blocks.transpose(1, 0, 2).reshape(size, -1)
 
 
-def _integration(Q: object, points: Array, weights: Array) -> csr_matrix:
-    """Return the matrix (nodes of Q, quadrature points) of the integrals against Q's basis."""
-    basis = _dolfinx.tabulate_values(Q, points)
-    values = weights[:, :, None] * basis  # (cells, points, nodes)
-    rows = np.broadcast_to(_dolfinx.node_dofs(Q)[:, None], values.shape)
-    columns = np.broadcast_to(np.arange(weights.size).reshape(*weights.shape, 1), values.shape)
-    shape = sum(_dolfinx.num_nodes(Q)), weights.size
-    return csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+def _interpolation(V: object, Q: object, table: Array) -> csr_matrix:
+    """Return the matrix (nodes of V, vertices) of a function of degree 1 at the nodes of V.
+
+    ``table`` has the values of its basis at the nodes of the reference cell.
+    """
+    nodes, first = np.unique(_dolfinx.node_dofs(V), return_index=True)
+    cells, local = np.divmod(first, len(table))
+    values = table[local]
+    columns = _dolfinx.node_dofs(Q)[cells]
+    used = abs(values) > _ROUNDING
+    rows = np.broadcast_to(nodes[:, None], values.shape)
+    shape = sum(_dolfinx.num_nodes(V)), sum(_dolfinx.num_nodes(Q))
+    return csr_matrix((values[used], (rows[used], columns[used])), shape=shape)

@@ -79,6 +79,7 @@ class MixedDofMap:
         counts = np.array(comm.allgather([s.num_owned for s in spaces]), dtype=np.int64)
         self._space_block_size = np.array([s.block_size for s in spaces])
         before = np.vstack([0 * counts[:1], np.cumsum(counts, axis=0)])  # (ranks + 1, spaces)
+        self._nodes_before = before[:, 0]
         self._first_block = before.sum(axis=1)
         self._first = self._first_block[:-1, None] + np.cumsum(counts, axis=1) - counts
         dof_counts = counts * self._space_block_size
@@ -97,6 +98,11 @@ class MixedDofMap:
         self.is_owned = np.concatenate(owned)
         cells = [s.cell_blocks + shift for s, shift in zip(spaces, offsets[:-1], strict=True)]
         self.cell_blocks = np.concatenate(cells, axis=1)
+
+    def displacement_blocks(self, nodes: Array) -> Array:
+        """Return the global blocks of global nodes of the first space."""
+        rank = np.searchsorted(self._nodes_before, nodes, side="right") - 1
+        return self._first[rank, 0] + nodes - self._nodes_before[rank]
 
     def owner_ranks(self, blocks: Array) -> Array:
         """Return the rank that owns each of these global blocks."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -11,21 +11,24 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY, EIGENSOLVERS
 from fem_snh.errors import choose
 from fem_snh.fem.assembled_matrix import create_matrix
 from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.couplings import CouplingTerm
 from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
 from fem_snh.fem.rank_one import RankOneUpdate
 from fem_snh.fem.regions import Region, reference_modulus
+from fem_snh.fem.skin import Skin
+from fem_snh.fem.step_limit import StepLimit
 from fem_snh.fem.taylor_hood import SaddlePoint
-from fem_snh.fem.terms import ELASTIC, Term
+from fem_snh.fem.term_history import TermHistory
+from fem_snh.fem.terms import Term, elastic_term
 from fem_snh.fem.timing import timed
 from fem_snh.fem.unknowns import Displacement, DisplacementPressure
-from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[Any]
 
@@ -50,6 +53,8 @@ class Problem:
         The energy terms and forces beside the elastic energy.
     reactions : Reactions, optional
         The groups whose reaction forces `reactions` returns.
+    parts : mapping of arrays, optional
+        Cells, among those this rank owns, of the parts whose volume ratios `measures` returns.
     eigensolver : str, optional
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
     assembly : str, optional
@@ -58,7 +63,6 @@ class Problem:
     Attributes
     ----------
     domain : dolfinx Mesh
-        The mesh.
     V, u : dolfinx function space and Function
         The displacement's space; the displacement [m] that was evaluated last, ghosts included.
     x : PETSc.Vec
@@ -73,6 +77,12 @@ class Problem:
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms : list of Term
         All terms, the elastic energy first.
+    history : TermHistory
+        What the terms keep from step to step.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    largest_step : StepLimit or None
+        The part of a step that the terms admit; None if they admit every step.
     constrained_dofs : (n,) int
         The constrained dofs this rank owns, as indices into the local part of ``x``.
     load : float
@@ -102,23 +112,23 @@ class Problem:
         dirichlet: Dirichlet,
         terms: Sequence[Term] = (),
         reactions: Reactions | None = None,
+        parts: Mapping[str, Array] | None = None,
         eigensolver: str = EIGENSOLVERS[0],
         assembly: str = DEFAULT_ASSEMBLY,
     ) -> None:
         self._unknowns, self.element, self.regions = unknowns, element, list(regions)
-        self._dirichlet, self._reactions = dirichlet, reactions
+        self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
-        self.domain = self.V.mesh
-        self.comm = self.domain.comm
+        self.domain, self.comm = self.V.mesh, self.V.mesh.comm
         self.length = volume(self.domain) ** (1 / 3)
         self.modulus = reference_modulus(self.domain, regions)
         self.force_scale = self.modulus * self.length**2
         self.load, self.nonfinite = 0.0, 0
-
+        self.skin: Skin | None = None  # the surface that a lattice carries
         self.constrained_dofs = dirichlet.dofs
         scale = self.modulus / self.length
-        elastic = ELASTIC[choose("assembly", assembly, ELASTIC)]
+        elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
         self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
@@ -129,6 +139,9 @@ class Problem:
             free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
         self.terms: list[Term] = [self.elastic, *terms]
+        self.history = TermHistory(self.terms)
+        self.largest_step = StepLimit.of(self.terms, unknowns.num_owned_nodes)
+        self._coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.constrained_dofs)
         self.operator = self._rank_one.mat if self._rank_one else self.A
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
@@ -137,11 +150,6 @@ class Problem:
     def num_cells(self) -> int:
         """Cells on all ranks."""
         return _dolfinx.num_cells(self.domain)
-
-    @property
-    def material(self) -> Material:
-        """The first region's material."""
-        return self.regions[0].material
 
     @property
     def has_energy(self) -> bool:
@@ -161,7 +169,7 @@ class Problem:
     @property
     def depends_on_load(self) -> bool:
         """Whether a boundary value or a term depends on the load."""
-        return self._dirichlet.depends_on_load or any(term.depends_on_load for term in self.terms)
+        return self.dirichlet.depends_on_load or any(term.depends_on_load for term in self.terms)
 
     def set_load(self, load: float) -> None:
         """Set the load parameter, 0 to 1, of boundary values and terms."""
@@ -171,7 +179,7 @@ class Problem:
 
     def prescribe(self, x: PETSc.Vec) -> None:
         """Set the constrained entries of ``x`` to their values at the present load."""
-        self._dirichlet.set_values(x, self.load)
+        self.dirichlet.set_values(x, self.load)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
@@ -194,11 +202,11 @@ class Problem:
         r.array[self.constrained_dofs] = 0.0
 
     @timed
-    def gradient(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble r = dE/dx [N], with the reactions at constrained dofs. Collective."""
+    def gradient(self, x: PETSc.Vec, r: PETSc.Vec, terms: Sequence[Term] | None = None) -> None:
+        """Assemble r = dE/dx [N] of all terms or of some, with the reactions. Collective."""
         u, p = self._unknowns.split(x)
         with self._unknowns.residual(r) as (r_u, r_p):
-            for term in self.terms:
+            for term in self.terms if terms is None else terms:
                 term.add_residual(u, p, r_u, r_p)
 
     @timed
@@ -209,6 +217,8 @@ class Problem:
         The result is the number of filtered quadrature points and cells, on all ranks.
         """
         u, p = self.split(x)
+        if self._coupling_terms:
+            self.matrix.couple([term.couplings(u) for term in self._coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
         if self._rank_one:
@@ -234,7 +244,7 @@ class Problem:
         """
         return self.elastic.cell_fields(*self._unknowns.split(x))
 
-    def measures(self, x: PETSc.Vec) -> dict[str, float]:
+    def measures(self, x: PETSc.Vec) -> dict[str, Any]:
         """Return the measures of the body that `body_measures` describes. Collective."""
         u = x.array_r[: 3 * self._unknowns.num_owned_nodes].reshape(-1, 3)
-        return body_measures(self.comm, self.cell_fields(x), u)
+        return body_measures(self.comm, self.cell_fields(x), u, self._parts)

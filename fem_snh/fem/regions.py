@@ -27,11 +27,32 @@ class Region(NamedTuple):
         The region's cells among those that this rank owns, sorted.
     density : float or None
         Mass per reference volume [kg/m^3].
+    fractions : (n,) array or None
+        The part of each cell's volume that the body fills; None: all of it.
     """
 
     material: Material
     cells: Array
     density: float | None = None
+    fractions: Array | None = None
+
+    def filled(self, value: float) -> float | Array:
+        """Return a quantity per volume of the body as one per volume of the cells, (n,)."""
+        return value if self.fractions is None else value * self.fractions
+
+
+def density_of(region: Region, purpose: str) -> float:
+    """Return a region's density [kg/m^3].
+
+    Raises
+    ------
+    BadInput
+        If it has none; the message says for which purpose one is needed.
+    """
+    if region.density is None:
+        name, accepted = region.material.name, f"expected a number > 0, for {purpose}"
+        raise BadInput(f"missing key 'material.density' of {name}: {accepted}")
+    return region.density
 
 
 class Filling(NamedTuple):
@@ -99,10 +120,12 @@ def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
             "material without a group"
         )
     owner[owner < 0] = rest[0] if rest else -1
-    return [
-        Region(filling.material, np.flatnonzero(owner == number).astype(np.int32), filling.density)
-        for number, filling in enumerate(fillings)
-    ]
+    found = []
+    for number, filling in enumerate(fillings):
+        cells = np.flatnonzero(owner == number).astype(np.int32)
+        fractions = None if mesh.fractions is None else mesh.fractions[cells]
+        found.append(Region(filling.material, cells, filling.density, fractions))
+    return found
 
 
 def _check_overlap(
@@ -162,7 +185,7 @@ def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
     float
         Modulus [Pa]; with one material its own, without materials 1.
     """
-    moduli = [region.material.expression.E for region in regions]
+    moduli = [region.material.numbers.E for region in regions]
     if len(set(moduli)) <= 1:
         return moduli[0] if moduli else 1.0
     return 1 / volume_mean(domain, regions, [1 / modulus for modulus in moduli])
@@ -173,15 +196,19 @@ def volume_mean(domain: Any, regions: Sequence[Region], values: Sequence[float])
     if len(set(values)) == 1:
         return values[0]
     volume = cell_volumes(domain)
-    volumes = domain.comm.allreduce(np.array([volume[region.cells].sum() for region in regions]))
+    local = [(volume[region.cells] * region.filled(1.0)).sum() for region in regions]
+    volumes = domain.comm.allreduce(np.array(local))
     return float(volumes @ np.array(values) / volumes.sum())
 
 
 def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
-    """Return the dolfinx Function, constant in each cell, with one value in each region."""
+    """Return the dolfinx Function, constant in each cell, with one value in each region.
+
+    In cells that the body fills in part, the value is multiplied by the filled fraction.
+    """
     constant = _dolfinx.function_space(domain, 0, family="DG")
     function = _dolfinx.function(constant, "coefficient")
     dofs = _dolfinx.node_dofs(constant)[:, 0]
     for region, value in zip(regions, values, strict=True):
-        function.x.array[dofs[region.cells]] = value
+        function.x.array[dofs[region.cells]] = region.filled(value)
     return function

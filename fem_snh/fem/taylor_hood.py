@@ -24,6 +24,8 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh._petsc import nonzero_state
+from fem_snh.fem.ghosted_vectors import local_values
 from fem_snh.fem.regions import cell_constant
 from fem_snh.fem.terms.elastic import Part
 from fem_snh.fem.unknowns import DisplacementPressure
@@ -66,6 +68,7 @@ class SaddlePoint:
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         self._parts = parts
         self._B: PETSc.Mat | None = None
+        self._pattern = (-1, -1)  # of the matrix of which B is a part
 
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
         """Return a view of the pressure dofs that this rank owns in ``x``, in the unit of ``x``."""
@@ -77,8 +80,7 @@ class SaddlePoint:
         This is U'(J), positive in tension. It excludes the mean stress of the part of lambda that
         `fem_snh.materials.volume_split` leaves to the displacement.
         """
-        with self._unknowns.pressure.localForm() as local:
-            return self._scale * np.asarray(local.array_r)
+        return self._scale * local_values(self._unknowns.pressure)
 
     @cached_property
     def schur_approximation(self) -> PETSc.Mat:
@@ -87,7 +89,9 @@ class SaddlePoint:
         With the shear modulus at rest it is spectrally equivalent to the Schur complement for any
         Poisson's ratio (inf-sup condition). `update_schur_approximation` improves it.
         """
-        coefficients = [-1 / mu - 1 / part.energy.volume_stiffness for mu, part in self._moduli()]
+        coefficients = [
+            -1 / mu - 1 / part.loops.constants.volume_stiffness for mu, part in self._moduli()
+        ]
         scale, mass = self._mass_with(coefficients)
         matrix = mass.copy()
         matrix.scale(scale)
@@ -139,6 +143,8 @@ class SaddlePoint:
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""
         u, p = self.index_sets["u"], self.index_sets["p"]
+        if self._pattern != (pattern := nonzero_state(A)):
+            self._B, self._pattern = None, pattern
         self._B = B = A.createSubMatrix(p, u, self._B)
         root = B.createVecRight()
         root.array[:] = np.abs(A.getDiagonal().array_r[: root.getLocalSize()]) ** -0.5
@@ -154,12 +160,12 @@ class SaddlePoint:
     @cached_property
     def _volume_compliance(self) -> _ScaledMass:
         """The mass matrix with the coefficient 1/U''(1), 0 at nu = 0.5."""
-        return self._mass_with([1 / part.energy.volume_stiffness for part in self._parts])
+        return self._mass_with([1 / part.loops.constants.volume_stiffness for part in self._parts])
 
     @cached_property
     def _lambda_over_mu(self) -> float | np.ndarray:
         """lambda_local / mu; of several regions (owned pressures,), the mean at each node."""
-        ratios = [part.energy.lambda_local / mu for mu, part in self._moduli()]
+        ratios = [part.loops.constants.lambda_local / mu for mu, part in self._moduli()]
         if len(ratios) == 1:
             return ratios[0]
         scale, mass = self._mass_with(ratios)
@@ -169,7 +175,10 @@ class SaddlePoint:
     @cached_property
     def _mass(self) -> PETSc.Mat:
         """The pressure mass matrix, in the units of ``x`` and residual."""
-        return self._assembled_mass(1.0)
+        regions = [part.region for part in self._parts]
+        if all(region.fractions is None for region in regions):
+            return self._assembled_mass(1.0)
+        return self._assembled_mass(cell_constant(self.Q.mesh, regions, [1.0] * len(regions)))
 
     def _moduli(self) -> list[tuple[float, Part]]:
         """Return the shear modulus at rest [Pa] of each part."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.fem.elements import Element
+from fem_snh.fem.ghosted_vectors import add_ghosts, set_to_zero, update_ghosts
 
 
 class Displacement:
@@ -47,7 +48,7 @@ class Displacement:
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
-        _update_ghosts(x)
+        update_ghosts(x)
         return x, None
 
     @contextmanager
@@ -56,9 +57,9 @@ class Displacement:
 
         Contributions to ghost entries go to the ranks that own them. Collective.
         """
-        _zero(r)
+        set_to_zero(r)
         yield r, None
-        _add_ghosts(r)
+        add_ghosts(r)
 
 
 class DisplacementPressure(Displacement):
@@ -104,16 +105,16 @@ class DisplacementPressure(Displacement):
         u.array[:] = values[: self._num_u]
         self.pressure.array[:] = values[self._num_u :]
         for vector in (u, self.pressure):
-            _update_ghosts(vector)
+            update_ghosts(vector)
         return u, self.pressure
 
     @contextmanager
     def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
         for vector in (self._r_p, self._r_u):
-            _zero(vector)
+            set_to_zero(vector)
         yield self._r_u, self._r_p
         for vector in (self._r_u, self._r_p):
-            _add_ghosts(vector)
+            add_ghosts(vector)
         r.array[: self._num_u] = self._r_u.array_r
         r.array[self._num_u :] = self._r_p.array_r
 
@@ -127,18 +128,3 @@ def create_unknowns(u: Any, element: Element) -> Displacement:
     if not element.pressure_degree:
         return Displacement(u)
     return DisplacementPressure(u, element.pressure_degree)
-
-
-def _zero(vector: PETSc.Vec) -> None:
-    with vector.localForm() as local:
-        local.set(0.0)
-
-
-def _update_ghosts(vector: PETSc.Vec) -> None:
-    """Copy owned values to the ghosts of other ranks."""
-    vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
-
-
-def _add_ghosts(vector: PETSc.Vec) -> None:
-    """Add ghost values to those of the ranks that own them."""
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

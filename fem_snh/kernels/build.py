@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import cffi
-import platformdirs
 
+from fem_snh import cache
 from fem_snh.errors import BadInput
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
@@ -31,16 +31,6 @@ FLAGS = (
     "-O2 -fpeel-loops -march=native -std=gnu11 -fno-math-errno -fno-trapping-math "
     "-ffp-contract=fast -Wno-psabi -shared -fPIC"
 ).split()
-
-#: Hexadecimal digits of the hash in a file name: 96 bits, so that two sources never share a name.
-_KEY_DIGITS = 24
-
-
-def cache_folder() -> Path:
-    """Return ``$FEM_SNH_CACHE``, or ``fem_snh`` in the user's cache folder (XDG_CACHE_HOME)."""
-    if own := os.environ.get("FEM_SNH_CACHE"):
-        return Path(own)
-    return Path(platformdirs.user_cache_path("fem_snh", appauthor=False))
 
 
 def compiler() -> str:
@@ -81,6 +71,11 @@ def _environment(command: str) -> str:
     return "\n".join([command, version, platform.machine(), *cpu])
 
 
+def fingerprint() -> str:
+    """Return a text that identifies the compiler, its flags and the processor."""
+    return "\n".join([*FLAGS, _environment(compiler())])
+
+
 def library(source: str) -> Path:
     """Compile C source unless the cache has its library already.
 
@@ -100,8 +95,8 @@ def library(source: str) -> Path:
         If the cache cannot be written or the compiler fails.
     """
     command = compiler()
-    key = hashlib.sha256("\n".join([source, *FLAGS, _environment(command)]).encode()).hexdigest()
-    target = cache_folder() / f"{key[:_KEY_DIGITS]}.so"
+    key = hashlib.sha256(f"{source}\n{fingerprint()}".encode()).hexdigest()
+    target = cache.folder() / f"{key[: cache.KEY_DIGITS]}.so"
     try:
         if target.exists():
             return target

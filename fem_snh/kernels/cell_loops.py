@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.codegen.source import header, kernel_source
-from fem_snh.kernels.element_energy import ElementEnergy
+from fem_snh.kernels.compiled import Compiled, compile_kernel
+from fem_snh.kernels.headers import header
+from fem_snh.kernels.pointwise import Material
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")
@@ -47,6 +47,8 @@ class ElementTables:
         Pressure nodes; empty without an unknown pressure.
     pressure_basis : (POINTS, PRESSURE_NODES)
         Values of the pressure's basis.
+    fractions : (cells,), optional
+        Factor of each cell's weights: the fraction of the cell that the body fills; without, 1.
     """
 
     nodes: Array
@@ -58,6 +60,7 @@ class ElementTables:
     volume: str = "pointwise"
     pressure_nodes: Array = field(default_factory=lambda: np.empty((0, 0), np.int32))
     pressure_basis: Array = field(default_factory=lambda: np.empty((0, 0)))
+    fractions: Array | None = None
 
     @property
     def sizes(self) -> list[str]:
@@ -71,16 +74,13 @@ class ElementTables:
         ]
 
 
-def cell_loops_source(energy: ElementEnergy, tables: ElementTables) -> str:
-    """Return the C source of the cell loops of ``energy`` on an element with these tables."""
-    return loops_source(energy, tables, "cell_loops.h")
-
-
-def loops_source(energy: ElementEnergy, tables: ElementTables, *loops: str) -> str:
-    """Return the C source of loops over cells, which are files of ``include/``."""
+def compile_cell_loops(
+    material: Material, tables: ElementTables, loops: Sequence[str] = ("cell_loops.h",)
+) -> Compiled:
+    """Compile loops over an element's cells, files of ``include/``. Not collective."""
     volume = f"volume_{tables.volume}.h"
     after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
-    return kernel_source(energy.energy, tables.sizes, after, energy.functions)
+    return compile_kernel(material, tables.volume, tables.sizes, after)
 
 
 class CellLoops:
@@ -91,26 +91,24 @@ class CellLoops:
 
     Parameters
     ----------
-    path : Path
-        The library compiled from `cell_loops_source`.
-    energy : ElementEnergy
-        The energy.
+    compiled : Compiled
+        The library from `compile_cell_loops`.
     tables : ElementTables
         The element's tables.
 
     Attributes
     ----------
-    element_energy : ElementEnergy
-        The energy.
+    constants : ElementConstants
+        The numbers of the energy.
     tables : ElementTables
         The element's tables.
     num_cells : int
         Number of cells.
     """
 
-    def __init__(self, path: Path, energy: ElementEnergy, tables: ElementTables) -> None:
-        self.element_energy, self.tables = energy, tables
-        self._ffi, self._lib = build.load(path, header("cell_api.h"))
+    def __init__(self, compiled: Compiled, tables: ElementTables) -> None:
+        self.constants, self.tables = compiled.constants, tables
+        self._ffi, self._lib = build.load(compiled.path, header("cell_api.h"))
         self.num_cells = len(tables.nodes)
         arrays = {
             name: np.ascontiguousarray(getattr(tables, name), dtype=kind)
@@ -120,7 +118,9 @@ class CellLoops:
             )
             for name in names
         }
-        arrays["constants"] = np.array(energy.energy.values, dtype=np.float64)
+        if tables.fractions is not None:
+            arrays["fractions"] = np.ascontiguousarray(tables.fractions, dtype=np.float64)
+        arrays["constants"] = np.array(compiled.constants.values, dtype=np.float64)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
         self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})

@@ -1,6 +1,6 @@
 """Choose the energy that an element evaluates: the material's, whole or without its volume term.
 
-`fem_snh.fem.terms.elastic` and `fem_snh.kernels.pointwise` call it before they compile a kernel.
+`fem_snh.kernels.compiled` calls it before it generates a kernel.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen import source
+from fem_snh.kernels.compiled import ElementConstants
 from fem_snh.materials.energy import Energy
-from fem_snh.materials.volume_split import BOUNDS, split
+from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.volume_split import split
 
 
 class ElementEnergy(NamedTuple):
@@ -22,16 +24,13 @@ class ElementEnergy(NamedTuple):
         The material's energy; for a mixed element psi' + p J of `fem_snh.materials.volume_split`.
     functions : tuple of str
         C functions of the volume term, if it is split off.
-    volume_stiffness : float
-        U''(1) of the volume term that is split off [Pa], or 0.
-    lambda_local : float
-        The Lame constant lambda that remains in psi' [Pa], or 0 if nothing is split off.
+    constants : ElementConstants
+        The numbers of the energy.
     """
 
     energy: Energy
-    functions: tuple[str, ...] = ()
-    volume_stiffness: float = 0.0
-    lambda_local: float = 0.0
+    functions: tuple[str, ...]
+    constants: ElementConstants
 
 
 def element_energy(energy: Energy, volume: str) -> ElementEnergy:
@@ -56,9 +55,10 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
                 f"nu = 0.5: material '{energy.name}' is incompressible and requires a Taylor-Hood "
                 "element (P2P1, Q2Q1)"
             )
-        return ElementEnergy(energy)
+        return ElementEnergy(energy, (), ElementConstants(energy.values))
     parts = split(energy, BOUNDS[volume])
     function = (
         source.volume_energy_function if volume == "mean" else source.volume_conjugate_function
     )
-    return ElementEnergy(parts.energy, (function(parts),), parts.stiffness, parts.local)
+    constants = ElementConstants(parts.energy.values, parts.stiffness, parts.local)
+    return ElementEnergy(parts.energy, (function(parts),), constants)

@@ -1,6 +1,6 @@
-"""Add stored element matrices to the value arrays of an AIJ matrix, in C.
+"""Add stored matrices to the value arrays of an AIJ matrix, in C.
 
-`fem_snh.fem.assembled_matrix` calls it for terms whose element matrices come from UFL forms.
+`fem_snh.fem.assembled_matrix` calls it for terms without compiled cell loops of their own.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.codegen.source import header
+from fem_snh.kernels.headers import header
 
 Array = npt.NDArray[Any]
 
@@ -20,7 +20,7 @@ _DECLARATIONS = ("cell_api.h", "matrix_addition_api.h")
 
 
 class MatrixAddition:
-    """Addition of element matrices at the positions that a ``MatrixTarget`` (cell_api.h) holds.
+    """Addition of matrices at the positions that a ``MatrixTarget`` (cell_api.h) holds.
 
     Parameters
     ----------
@@ -68,11 +68,42 @@ class MatrixAddition:
             raise ValueError(f"matrices of shape {matrices.shape} for {len(cells)} cells")
         cells = np.ascontiguousarray(cells, dtype=np.int32)
         values = np.ascontiguousarray(matrices, dtype=np.float64)
-        self._target.values = [self._ffi.cast("double *", address) for address in addresses]
+        self._set_addresses(addresses)
         self._lib.add_matrices(
             self._target, len(cells), self._ints(cells), blocks, self._blocks.shape[1],
             self._ints(self._sizes), self._ints(self._blocks), self._doubles(values),
         )  # fmt: skip
+
+    def add_node_pairs(
+        self,
+        addresses: Sequence[int],
+        pattern: tuple[Array, Array],
+        positions: Array,
+        factor: float,
+        values: Array,
+    ) -> None:
+        """Add ``factor * values[k]`` times the 3x3 identity for each pair k of displacement nodes.
+
+        Parameters
+        ----------
+        addresses : sequence of three int
+            The value arrays.
+        pattern : (indptr, indices)
+            A CSR pattern of local nodes, int32.
+        positions : (pairs,) int32
+            Where the block of each pair is stored, encoded as in ``MatrixTarget.position``.
+        factor, values : float, (pairs,) float64
+            What is added.
+        """
+        self._set_addresses(addresses)
+        indptr, indices = pattern
+        self._lib.add_node_pairs(
+            self._target, len(indptr) - 1, self._ints(indptr), self._ints(indices),
+            self._ints(positions), factor, self._doubles(values),
+        )  # fmt: skip
+
+    def _set_addresses(self, addresses: Sequence[int]) -> None:
+        self._target.values = [self._ffi.cast("double *", address) for address in addresses]
 
     def _ints(self, array: Array) -> Any:
         return self._ffi.cast("int *", array.ctypes.data)

@@ -16,12 +16,13 @@ from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
-from fem_snh.kernels.codegen import source
-from fem_snh.kernels.element_energy import element_energy
+from fem_snh.kernels.compiled import compile_kernel
+from fem_snh.kernels.headers import POINTWISE, header
 from fem_snh.kernels.svd_eigen import stored_by_columns
-from fem_snh.materials.energy import Energy
+from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
 
 if TYPE_CHECKING:
+    from fem_snh.materials.energy import Energy
     from fem_snh.reports.report import Report
 
 Array = npt.NDArray[np.float64]
@@ -34,42 +35,58 @@ class Material:
 
     Parameters
     ----------
-    expression : Energy
-        The normalised energy.
+    numbers : Numbers
+        The numbers of its energy.
+    make_expression : callable
+        Returns the energy as an expression; it is called when the expression is needed.
 
     Attributes
     ----------
-    expression : Energy
-        The normalised energy, a sympy expression with its constants.
+    numbers : Numbers
+        The numbers of its energy: E, nu, constants and shape parameters.
     constants : (n,)
         The constants that the kernels use [Pa].
     """
 
-    def __init__(self, expression: Energy) -> None:
-        self.expression = expression
-        self.constants = np.array(expression.values)
+    def __init__(self, numbers: Numbers, make_expression: Callable[[], Energy]) -> None:
+        self.numbers, self._make_expression = numbers, make_expression
+        self.constants = np.array(numbers.values)
+
+    @classmethod
+    def of(cls, energy: Energy, key: str | None = None) -> Material:
+        """Return the material of an energy; ``key`` is that of its numbers in the cache."""
+        return cls(numbers_of(energy, key), lambda: energy)
 
     def __repr__(self) -> str:
-        e = self.expression
-        numbers = ", ".join(f"{c}={v:g}" for c, v in zip(e.constants, e.values, strict=True))
-        return f"<{e.name}: E={e.E:g}, nu={e.nu:g}; {numbers}>"
+        n = self.numbers
+        values = ", ".join(f"{c}={v:g}" for c, v in zip(n.constants, n.values, strict=True))
+        return f"<{n.name}: E={n.E:g}, nu={n.nu:g}; {values}>"
+
+    @cached_property
+    def expression(self) -> Energy:
+        """The normalised energy, a sympy expression with its constants."""
+        return self._make_expression()
 
     @property
     def name(self) -> str:
         """The material's name."""
-        return self.expression.name
+        return self.numbers.name
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the stress is the gradient of an energy."""
+        return self.numbers.has_energy
 
     @property
     def lame(self) -> tuple[float, float]:
         """(mu_lame, lambda_lame) [Pa], linearised from the energy (Chen & Barbic, eq. 3 and 4)."""
-        return self.expression.lame
+        return self.numbers.lame
 
     @cached_property
     def _kernel(self) -> tuple[Any, Any]:
         """Return the compiled kernels; raise BadInput at nu = 0.5."""
-        energy = element_energy(self.expression, "pointwise").energy
-        path = build.library(source.material_source(energy))
-        return build.load(path, source.header("pointwise_api.h"))
+        path = compile_kernel(self, after=POINTWISE).path
+        return build.load(path, header("pointwise_api.h"))
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Call the C function ``name`` at every F; return an array (..., size) for each size."""
@@ -98,7 +115,7 @@ class Material:
         BadInput
             If the material is defined by a stress and has no energy.
         """
-        if not self.expression.has_energy:
+        if not self.has_energy:
             raise BadInput(f"material '{self.name}' has no energy, only a stress")
         return self._call("energy_points", F, sizes=(1,))[0][..., 0]
 
@@ -205,11 +222,19 @@ def material(
         Poisson's ratio, in (-1, 0.5].
     **shape : Any
         Shape parameters of the material and the keywords of every material
-        (`fem_snh.materials.tuning.TUNING`).
+        (`fem_snh.materials.keywords.TUNING`).
 
     Raises
     ------
     BadInput
         For an unknown name or parameter, or a function that does not define a material.
     """
-    return Material(materials.make_energy(name, E, nu, **shape))
+
+    def make() -> Energy:
+        return materials.make_energy(name, E, nu, **shape)  # imports sympy
+
+    if numbers := stored(name, E, nu, **shape):
+        return Material(numbers, make)
+    made = Material.of(make(), stored_key(name, E, nu, shape))
+    store(made.numbers)
+    return made

@@ -6,15 +6,16 @@ The loop is a library of its own, so that a run without stress fields does not c
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import CellLoops, loops_source
-from fem_snh.kernels.codegen.source import header
+from fem_snh.kernels.cell_loops import CellLoops, ElementTables, compile_cell_loops
+from fem_snh.kernels.compiled import Compiled
+from fem_snh.kernels.headers import header
+from fem_snh.kernels.pointwise import Material
 
 Array = npt.NDArray[np.float64]
 
@@ -39,10 +40,9 @@ class PointStresses(NamedTuple):
     P: Array
 
 
-def stress_loops_source(loops: CellLoops) -> str:
-    """Return the C source of the stresses of the cells that ``loops`` runs over."""
-    files = ("stress_api.h", "stress_loops.h")
-    return loops_source(loops.element_energy, loops.tables, *files)
+def compile_stress_loops(material: Material, tables: ElementTables) -> Compiled:
+    """Compile the loop for strains and stresses. Not collective."""
+    return compile_cell_loops(material, tables, ("stress_api.h", "stress_loops.h"))
 
 
 class StressLoops:
@@ -50,15 +50,15 @@ class StressLoops:
 
     Parameters
     ----------
-    path : Path
-        The library compiled from `stress_loops_source`.
+    compiled : Compiled
+        The library from `compile_stress_loops`.
     loops : CellLoops
         The loops over the same cells; they share element tables and constants.
     """
 
-    def __init__(self, path: Path, loops: CellLoops) -> None:
+    def __init__(self, compiled: Compiled, loops: CellLoops) -> None:
         declarations = header("cell_api.h") + header("stress_api.h")
-        self._ffi, self._lib = build.load(path, declarations)
+        self._ffi, self._lib = build.load(compiled.path, declarations)
         self._loops = loops
         self._cells = self._ffi.cast("Cells *", loops.cells_address)
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import choose
-from fem_snh.kernels import build
-from fem_snh.kernels.codegen import source
+from fem_snh.kernels import build, headers
 
 Array = npt.NDArray[np.float64]
 
@@ -19,8 +18,8 @@ Array = npt.NDArray[np.float64]
 @lru_cache
 def _svd_eigen_library() -> tuple[Any, Any]:
     """Return the compiled SVD and eigensolvers."""
-    path = build.library(source.svd_eigen_source())
-    return build.load(path, source.header("svd_eigen_api.h"))
+    path = build.library(headers.svd_eigen_source())
+    return build.load(path, headers.header("svd_eigen_api.h"))
 
 
 def stored_by_columns(A: Array) -> Array:

@@ -33,7 +33,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
 from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
@@ -179,6 +178,8 @@ def _pseudo_inverse(E: Array) -> Array | None:
     size = np.sqrt(np.maximum(diagonal, _MIN_DIAGONAL * largest))
     # A 1 on the diagonal where a column of Z is zero.
     E = E / np.outer(size, size) + np.diag(diagonal == 0.0)
+    from scipy.linalg import lapack  # slow to import; small problems have no subdomains
+
     factor, failed = lapack.dpotrf(E, lower=1)
     if not failed:
         lower, failed = lapack.dpotri(factor, lower=1)

@@ -1,14 +1,17 @@
-"""Halo exchange: receive the values of nodes that other ranks own, in single precision.
+"""Halo exchange: receive the values of nodes that other ranks own, or add to them.
 
-An iteration of the linear solver exchanges once.
+An iteration of the linear solvers exchanges once.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 
 class Halo:
@@ -22,22 +25,39 @@ class Halo:
         First global node of each rank, and the number of nodes.
     nodes : (ghosts,)
         Global numbers of the ghost nodes of this rank.
+    width : int
+        Number of values of a node.
+    dtype : dtype
+        Their type; default: single precision.
 
     Attributes
     ----------
-    ghosts : (ghosts, 3) float32
+    ghosts : (ghosts, width)
         The values received by the last `exchange`.
     """
 
-    def __init__(self, comm: MPI.Comm, first: np.ndarray, nodes: np.ndarray) -> None:
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        first: np.ndarray,
+        nodes: np.ndarray,
+        width: int = 3,
+        dtype: npt.DTypeLike = np.float32,
+    ) -> None:
         owner = np.searchsorted(first, nodes, side="right") - 1
         remote = np.column_stack([owner, nodes - first[owner]]).astype(PETSc.IntType)
         self._forest = PETSc.SF().create(comm)
         self._forest.setGraph(int(first[comm.rank + 1] - first[comm.rank]), None, remote)
-        self._node = MPI.FLOAT.Create_contiguous(3).Commit()
-        self.ghosts = np.zeros((len(nodes), 3), np.float32)
+        self.ghosts: npt.NDArray[Any] = np.zeros((len(nodes), width), dtype)
+        scalar = {4: MPI.FLOAT, 8: MPI.DOUBLE}[self.ghosts.itemsize]
+        self._node = scalar.Create_contiguous(width).Commit()
 
     def exchange(self, values: np.ndarray) -> None:
-        """Copy other ranks' ``values``, (3 rows,) float32, into ``ghosts``."""
+        """Copy other ranks' ``values``, (width rows,), into ``ghosts``."""
         self._forest.bcastBegin(self._node, values, self.ghosts, MPI.REPLACE)
         self._forest.bcastEnd(self._node, values, self.ghosts, MPI.REPLACE)
+
+    def add(self, ghosts: np.ndarray, values: np.ndarray) -> None:
+        """Add other ranks' ``ghosts`` of this rank's nodes to its ``values``, (width rows,)."""
+        self._forest.reduceBegin(self._node, ghosts, values, MPI.SUM)
+        self._forest.reduceEnd(self._node, ghosts, values, MPI.SUM)

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fem_snh._petsc import nonzero_state
 from fem_snh.linalg.ssor_system import AUTOMATIC, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -62,7 +63,7 @@ class EisenstatCG:
 
     def create(self, ksp: PETSc.KSP) -> None:
         """Set an empty state; PETSc calls this."""
-        self._handle = self._state = -1  # of the matrix last used
+        self._pattern, self._state = (-1, (-1, -1)), -1  # of the matrix last used
         self._system: SSORSystem
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
@@ -79,11 +80,12 @@ class EisenstatCG:
         """Update the single-precision copy of the matrix and its deflation space.
 
         Nothing is done if neither the matrix object nor its values changed, unless ``force``. The
-        sparsity pattern is read if the matrix object changed.
+        sparsity pattern is read if it or the matrix object changed.
         """
-        if self._handle != A.handle:
+        pattern = (A.handle, nonzero_state(A))
+        if self._pattern != pattern:
             self._system = SSORSystem(A, self._coordinates, self._subdomains)
-            self._handle, self._state = A.handle, -1
+            self._pattern, self._state = pattern, -1
         if self._state != A.stateGet() or force:
             self._state = A.stateGet()
             self._failure = self._system.update(A)

@@ -16,7 +16,8 @@ the UFL forms and the numpy values are all generated from that one expression, t
 A function of the user's own is a material, too, in three ways: the function itself
 (``fem_snh.material(gent, E=1e4, nu=0.45)``), a reference ``"gent.py:gent"``, and the name of an
 entry point in the group ``fem_snh.materials`` of an installed package. It is normalised, tuned,
-mixed and compiled like a built-in one. `TUNING` lists the keywords of every material.
+mixed and compiled like a built-in one. `fem_snh.materials.keywords.TUNING` lists the keywords of
+every material.
 
 `fem_snh.materials()` returns the sorted names.
 """
@@ -24,10 +25,11 @@ mixed and compiled like a built-in one. `TUNING` lists the keywords of every mat
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from fem_snh.materials.energy import Energy
-from fem_snh.materials.functions import PrincipalStress, positive, where
+from fem_snh.materials.keywords import TUNING
 from fem_snh.materials.registry import (
     Reference,
     defaults,
@@ -35,16 +37,35 @@ from fem_snh.materials.registry import (
     files,
     function,
     label,
-    make_energy,
     names,
     pins,
 )
-from fem_snh.materials.tuning import TUNING
+
+if TYPE_CHECKING:
+    from fem_snh.materials.energy import Energy
+    from fem_snh.materials.functions import PrincipalStress, positive, where
+    from fem_snh.materials.making import make_energy
 
 __all__ = [
     "TUNING", "Energy", "PrincipalStress", "Reference", "defaults", "describe", "files",
     "function", "label", "make_energy", "names", "pins", "positive", "where",
 ]  # fmt: skip
+
+
+#: Modules of the names that need sympy, which is imported on their first use.
+_MODULES = {
+    "Energy": "energy",
+    "PrincipalStress": "functions",
+    "positive": "functions",
+    "where": "functions",
+    "make_energy": "making",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class _CallableModule(ModuleType):

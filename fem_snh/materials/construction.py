@@ -13,8 +13,9 @@ import sympy
 from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
-from fem_snh.materials.functions import MAX_EXPONENT, PrincipalStress, positive, where
+from fem_snh.materials.functions import PrincipalStress, positive, where
 from fem_snh.materials.invariants import INVARIANTS, MEASURES
+from fem_snh.materials.keywords import MAX_EXPONENT, check
 from fem_snh.materials.signature import Function, constants_of, measures_of
 
 #: Functions that the generated C and the UFL forms can evaluate.
@@ -46,7 +47,7 @@ def construct(
     pins : mapping
         Prescribed values [Pa] of its constants.
     tuned : mapping
-        Keywords of `fem_snh.materials.tuning.TUNING`.
+        Keywords of `fem_snh.materials.TUNING`.
     lambda_part : Energy, optional
         The energy that replaces the lambda part.
 
@@ -96,7 +97,7 @@ def construct(
         fit=fit,
     )
     if given:
-        energy = tuning.tune(energy, tuning.check(given), lambda_part)
+        energy = tuning.tune(energy, check(given), lambda_part)
         for term in energy.slopes if energy.psi is None else [energy.psi]:
             _check_exponents(term, name)
     return energy

@@ -8,9 +8,6 @@ from typing import Any
 
 import sympy
 
-#: Largest exponent: the generated C has one multiplication for each unit, and sympy would expand
-#: 9**9**9.
-MAX_EXPONENT = 64
 #: A double is read as a fraction if one with at most this denominator rounds to it.
 _LARGEST_DENOMINATOR = 1000
 

@@ -24,9 +24,8 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.invariants import SIGMA
+from fem_snh.materials.keywords import LARGEST_MODULUS
 
-#: Largest modulus [Pa], and the inverse of the smallest: the squares in a norm stay finite.
-LARGEST_MODULUS = 1e100
 _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
 Pair = tuple[sympy.Expr, sympy.Expr]

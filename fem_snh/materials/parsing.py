@@ -10,7 +10,7 @@ import sympy
 from sympy.parsing.sympy_parser import parse_expr, standard_transformations
 
 from fem_snh.errors import BadInput
-from fem_snh.materials.functions import MAX_EXPONENT
+from fem_snh.materials.keywords import MAX_EXPONENT
 
 _FUNCTIONS = {"log": sympy.log, "exp": sympy.exp, "sqrt": sympy.sqrt}
 #: The sympy names that the parser's output refers to.

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.materials.invariants import MEASURES
 
 Function = Callable[..., Any]
 
+#: Names of the deformation measures that may be arguments (`fem_snh.materials.invariants`).
+MEASURES = ("I1", "I_C", "II_C", "J", "s0", "s1", "s2")
+
 #: The accepted measures, for messages.
 ACCEPTED = "I_C (tr C), II_C, J (det F), I1 (sum of the stretches), s0, s1, s2 (the stretches)"
-#: Largest shape parameter: its products with stretches and moduli stay finite.
-LARGEST_PARAMETER = 1e6
 #: Names that the literature uses for deformation measures, which a constant must not have.
 #: I_1, I4, I_Q, IIIC, I1bar, J_bar, F, C, B, sigma_0, lambda_1, ...
 _OTHER_MEASURE = re.compile(

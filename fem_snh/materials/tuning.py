@@ -34,51 +34,14 @@ from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput
 from fem_snh.materials.energy import LAME, Energy
-from fem_snh.materials.functions import MAX_EXPONENT, exact, where
+from fem_snh.materials.functions import exact, where
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 from fem_snh.materials.normalise import lame
 
-#: Keywords of every material, with their defaults.
-TUNING: dict[str, float | str | None] = {
-    "alpha": 1.0,
-    "alpha_mu": None,
-    "alpha_lambda": None,
-    "lambda_part": None,
-    "epsilon": None,
-}
 #: Default stretch below which s^alpha is extended, for energies that are finite for every F.
 EPSILON = 0.1
-#: Accepted alpha: s^alpha increases with s, and s^(4 alpha) has at most the largest exponent of
-#: generated code.
-ALPHAS = (0.01, MAX_EXPONENT / 4)
-#: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and 1 + epsilon^4
-#: differs from 1 in double precision.
-EPSILONS = (1e-4, 0.99)
-
-
-def check(tuning: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of all `TUNING` keywords; the alphas of the parts default to ``alpha``.
-
-    Raises
-    ------
-    BadInput
-        For an alpha outside `ALPHAS` or an epsilon outside `EPSILONS`.
-    """
-    given = TUNING | {k: v for k, v in tuning.items() if v is not None}
-    for key in ("alpha_mu", "alpha_lambda"):
-        given[key] = given["alpha"] if given[key] is None else given[key]
-    for key in ("alpha", "alpha_mu", "alpha_lambda", "epsilon"):
-        value = given[key]
-        if value is None or (key == "epsilon" and value == 0 and not isinstance(value, bool)):
-            continue
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        low, high = EPSILONS if key == "epsilon" else ALPHAS
-        if not (number and low <= value <= high):
-            zero = "0 or " if key == "epsilon" else ""
-            raise bad_value(key, value, f"{zero}a number from {low:g} to {high:g}")
-    return given
 
 
 def tune(energy: Energy, tuning: Mapping[str, Any], other: Energy | None) -> Energy:

@@ -33,9 +33,6 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES, SIGMA
 
 PRESSURE, LOCAL = sympy.symbols("pressure lambda_local", real=True)
-#: The b of lambda_local, by the element's volume treatment. A small b favours the linear solver of
-#: a saddle-point problem, a large b strong compression (measured in docs/results/elements.md).
-BOUNDS = {"mean": 4.0, "pressure": 2.0}
 J = MEASURES["J"]
 
 _Curve = tuple[sympy.Expr, sympy.Expr, sympy.Expr]

@@ -11,9 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
+from fem_snh.plots.energies import draw_energies
 from fem_snh.plots.style import colour, failure, from_zero, legend, legend_entry, style, subplots
 from fem_snh.render import number, one_line
-from fem_snh.render.records import material_name, materials, poisson_ratio
+from fem_snh.render.records import (
+    axis_label,
+    duration,
+    load_range,
+    material_name,
+    materials,
+    poisson_ratio,
+)
 
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
 PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}
@@ -21,10 +29,16 @@ PAPER_STRETCH = 3.4
 
 
 def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figure:
-    """Return a graph of volume change and iterations per step, a line per record (run.json)."""
+    """Return a graph of volume change and iterations per step, a line per record (run.json).
+
+    If all runs are in time, a panel shows energies.
+    """
     steps = [steps_of(record) for record in records]
     panels = ["volume", "linear", *(["newton"] if newton else [])]
-    figure, axes = subplots(len(panels))
+    in_time = all(duration(record) is not None for record in records)
+    figure, axes = subplots(len(panels) + in_time)
+    if in_time:
+        draw_energies(axes.pop(), records, names(records))
     for index, (record, table, name) in enumerate(zip(records, steps, names(records), strict=True)):
         good, bad = table[table["converged"]], table[~table["converged"]]
         for panel, ax in zip(panels, axes, strict=True):
@@ -35,7 +49,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
             ax.plot(line["x"], line[panel], label=name, **style(index, len(line)))
             ax.plot(bad["x"], bad[panel], **failure(index))
     _paper_marks(axes[0], records)
-    load = ", ".join(dict.fromkeys(str(r.get("load_name", "load")) for r in records))
+    load = ", ".join(dict.fromkeys(axis_label(record) for record in records))
     labels = ("volume change [%]", "linear iterations per step", "Newton iterations per step")
     for ax, label in zip(axes, labels, strict=False):
         ax.set_xlabel(load)
@@ -45,7 +59,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
             ax.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
         else:
             ax.axhline(0, lw=0.8, color="0.6", zorder=1)
-        if all(_turns(load_range(record)) for record in records):
+        if not in_time and all(_turns(load_range(record)) for record in records):
             ax.xaxis.set_major_locator(MultipleLocator(load_range(records[0])[1] / 4))
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: number(x)))
     if any((~table["converged"]).any() for table in steps):
@@ -56,12 +70,6 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
     if len(common) == len(nus) == 1:
         figure.suptitle(rf"{common.pop()}  ·  $\nu$ = {nus.pop()}", fontsize=11)
     return figure
-
-
-def load_range(record: dict[str, Any]) -> tuple[float, float]:
-    """Return the values of the load parameter at load 0 and load 1."""
-    low, high = record.get("load_range", (0.0, 1.0))
-    return float(low), float(high)
 
 
 def steps_of(record: dict[str, Any]) -> pd.DataFrame:

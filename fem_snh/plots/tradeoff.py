@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -96,9 +97,9 @@ def _panel(ax: Axes, rows: pd.DataFrame, column: str) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _wide(axis: object) -> bool:
+def _wide(axis: Any) -> bool:
     """Return whether an axis spans so many decades that powers of ten suffice as ticks (2.5)."""
-    low, high = axis.get_view_interval()  # type: ignore[attr-defined]
+    low, high = axis.get_view_interval()
     return bool(high > 300 * low)
 
 

@@ -9,23 +9,34 @@ import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.render.fields import check_field
-from fem_snh.render.records import material_name, materials, poisson_ratio
+from fem_snh.render.records import (
+    load_name,
+    load_unit,
+    material_name,
+    materials,
+    obstacle_poses,
+    parameter,
+    poisson_ratio,
+    step_at,
+)
 from fem_snh.render.worker import draw_elsewhere, require
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel: the files that hold its fields, and its label."""
+    """One panel: the files that hold its fields, its label, its load and the run's obstacles."""
 
     files: list[str]
     label: str
+    load: float = 0.0
+    obstacles: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,7 @@ class Job:
     title: str
     panels: list[Panel]
     out: str
+    opacity: float = 1.0
 
 
 def main(
@@ -44,8 +56,9 @@ def main(
     loads: Sequence[float] | None = None,
     field: str = "J",
     modes: bool = False,
+    opacity: float = 1.0,
 ) -> Path:
-    """Draw the body of a run at some loads side by side and return the path of the PNG.
+    """Draw the body of a run at some loads or times side by side and return the path of the PNG.
 
     Parameters
     ----------
@@ -54,12 +67,15 @@ def main(
     out : Path, optional
         Default: ``folder/<field>.png``.
     loads : sequence of float, optional
-        In 0..1; default: all load steps if there are at most four, else those at 1/3, 2/3, 1.
+        In 0..1, or times [s] of a run in time; default: all load steps if there are at most four,
+        else those at 1/3, 2/3, 1.
     field : str
         A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
         vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
     modes : bool
         Draw eigenmodes instead (`fem_snh.render.modes.main`); ``loads`` are their numbers.
+    opacity : float
+        Opacity of the body, between 0 and 1: bones are seen through a translucent one.
 
     Raises
     ------
@@ -72,13 +88,26 @@ def main(
 
         return draw_modes(folder, out, loads)
     record = read_record(folder)
-    stored = stored_loads(folder / "fields.pvd")
-    check_field(folder / "fields.pvd", field)
+    stored = stored_loads(series(folder))
+    check_field(series(folder), field)
     out = Path(out) if out is not None else folder / f"{field}.png"
     chosen = choose_loads(sorted(stored), loads)
-    panels = [Panel([str(f) for f in stored[t]], panel_label(record, t)) for t in chosen]
-    draw(Job(field, title(record), panels, str(out)))
+    panels = [panel(record, folder, stored[t], t) for t in chosen]
+    draw(Job(field, title(record), panels, str(out), check_opacity(opacity)))
     return out
+
+
+def check_opacity(opacity: float) -> float:
+    """Return the opacity; raise BadInput unless it is between 0 and 1."""
+    if not 0 < opacity <= 1:
+        raise bad_value("--opacity", opacity, "a number above 0, up to 1")
+    return opacity
+
+
+def panel(record: dict[str, Any], folder: Path, files: Sequence[Path], load: float) -> Panel:
+    """Return the panel of a run at a stored load or time."""
+    label = panel_label(record, load)
+    return Panel([str(file) for file in files], label, load, obstacle_poses(record, folder, load))
 
 
 def read_record(folder: Path) -> dict[str, Any]:
@@ -100,6 +129,12 @@ def read_record(folder: Path) -> dict[str, Any]:
             f"{path}: not the record of a run: needs scene, material (name, nu), steps (load, ..)"
         ) from None
     return record
+
+
+def series(folder: Path) -> Path:
+    """Return the collection of a run's states: of the skin if a lattice carries one."""
+    skin = folder / "skin.pvd"
+    return skin if skin.is_file() else folder / "fields.pvd"
 
 
 def stored_loads(pvd: Path) -> dict[float, list[Path]]:
@@ -135,8 +170,9 @@ def _elements(path: Path, tag: str) -> list[ET.Element]:
 def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
     """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
     if wanted:
+        same = 1e-6 * max(map(abs, stored))
         for load in wanted:
-            if not any(math.isclose(load, s, abs_tol=1e-6) for s in stored):
+            if not any(math.isclose(load, s, abs_tol=same) for s in stored):
                 raise BadInput(f"no fields at load {load:g}: stored are {_listed(stored)}")
         return [min(stored, key=lambda s: abs(s - load)) for load in wanted]
     steps = [s for s in stored if s > 0] or stored
@@ -159,13 +195,13 @@ def title(record: dict[str, Any]) -> str:
 
 
 def panel_label(record: dict[str, Any], load: float) -> str:
-    """Return name and value of the load, and volume change and smallest J of its step."""
-    low, high = record.get("load_range", (0.0, 1.0))
-    label = f"{record.get('load_name', 'load')} {number(low + load * (high - low))}"
-    steps = [s for s in record["steps"] if math.isclose(s["load"], load, abs_tol=1e-6)]
-    if not steps:
+    """Return name and value of the load or time, and volume change and smallest J of its step."""
+    value = parameter(record, load)
+    label = f"{load_name(record)} {number(value) if not load_unit(record) else f'{value:.3g}'}"
+    label += load_unit(record)
+    step = step_at(record, load)
+    if step is None:
         return label
-    step = steps[-1]
     if step.get("volume_ratio") is not None:
         change = f"{100 * (step['volume_ratio'] - 1):+.2f}".replace("-", "\u2212")
         label += f"  ·  volume {change} %"

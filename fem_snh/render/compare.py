@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fem_snh import render
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import check_field
 from fem_snh.render.records import material_name
+
+#: What separates the parts of a label.
+_DOT = "  ·  "
 
 
 def main(
@@ -27,7 +31,8 @@ def main(
     load : float, optional
         In 0..1; default: the last one that each run has stored.
     labels : sequence of str, optional
-        Labels of the panels, before load and volume; default: the names of the materials.
+        Labels of the panels, before load and volume; default: the names of the materials. What
+        all panels share is in the title.
     field : str
         As for `fem_snh.render.main`.
 
@@ -43,12 +48,23 @@ def main(
     names = labels or [material_name(record) for record in records]
     panels = []
     for folder, record, name in zip(folders, records, names, strict=True):
-        stored = render.stored_loads(folder / "fields.pvd")
-        check_field(folder / "fields.pvd", field)
+        stored = render.stored_loads(render.series(folder))
+        check_field(render.series(folder), field)
         (at,) = render.choose_loads(sorted(stored), [max(stored) if load is None else load])
-        label = f"{name}  ·  {render.panel_label(record, at)}"
-        panels.append(render.Panel([str(file) for file in stored[at]], label))
-    titles = [render.title(record).split("  ·  ") for record in records]
-    common = [part for part in titles[0] if all(part in other for other in titles)]
-    render.draw(render.Job(field, "  ·  ".join(common), panels, str(out)))
+        panel = render.panel(record, folder, stored[at], at)
+        panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
+    title = _common([render.title(record) for record in records])
+    if len(panels) > 1:
+        shared = _common([panel.label for panel in panels])
+        for index, panel in enumerate(panels):
+            own = [part for part in panel.label.split(_DOT) if part not in shared]
+            panels[index] = replace(panel, label=_DOT.join(own))
+        title += [part for part in shared if part not in title]
+    render.draw(render.Job(field, _DOT.join(title), panels, str(out)))
     return Path(out)
+
+
+def _common(texts: Sequence[str]) -> list[str]:
+    """Return the parts that all texts have."""
+    parts = [text.split(_DOT) for text in texts]
+    return [part for part in parts[0] if all(part in other for other in parts)]

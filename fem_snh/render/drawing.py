@@ -7,8 +7,7 @@ another code than 0 if it cannot draw.
 
 from __future__ import annotations
 
-import json
-import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,16 @@ from matplotlib.ticker import MaxNLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import label
+from fem_snh.render.obstacles import Obstacles, add_solid
 from fem_snh.render.surfaces import Body, body
+from fem_snh.render.worker import serve
 
 #: Width of the picture [pixels].
 WIDTH = 1600
 #: Heights of the title, of a panel's label and of the colour bar [pixels].
 TOP, LABEL, FOOT = 90, 50, 130
+#: Size of the labels [points], and the mean width of their characters in it [pixels] (measured).
+LABEL_SIZE, CHARACTER = 8.5, 12.5
 #: Largest height of a panel [pixels].
 TALLEST = 1200
 #: Pixels per inch, which relate sizes of fonts to pixels.
@@ -79,10 +82,25 @@ class View:
     height: float
 
 
-def view(bodies: list[Body]) -> View:
-    """Return a view from the front, right and above, or from the side of a long body."""
+def bounds(bodies: Sequence[Body]) -> np.ndarray:
+    """Return the lowest and the highest coordinates (2, 3) of bodies, deformed and at rest."""
+    points = [p for b in bodies for p in (b.surface.points, b.ghost.points) if len(p)]
+    return np.array(
+        [
+            np.min([p.min(axis=0) for p in points], axis=0),
+            np.max([p.max(axis=0) for p in points], axis=0),
+        ]
+    )
+
+
+def view(bodies: Sequence[Body], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
+    """Return a view from the front, right and above, or from the side of a long body.
+
+    ``obstacles`` are the surfaces of all panels; with some, the view is that of all together.
+    """
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
+    points = np.concatenate([points, *(o.points for panel in obstacles for o in panel)])
     towards = np.array(TOWARDS)
     if size.max() > 2 * np.median(size) and size.argmax() != 2:
         towards = np.array(TOWARDS_LONG[size.argmax()])
@@ -104,8 +122,13 @@ def draw_body(
     norm: Normalize,
     pixels: int,
     scale: int = 2,
+    obstacles: Sequence[pv.PolyData] = (),
+    opacity: float = 1.0,
 ) -> np.ndarray:
-    """Return a panel as an RGB array (height, pixels, 3): averaged from one ``scale`` as large."""
+    """Return a panel as an RGB array (height, pixels, 3): averaged from one ``scale`` as large.
+
+    ``opacity`` is that of the body, through which its bones are seen.
+    """
     shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
     plotter.background_color = "white"
@@ -119,6 +142,7 @@ def draw_body(
         scalars=field,
         cmap=cmap,
         clim=(norm.vmin, norm.vmax),
+        opacity=opacity,
         show_scalar_bar=False,
         smooth_shading=True,
         split_sharp_edges=True,
@@ -135,6 +159,8 @@ def draw_body(
     plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
     if item.ghost.n_cells:  # a round body has no sharp edge
         plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=pixels / 300, lighting=False)
+    for obstacle in obstacles:
+        add_solid(plotter, obstacle, smooth_shading=True, split_sharp_edges=True)
     camera = plotter.camera
     camera.SetParallelProjection(True)
     distance = 10 * (where.width + where.height)
@@ -170,7 +196,9 @@ def draw(job: dict[str, Any]) -> None:
     field = job["field"]
     bodies = [body(panel["files"], field) for panel in job["panels"]]
     cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
-    where = view(bodies)
+    limits = bounds(bodies)
+    shapes = [Obstacles(p["obstacles"]).at(p["load"], limits) for p in job["panels"]]
+    where = view(bodies, shapes)
     count = len(bodies)
     columns = count if count <= 3 else (count + 1) // 2
     if where.width > 2 * where.height:
@@ -178,18 +206,23 @@ def draw(job: dict[str, Any]) -> None:
     rows = -(-count // columns)
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
-    images = [draw_body(item, where, field, cmap, norm, wide) for item in bodies]
+    images = [
+        draw_body(item, where, field, cmap, norm, wide, obstacles=around, opacity=job["opacity"])
+        for item, around in zip(bodies, shapes, strict=True)
+    ]
     tall = images[0].shape[0]
     height = TOP + rows * (LABEL + tall) + FOOT
     figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
     figure.text(0.5, 1 - TOP / 2 / height, job["title"], ha="center", va="center", fontsize=11)
+    longest = max(len(panel["label"]) for panel in job["panels"])
+    size = LABEL_SIZE * min(1.0, 0.95 * wide / (CHARACTER * longest))
     for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
         row, column = divmod(i, columns)
         left = (WIDTH - columns * wide) // 2 + column * wide
         low = height - TOP - (row + 1) * (LABEL + tall)
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
-        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=8.5)
+        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=size)
     add_colour_bar(figure, height, field, cmap, norm, extend)
     try:
         Path(job["out"]).parent.mkdir(parents=True, exist_ok=True)
@@ -199,8 +232,4 @@ def draw(job: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        draw(json.load(sys.stdin))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    serve(draw)

@@ -7,9 +7,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.output_fields import ON_REQUEST, STANDARD, VECTOR, OutputField
+from fem_snh.output_fields import NAMED, STANDARD, VECTOR, OutputField
 
-_KNOWN = STANDARD | ON_REQUEST
+_KNOWN = STANDARD | NAMED
 #: Arrays of VTK files that describe the mesh.
 _MESH = ("connectivity", "offsets", "types")
 #: Labels that do not follow from label and unit.
@@ -59,7 +59,7 @@ def check_field(pvd: Path, field: str) -> None:
     name, component = split_component(field)
     if name not in written:
         accepted = f"one of {', '.join(written)}, which this run has written"
-        if name in ON_REQUEST:
+        if name in NAMED:
             accepted += f"; a run with --set fields={name} writes it"
         raise bad_value("field", field, accepted, written)
     components = _components(name)

@@ -7,8 +7,6 @@ the number of frames drawn. Exit codes: see `fem_snh.render.worker`.
 from __future__ import annotations
 
 import io
-import json
-import sys
 from collections.abc import Iterator
 from math import floor, log10
 from pathlib import Path
@@ -21,9 +19,21 @@ from PIL import Image
 
 from fem_snh.atomic_files import remove
 from fem_snh.errors import BadInput
-from fem_snh.render.drawing import DPI, FOOT, LABEL, TOP, add_colour_bar, colours, draw_body, view
+from fem_snh.render.drawing import (
+    DPI,
+    FOOT,
+    LABEL,
+    TOP,
+    add_colour_bar,
+    bounds,
+    colours,
+    draw_body,
+    view,
+)
 from fem_snh.render.interpolation import InterpolatedStates
+from fem_snh.render.obstacles import Obstacles
 from fem_snh.render.surfaces import body_of
+from fem_snh.render.worker import serve
 
 #: Pixels: the width of a frame, and the largest height of the body in it.
 _WIDTH, _TALLEST = 1280, 720
@@ -38,14 +48,18 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
     # The view and the range of colours are those of all stored states together.
     bodies = [body_of(states.grid(load), field) for load in loads]
     cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
-    where = view(bodies)
+    limits, obstacles = bounds(bodies), Obstacles(job["obstacles"])
+    where = view(bodies, [obstacles.at(load, limits) for load in loads])
     wide = min(_WIDTH, round(_TALLEST * where.width / where.height))
     del bodies
     decimals = max(0, 2 - floor(log10(abs(job["names"][-1] - job["names"][0]) or 1.0)))
     figure = None
     for load in np.linspace(loads[0], loads[-1], job["frames"]):
         item = body_of(states.grid(load), field)
-        image = draw_body(item, where, field, cmap, norm, wide, scale=1)
+        around = obstacles.at(load, limits)
+        image = draw_body(
+            item, where, field, cmap, norm, wide, 1, obstacles=around, opacity=job["opacity"]
+        )
         if figure is None:
             height = TOP + LABEL + image.shape[0] + FOOT
             height += height % 2
@@ -58,7 +72,7 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
             add_colour_bar(figure, height, field, cmap, norm, extend)
         shown.set_data(image)
         value = float(np.interp(load, loads, job["names"]))
-        label.set_text(f"{job['load_name']} {value:.{decimals}f}")
+        label.set_text(f"{job['load_name']} {value:.{decimals}f}{job['load_unit']}")
         canvas.draw()
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -112,8 +126,4 @@ def _write_gif(path: Path, job: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        write(json.load(sys.stdin))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    serve(write)

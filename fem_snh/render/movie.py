@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.render import Panel, panel_label, read_record, stored_loads, title
+from fem_snh.render import (
+    Panel,
+    check_opacity,
+    panel_label,
+    read_record,
+    series,
+    stored_loads,
+    title,
+)
 from fem_snh.render.fields import check_field
+from fem_snh.render.records import load_name, load_unit, obstacle_poses, parameter
 from fem_snh.render.worker import draw_elsewhere, require
 
 #: File types, and the packages that write them beside matplotlib's Pillow.
@@ -27,12 +37,15 @@ class MovieJob:
     field: str
     title: str
     states: list[Panel]
+    obstacles: list[dict[str, Any]]
     loads: list[float]
     names: list[float]
     load_name: str
+    load_unit: str
     frames: int
     frames_per_second: int
     out: str
+    opacity: float
 
 
 def main(
@@ -41,6 +54,7 @@ def main(
     field: str = "J",
     seconds: float = 4.0,
     report: Callable[[int, int], None] | None = None,
+    opacity: float = 1.0,
 ) -> Path:
     """Draw a movie of a run and return its path.
 
@@ -59,6 +73,8 @@ def main(
         Length of the movie [s].
     report : callable, optional
         Called with the numbers of frames drawn and of all frames.
+    opacity : float
+        Opacity of the body, as for `fem_snh.render.main`.
 
     Raises
     ------
@@ -75,22 +91,24 @@ def main(
     remedy = "'fem_snh[movies]', or write a .gif"
     require(f"a movie {out.suffix}", TYPES[out.suffix.lower()], remedy)
     record = read_record(folder)
-    stored = dict(sorted(stored_loads(folder / "fields.pvd").items()))
-    check_field(folder / "fields.pvd", field)
+    stored = dict(sorted(stored_loads(series(folder)).items()))
+    check_field(series(folder), field)
     if len(stored) < 2:
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(stored)}")
-    low, high = record.get("load_range", (0.0, 1.0))
     frames = max(2, round(seconds * FRAMES_PER_SECOND))
     job = MovieJob(
         field,
         title(record),
         [Panel([str(f) for f in files], panel_label(record, t)) for t, files in stored.items()],
+        obstacle_poses(record, folder),
         list(stored),
-        [low + t * (high - low) for t in stored],
-        str(record.get("load_name", "load")),
+        [parameter(record, t) for t in stored],
+        load_name(record),
+        load_unit(record),
         frames,
         FRAMES_PER_SECOND,
         str(out),
+        check_opacity(opacity),
     )
 
     def show(line: str) -> None:

@@ -1,8 +1,15 @@
-"""Names and Poisson's ratios of the materials in run.json, for titles and legends."""
+"""What pictures show of run.json: materials, the load or time of states, obstacles."""
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
+
+#: Keys of run.json whose solids are drawn.
+KINDS = ("obstacles", "bones")
+#: Difference of two loads, or of times relative to the duration, that are the same.
+_SAME = 1e-6
 
 
 def materials(record: dict[str, Any]) -> list[dict[str, Any]]:
@@ -24,3 +31,75 @@ def poisson_ratio(record: dict[str, Any]) -> str:
 def pretty(name: str) -> str:
     """Return the name of a material for a label: "stable Neo-Hookean"."""
     return name.replace("neo_hookean", "Neo-Hookean").replace("_", " ")
+
+
+def duration(record: dict[str, Any]) -> float | None:
+    """Return the end of a run in time [s]; None for a quasi-static run."""
+    return float(record["time"]["duration"]) if "time" in record else None
+
+
+def load_range(record: dict[str, Any]) -> tuple[float, float]:
+    """Return the values of the load parameter at load 0 and load 1; of a run in time, times [s]."""
+    end = duration(record)
+    low, high = record.get("load_range", (0.0, 1.0)) if end is None else (0.0, end)
+    return float(low), float(high)
+
+
+def load_name(record: dict[str, Any]) -> str:
+    """Return what graphs call the load parameter."""
+    return str(record.get("load_name", "load")) if duration(record) is None else "time"
+
+
+def load_unit(record: dict[str, Any]) -> str:
+    """Return the unit of the load parameter, after a space; none for a quasi-static run."""
+    return "" if duration(record) is None else " s"
+
+
+def axis_label(record: dict[str, Any]) -> str:
+    """Return the label of an axis of the load parameter."""
+    return load_name(record) if duration(record) is None else f"{load_name(record)} [s]"
+
+
+def parameter(record: dict[str, Any], stored: float) -> float:
+    """Return the load parameter of a stored state, whose .pvd file has the load, or the time."""
+    low, high = load_range(record)
+    return low + stored * (high - low) if duration(record) is None else stored
+
+
+def step_at(record: dict[str, Any], stored: float) -> dict[str, Any] | None:
+    """Return the last step that ends at a stored state."""
+    key, scale = ("load", 1.0) if duration(record) is None else ("time", duration(record) or 1.0)
+    found = [s for s in record["steps"] if math.isclose(s[key], stored, abs_tol=_SAME * scale)]
+    return found[-1] if found else None
+
+
+def obstacle_poses(
+    record: dict[str, Any], folder: Path, at: float | None = None
+) -> list[dict[str, Any]]:
+    """Return the obstacles and the bones of a run: kind, shape, and the pose at each load or time.
+
+    With ``at`` these are two loads [or times in s], one of which is the closest to it. A surface is
+    given by the path of its file in the folder. A bone that is a group of the mesh is left out.
+    """
+    found = []
+    key = "load" if duration(record) is None else "time"
+    steps = [step for step in record["steps"] if step.get("converged", True)]
+    items = [(k, n, about) for k in KINDS for n, about in record.get(k, {}).items()]
+    for kind, name, about in items:
+        if "shape" not in about:
+            continue
+        poses = {0.0: about["pose"]}
+        poses |= {step[key]: step[kind][name]["pose"] for step in steps}
+        if len(poses) == 1:
+            poses[1.0] = about["pose"]  # an interpolation needs two
+        loads = sorted(poses)
+        if at is not None:
+            closest = min(range(len(loads)), key=lambda i: abs(loads[i] - at))
+            first = min(closest, len(loads) - 2)
+            loads = loads[first : first + 2]
+        shape = dict(about["shape"])
+        if "surface" in shape:
+            shape["surface"] = str(folder / shape["surface"])
+        at_loads = [poses[load] for load in loads]
+        found.append({"kind": kind, "shape": shape, "loads": loads, "poses": at_loads})
+    return found

@@ -128,7 +128,8 @@ def body_of(grid: pv.UnstructuredGrid, field: str) -> Body:
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
     rest = boundary(grid, min(level, 1))
     surface = boundary(grid.warp_by_vector("displacement"), level)
-    edges = face_edges(surface, faces) if faces <= EDGES_UP_TO else None
+    is_skin = set(grid.celltypes) == {pv.CellType.TRIANGLE}  # its edges are no element's
+    edges = face_edges(surface, faces) if faces <= EDGES_UP_TO and not is_skin else None
     ghost = rest.extract_feature_edges(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False
     )

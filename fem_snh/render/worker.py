@@ -88,6 +88,18 @@ def run_elsewhere(
         raise BadInput(said)
 
 
+def serve(function: Callable[[dict[str, Any]], object]) -> None:
+    """Call ``function`` with the request on standard input: the main program of a worker.
+
+    A BadInput ends the process with its message on standard error and exit code 2.
+    """
+    try:
+        function(json.load(sys.stdin))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+
+
 def _run(
     command: list[str],
     env: dict[str, str],

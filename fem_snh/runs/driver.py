@@ -14,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
-from fem_snh.errors import BadInput, RenamedKey, on_every
+from fem_snh.errors import BadInput, RenamedKey, on_every, on_root
 from fem_snh.fem import modes
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
@@ -42,7 +42,7 @@ def run(
     note: Mapping[str, Any] | None = None,
     **overrides: Any,
 ) -> Result:
-    """Solve a scene by load steps. Collective.
+    """Solve a scene by load steps, or by time steps. Collective.
 
     A step that fails is rolled back and halved, down to 1/64 of the nominal step. If that fails
     too, the run ends with ``converged`` False; the steps before it are kept.
@@ -100,21 +100,22 @@ def run(
         petsc_options(solver.PREFIX, scene.petsc, defaults) as unused,
     ):
         setup = set_up(comm, scene)
-        about = describe(scene, setup.problem, setup.snes) | dict(note or {})
+        about = describe(scene, setup.problem, setup.snes, setup.stepper.transient)
+        about |= dict(note or {})
         printed.start(about)
         if stored and folder:
             stored.restore(setup.stepper)
-            printed.resumed(stored.load, stored.finished)
+            printed.resumed(stored.load, stored.finished, scene.duration)
             if stored.finished:
-                return Result(True, "converged", stored.record, setup.problem, folder.path)
-        recorder = _recorder(about, scene, setup, folder, stored, start)
+                return setup.result(True, "converged", stored.record, folder.path)
+        recorder = _recorder(comm, about, scene, setup, folder, stored, start)
         _solve(comm, scene, setup, recorder, printed)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         recorder.save(status)
         comm.barrier()  # the files are complete before any rank returns
         path = folder.path if folder else None
         printed.end(recorder.record, path, unused())
-    return Result(setup.stepper.done, status, recorder.record, setup.problem, path)
+    return setup.result(setup.stepper.done, status, recorder.record, path)
 
 
 def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
@@ -126,6 +127,7 @@ def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Sc
 
 
 def _recorder(
+    comm: MPI.Comm,
     about: dict[str, Any],
     scene: scenes.Scene,
     setup: Setup,
@@ -134,7 +136,7 @@ def _recorder(
     start: float,
 ) -> Recorder:
     """Return the recorder of a run, which continues the record of a resumed one. Collective."""
-    return Recorder(
+    recorder = Recorder(
         about,
         setup.stepper,
         folder,
@@ -145,6 +147,11 @@ def _recorder(
         stored.record if stored else None,
         (scene.fields, scene.fields_at),
     )
+    if folder and (scene.obstacle or scene.bone):
+        from fem_snh.runs.obstacle_records import copy_surfaces
+
+        on_root(comm, copy_surfaces, scene, folder.path)
+    return recorder
 
 
 def _solve(

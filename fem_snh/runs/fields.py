@@ -15,14 +15,20 @@ from fem_snh.fem.problem import Problem
 
 if TYPE_CHECKING:
     from fem_snh.runs.requested_fields import RequestedFields
+    from fem_snh.runs.skin_series import SkinSeries
+    from fem_snh.runs.transient import Transient
+
+#: The time series of the skin that a lattice carries.
+SKIN = "skin.pvd"
 
 
 class Fields:
-    """The time series fields.pvd, with the load as time. Collective.
+    """The time series fields.pvd, with the load as time; in time, with the time [s]. Collective.
 
     Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
     the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
     cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
+    Of a body in a lattice, skin.pvd has the same fields at the points of its surface.
 
     Parameters
     ----------
@@ -30,12 +36,14 @@ class Fields:
         The .pvd file.
     problem : Problem
         The discretised problem.
-    until : float, optional
-        For a resumed run: keep the states of an existing file up to this load.
+    resumed : bool, optional
+        Keep the states of an existing file up to the problem's load.
     names : sequence of str, optional
         Further fields, of `fem_snh.output_fields.ON_REQUEST`.
     at : {"cells", "nodes"}
         Where they are written.
+    transient : Transient, optional
+        The time integration of a scene in time.
 
     Attributes
     ----------
@@ -47,10 +55,13 @@ class Fields:
         self,
         path: Path,
         problem: Problem,
-        until: float | None = None,
+        resumed: bool = False,
         names: Sequence[str] = (),
         at: str = "cells",
+        transient: Transient | None = None,
     ) -> None:
+        #: The time of load 1.
+        self._duration = transient.time.duration if transient else 1.0
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
@@ -60,18 +71,29 @@ class Fields:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
             scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
             self._nodal.append(_dolfinx.function(scalars, "pressure"))
-        self._series = _dolfinx.Series(problem.comm, path, until)
+        self._series = _dolfinx.Series(
+            problem.comm, path, problem.load * self._duration if resumed else None
+        )
+        self._skin: SkinSeries | None = None
+        if problem.skin is not None:
+            from fem_snh.runs.skin_series import SkinSeries
+
+            until = problem.load * self._duration if resumed else None
+            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until)
         self._requested: RequestedFields | None = None
         start = perf_counter()
         if names:
             from fem_snh.runs.requested_fields import RequestedFields
 
-            self._requested = RequestedFields(problem, names, at)
+            self._requested = RequestedFields(
+                problem, names, at, transient.functions if transient else {}
+            )
         self.jit_seconds = perf_counter() - start
 
     def write(self, problem: Problem) -> None:
-        """Append the problem's state at its load, unless the series has this load. Collective."""
-        if problem.load in self._series.times:
+        """Append the problem's state at its load, unless the series has it. Collective."""
+        time = problem.load * self._duration
+        if time in self._series.times:
             return
         fields = problem.cell_fields(problem.x)
         values = {
@@ -85,7 +107,11 @@ class Fields:
             self._pressure.x.array[:] = problem.saddle_point.pressure()
             self._nodal[1].interpolate(self._pressure)
         further = self._requested.arrays() if self._requested else ([], [])
-        self._series.write([*self._nodal, *self._cellwise.values()], problem.load, *further)
+        self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
+        if self._skin:
+            cells, nodes = ({array.name: array.values for array in found} for found in further)
+            u = problem.u.x.array.reshape(-1, 3)
+            self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
 
 
 def write_modes(path: Path, modes: Modes) -> None:

@@ -5,11 +5,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import platform
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -24,6 +21,8 @@ from fem_snh.atomic_files import remove, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
+from fem_snh.runs.tables import flat, table_text
+from fem_snh.runs.transient import Transient
 from fem_snh.scenes import MaterialChoice, Scene
 
 #: Columns of steps.csv that every run has.
@@ -33,11 +32,19 @@ COLUMNS = (
 )  # fmt: skip
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
+#: Files of an earlier run, beside the tables and the checkpoint.
+_OLD_FILES = (
+    "fields*.pvd", "fields*vtu", "skin*.pvd", "skin*vtu", "modes*.pvd", "modes*vtu",
+    "obstacle_*.stl", "bone_*.stl",
+    "bone_*.obj",
+)  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
-def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]:
+def describe(
+    scene: Scene, problem: Problem, snes: PETSc.SNES, transient: Transient | None = None
+) -> dict[str, Any]:
     """Return the content of run.json before the first step. Collective.
 
     Parameters
@@ -48,6 +55,8 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         Its discretised problem.
     snes : PETSc.SNES
         Its nonlinear solver.
+    transient : Transient, optional
+        Its time integration.
 
     Returns
     -------
@@ -74,6 +83,9 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
         "cells": problem.num_cells,
         "dofs": problem.dofs,
         "ranks": problem.comm.size,
+        **({"time": transient.about} if transient else {}),
+        **_describe_obstacles(scene, problem),
+        **_describe_bones(scene, problem),
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
         **({"fields": scene.fields} if scene.fields else {}),
@@ -93,11 +105,27 @@ def describe(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, Any]
     }
 
 
+def _describe_obstacles(scene: Scene, problem: Problem) -> dict[str, Any]:
+    if not scene.obstacle:
+        return {}
+    from fem_snh.runs.obstacle_records import describe_obstacles
+
+    return {"obstacles": describe_obstacles(scene, problem)}
+
+
+def _describe_bones(scene: Scene, problem: Problem) -> dict[str, Any]:
+    if not scene.bone:
+        return {}
+    from fem_snh.runs.bones import describe_bones
+
+    return {"bones": describe_bones(scene, problem)}
+
+
 def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]:
     """Return a material's entry in run.json, with group and density if the scene has them."""
-    energy = region.material.expression
-    mu, lam = region.material.lame
-    constants = {str(c): v for c, v in zip(energy.constants, energy.values, strict=True)}
+    energy = region.material.numbers
+    mu, lam = energy.lame
+    constants = dict(zip(energy.constants, energy.values, strict=True))
     own = {"group": choice.group, "density": choice.density}
     return {
         "name": energy.name,
@@ -156,7 +184,7 @@ class Folder:
     def clear(self) -> None:
         """Remove the files of an earlier run. Collective."""
         if self.comm.rank == 0:
-            for pattern in ("fields*.pvd", "fields*vtu", "modes*.pvd", "modes*vtu"):
+            for pattern in _OLD_FILES:
                 for file in self.path.glob(pattern):
                     remove(file)
             for name in (CHECKPOINT, "steps.csv", "modes.csv"):
@@ -173,36 +201,15 @@ class Folder:
         """
         if self.comm.rank:
             return
-        steps = [_flat(step) for step in record["steps"]]
+        steps = [flat(step) for step in record["steps"]]
         columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
-        replace_file(self.path / "steps.csv", _table(list(columns), steps))
+        replace_file(self.path / "steps.csv", table_text(list(columns), steps))
         if "modes" in record:
             modes = record["modes"]
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
-            replace_file(self.path / "modes.csv", _table(MODE_COLUMNS, rows))
+            replace_file(self.path / "modes.csv", table_text(MODE_COLUMNS, rows))
         replace_file(self.path / "run.json", json.dumps(_json_value(record), indent=1) + "\n")
-
-
-def _flat(step: dict[str, Any]) -> dict[str, Any]:
-    """Return a step as a table row: a column for each component of a reaction, probe or cavity."""
-    nested = ("reactions", "probes", "cavities")
-    row = {key: value for key, value in step.items() if key not in nested}
-    for kind in ("reaction", "probe"):
-        for name, vector in step.get(f"{kind}s", {}).items():
-            row |= {f"{kind}_{name}_{axis}": v for axis, v in zip("xyz", vector, strict=True)}
-    for name, state in step.get("cavities", {}).items():
-        row |= {f"cavity_{name}_{key}": value for key, value in state.items()}
-    return row
-
-
-def _table(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
-    """Return rows as CSV text."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def _json_value(value: Any) -> Any:

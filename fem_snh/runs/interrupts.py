@@ -23,7 +23,8 @@ class Interrupts:
 
     Notes
     -----
-    mpirun sends SIGTERM to all ranks when it is interrupted, and SIGKILL a second later.
+    mpirun sends SIGTERM to all ranks when it is interrupted, and SIGKILL a second later;
+    that of Open MPI 6 sends SIGKILL alone, after which the status of the run remains ``running``.
 
     `postponed` does not use a signal mask, as another thread of the process may receive the signal.
     """

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.mesh import Mesh, volume
 from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.terms import Term
-from fem_snh.scenes import Scene
+from fem_snh.fem.terms.traction import surface_facets
+from fem_snh.scenes import Scene, SelfContact
+
+if TYPE_CHECKING:
+    from fem_snh.fem.nodal_mass import NodalMass
 
 #: Default stiffness of a fluid, in E over the body's volume: a pressure of E then compresses it by
 #: a hundredth of the body's volume. A stiffer fluid shortens Newton's steps, as the volume is
@@ -18,9 +22,14 @@ _CAVITY_STIFFNESS = 100.0
 
 
 def load_terms(
-    scene: Scene, mesh: Mesh, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+    scene: Scene,
+    mesh: Mesh,
+    u: Any,
+    regions: Sequence[Region],
+    dirichlet: Dirichlet,
+    mass: NodalMass | None = None,
 ) -> list[Term]:
-    """Return the terms of the tables traction, gravity, pressure, spring and cavity. Collective.
+    """Return the terms of the load tables and of contact. Collective.
 
     Parameters
     ----------
@@ -34,6 +43,8 @@ def load_terms(
         The materials with their densities.
     dirichlet : Dirichlet
         The constrained dofs.
+    mass : NodalMass, optional
+        The mass matrix of a body in motion.
 
     Raises
     ------
@@ -49,7 +60,7 @@ def load_terms(
         from fem_snh.fem.terms.gravity import Gravity
 
         amplitude = scene.amplitudes([scene.gravity])[0]
-        terms.append(Gravity(V, regions, scene.gravity.vector, amplitude))
+        terms.append(Gravity(V, regions, scene.gravity.vector, amplitude, mass))
     if scene.pressure:
         from fem_snh.fem.terms.pressure import Pressure
 
@@ -60,6 +71,19 @@ def load_terms(
 
         constant = [None if s.table is None else scene.amplitudes([s])[0] for s in scene.spring]
         terms.append(Spring(u, mesh, scene.spring, constant))
+    if scene.contact:
+        from fem_snh.fem.terms.body_contact import BodyContact
+        from fem_snh.fem.terms.surface_pair import BodyPair
+
+        pairs = []
+        for contact in scene.contact:
+            first, second = (surface_facets(mesh, "contact.groups", key) for key in contact.groups)
+            tolerance = contact.absolute_tolerance(volume(mesh.domain))
+            name, k = contact.name, contact.stiffness
+            pairs.append(BodyPair(name, first, second, k, contact.augmented, tolerance))
+        terms.append(BodyContact(V, regions, pairs))
+    if scene.self_contact:
+        terms.append(_self_contact(scene.self_contact, mesh, V, regions))
     for fluid in scene.cavity:
         from fem_snh.fem.terms.cavity import Cavity
 
@@ -69,4 +93,19 @@ def load_terms(
             stiffness /= volume(mesh.domain)
         amplitude = scene.amplitudes([fluid])[0]
         terms.append(Cavity(u, mesh, fluid, amplitude, stiffness, dirichlet))
+    if scene.obstacle:
+        from fem_snh.runs.obstacles import obstacle_contact
+
+        terms.append(obstacle_contact(scene, mesh, V, regions))
     return terms
+
+
+def _self_contact(table: SelfContact, mesh: Mesh, V: Any, regions: Sequence[Region]) -> Term:
+    """Return the term of the table [self_contact]; only its own method is imported. Collective."""
+    if table.method == "reference":
+        from fem_snh.fem.self_contact.reference import ReferenceContact
+
+        return ReferenceContact(V, mesh, regions, table.stiffness)
+    from fem_snh.fem.self_contact.ipc import IPC
+
+    return IPC(V, mesh, regions, table.stiffness, table.distance, table.friction)

@@ -12,7 +12,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
@@ -80,11 +79,30 @@ class NodalField:
 
     def _gather(self, values: Array) -> Array:
         """Return the rows of all ranks on rank 0, and no rows on the other ranks."""
-        columns = values.shape[1]
-        whole = np.empty((self._counts.sum() if self._comm.rank == 0 else 0, columns))
-        received = None if self._comm.rank else [whole, self._counts * columns]
-        self._comm.Gatherv(np.ascontiguousarray(values), received, root=0)
-        return whole
+        return gather_rows(self._comm, values, self._counts)
+
+
+def gather_rows(comm: MPI.Comm, values: Array, counts: Array | None = None) -> Array:
+    """Return the rows (n, k) of all ranks on rank 0, and no rows on the other ranks. Collective.
+
+    ``counts`` are the numbers of rows of the ranks, if they are known.
+    """
+    if counts is None:
+        counts = np.array(comm.allgather(len(values)))
+    columns = values.shape[1]
+    whole = np.empty((counts.sum() if comm.rank == 0 else 0, columns))
+    received = None if comm.rank else [whole, counts * columns]
+    comm.Gatherv(np.ascontiguousarray(values, dtype=float), received, root=0)
+    return whole
+
+
+def scatter_rows(comm: MPI.Comm, whole: Array | None, shape: tuple[int, ...]) -> Array:
+    """Return this rank's rows, of this shape, of an array on rank 0. Collective."""
+    counts = np.array(comm.allgather(shape[0])) * shape[1]
+    rows = np.empty(shape)
+    sent = None if comm.rank else [np.ascontiguousarray(whole, dtype=float), counts]
+    comm.Scatterv(sent, rows, root=0)
+    return rows
 
 
 def fields(problem: Problem) -> dict[str, NodalField]:
@@ -118,6 +136,8 @@ def match_nodes(nodes: Array, others: Array) -> Array:
     if np.array_equal(nodes, others):  # the same partition, even with coincident nodes
         return np.arange(len(nodes))
     distance = _TOLERANCE * float(np.ptp(others, axis=0).max())
+    from scipy.spatial import cKDTree  # slow to import, and only needed to resume
+
     found = cKDTree(others).query(nodes, distance_upper_bound=distance)[1]
     if missing := np.count_nonzero(found == len(others)):
         raise BadInput(

@@ -54,18 +54,20 @@ class Progress:
         if self._expected:
             self._console.print(f"  expected to fail: {self._expected}")
 
-    def resumed(self, load: float, finished: bool) -> None:
-        """Print the load from which a resumed run continues."""
+    def resumed(self, load: float, finished: bool, duration: float | None = None) -> None:
+        """Print the load, or the time, from which a resumed run continues."""
+        at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
         self._console.print(
-            "  finished already: nothing to do" if finished else f"  resumed from load {load:.6g}"
+            "  finished already: nothing to do" if finished else f"  resumed from {at}"
         )
 
     def step(self, row: dict[str, Any]) -> None:
         """Print a load step."""
         colour = "yellow" if self._expected else "red"
         mark = "[green]ok[/]  " if row["converged"] else f"[{colour}]fail[/]"
+        at = f"time {row['time']:.4g} s" if "time" in row else f"load {row['load']:.4f}"
         self._console.print(
-            f"  load {row['load']:.4f} {mark} {row['newton']:3d} Newton "
+            f"  {at} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, "
             f"residual {row['residual']:.1e}, "
             f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}, "

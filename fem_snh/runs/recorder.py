@@ -68,10 +68,13 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
-            until = self._problem.load if earlier is not None else None
-            self._fields = Fields(folder.path / "fields.pvd", self._problem, until, *fields)
+            resumed, path = earlier is not None, folder.path / "fields.pvd"
+            transient = stepper.transient
+            self._fields = Fields(path, self._problem, resumed, *fields, transient)
             self._seconds = seconds | {"jit": seconds["jit"] + self._fields.jit_seconds}
         self._output = 0.0
+        #: Whether a state that converged has not been written.
+        self._behind = False
 
     def __enter__(self) -> Recorder:
         return self
@@ -84,9 +87,15 @@ class Recorder:
                 self._write(status)
 
     def add_step(self, row: dict[str, Any]) -> None:
-        """Add a step's row and write the output, with the state if it converged. Collective."""
+        """Add a step's row and write the output, with the state if it converged. Collective.
+
+        A scene in time may ask for output after some of its steps only.
+        """
         self.record["steps"].append(row)
-        self.save("running", state=row["converged"])
+        if self._stepper.is_output(row):
+            self.save("running", state=row["converged"])
+        else:
+            self._behind |= row["converged"]
 
     def add_modes(self, modes: Modes) -> None:
         """Add the eigenfrequencies and write the mode shapes. Collective."""
@@ -105,7 +114,8 @@ class Recorder:
         status : str
             The run's status: "running", "converged" or the reason of a failure.
         state : bool
-            Write the checkpoint and the fields, too.
+            Write the checkpoint and the fields, too; also done at the end for a state that was not
+            written.
 
         Raises
         ------
@@ -121,6 +131,8 @@ class Recorder:
         processor += self._earlier.get("processor_seconds", 0.0)
         self.record["processor_seconds"] = processor
         self._update(status)
+        state |= self._behind and status != "running"
+        self._behind &= not state
         if self._checkpoint and state:
             self._checkpoint.write(self.record)
         if self._fields and state:

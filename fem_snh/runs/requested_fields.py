@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from fem_snh._dolfinx import DataArray
 from fem_snh.fem.field_values import FieldValues
 from fem_snh.fem.problem import Problem
-from fem_snh.output_fields import ON_REQUEST
+from fem_snh.output_fields import AT_OBSTACLES, NAMED, NODAL, ON_REQUEST
 
 
 class RequestedFields:
@@ -20,19 +21,36 @@ class RequestedFields:
     names : sequence of str
         Names of fields.
     at : {"cells", "nodes"}
-        Their location; ``reaction_force`` is at the nodes always.
+        Their location; those of `fem_snh.output_fields.NODAL` are at the nodes always.
+    functions : mapping of str to dolfinx Function
+        Fields that are functions on the displacement's space, by name: velocity and acceleration.
     """
 
-    def __init__(self, problem: Problem, names: Sequence[str], at: str) -> None:
+    def __init__(
+        self, problem: Problem, names: Sequence[str], at: str, functions: Mapping[str, Any]
+    ) -> None:
         self._problem, self._names, self._at = problem, names, at
+        self._computed = [name for name in names if name in ON_REQUEST]
+        self._functions = functions
         self._values = FieldValues(problem)
-        self._values.prepare(names)
+        self._values.prepare(self._computed)
+        self._contact: Any = None
+        if set(names) & set(AT_OBSTACLES):
+            from fem_snh.fem.terms.contact_output import ContactFields
+
+            self._contact = ContactFields(problem.V, problem.terms)
 
     def arrays(self) -> tuple[list[DataArray], list[DataArray]]:
         """Return the arrays at the cells and at the nodes of the present state. Collective."""
         seconds = self._problem.seconds["assemble"]
-        found = self._values.evaluate(self._names, self._at)
+        found = self._values.evaluate(self._computed, self._at)
         self._problem.seconds["assemble"] = seconds  # a reaction is output, not part of the solve
-        arrays = [DataArray(name, found[name], ON_REQUEST[name].components) for name in found]
-        nodal = [array for array in arrays if self._at == "nodes" or array.name == "reaction_force"]
+        for name in self._names:
+            if name in AT_OBSTACLES:
+                u = self._problem.split(self._problem.x)[0]
+                found[name] = self._contact.evaluate(name, u)
+            elif name not in found:
+                found[name] = self._functions[name].x.array.reshape(-1, 3).copy()
+        arrays = [DataArray(name, found[name], NAMED[name].components) for name in self._names]
+        nodal = [array for array in arrays if self._at == "nodes" or array.name in NODAL]
         return [array for array in arrays if array not in nodal], nodal

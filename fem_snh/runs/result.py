@@ -14,6 +14,7 @@ from fem_snh.fem.problem import Problem
 
 if TYPE_CHECKING:
     from fem_snh.fem.field_values import FieldValues
+    from fem_snh.fem.motion.dynamics import Dynamics
 
 
 @dataclass
@@ -32,6 +33,8 @@ class Result:
         The discretised problem, in the state of the last load that converged.
     out : Path or None
         The folder of the output.
+    dynamics : Dynamics or None
+        The motion of a scene in time.
     """
 
     converged: bool
@@ -39,6 +42,7 @@ class Result:
     record: dict[str, Any]
     problem: Problem = field(repr=False)
     out: Path | None = None
+    dynamics: Dynamics | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> list[dict[str, Any]]:
@@ -49,6 +53,16 @@ class Result:
     def u(self) -> Any:
         """Return the displacement [length], a dolfinx Function, at the last converged load."""
         return self.problem.u
+
+    @property
+    def v(self) -> Any:
+        """Return the velocity [m/s] at the last converged time; None in a quasi-static scene."""
+        return self.dynamics.v if self.dynamics else None
+
+    @property
+    def a(self) -> Any:
+        """Return the acceleration [m/s^2] likewise."""
+        return self.dynamics.a if self.dynamics else None
 
     def field(self, name: str, at: str = "cells") -> npt.NDArray[np.float64]:
         """Return a stress, strain or force at the last load that converged. Collective.

@@ -8,26 +8,40 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Scene
+from fem_snh.scenes import OBSTACLE_FILES, Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
 SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "assembly", "predictor", "petsc")
 #: Keys of a scene that concern the output of later steps: likewise.
 OUTPUT_KEYS = ("fields", "fields_at")
 _MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS
+_NAMED = (*_MAY_CHANGE, "time.output_every")
 
 
 def identity(scene: Scene) -> dict[str, Any]:
     """Return the values that must not change when a run is resumed, by dotted keys.
 
-    A mesh file and a material's Python file are compared by their content, not by their path.
+    A mesh file, a material's Python file and the files of obstacles and bones are compared by
+    their content, not by their path.
     """
     data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
+    if scene.time:
+        del data["time"]["output_every"]
     if isinstance(scene.mesh, Path):
         data["mesh"] = _digest("mesh", scene.mesh)
+    for key in ("lattice", "surface"):
+        if isinstance(path := getattr(scene.mesh, key, None), Path):
+            data["mesh"][key] = _digest(f"mesh.{key}", path)
     tables = data["material"] if isinstance(data["material"], list) else [data["material"]]
     for material, table in zip(scene.materials, tables, strict=True):
         table |= {path.name: _digest("material", path) for path in material.files}
+    for obstacle, table in zip(scene.obstacle, data["obstacle"], strict=True):
+        files = {key: getattr(obstacle, key) for key in OBSTACLE_FILES}
+        table |= {key: _digest(key, path) for key, path in files.items() if path is not None}
+    for bone, table in zip(scene.bone, data["bone"], strict=True):
+        table |= {key: _digest(key, path) for key, path in bone.files.items()}
+        if "motion.bvh" in table:
+            del table["motion"]["bvh"]
     return _flat(data)
 
 
@@ -54,7 +68,7 @@ def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> Non
         if before.get(key) != now.get(key):
             raise BadInput(
                 f"cannot resume {folder}: {key} = {_text(now, key)}: expected {_text(before, key)} "
-                f"as before; only {', '.join(_MAY_CHANGE)} and the number of ranks may change"
+                f"as before; only {', '.join(_NAMED)} and the number of ranks may change"
             )
 
 

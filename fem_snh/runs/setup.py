@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -25,7 +24,15 @@ from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
+from fem_snh.runs.result import Result
 from fem_snh.runs.stepping import Stepper
+from fem_snh.runs.transient import create_dynamics, start_motion
+
+if TYPE_CHECKING:
+    from fem_snh.fem.bone_nodes import BoneNodes
+    from fem_snh.fem.motion.dynamics import Dynamics
+    from fem_snh.fem.terms import Term
+    from fem_snh.runs.bones import BoneRecords
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,14 @@ class Setup:
     seconds: dict[str, float]
     processor: float
 
+    def result(
+        self, converged: bool, status: str, record: dict[str, Any], out: Path | None
+    ) -> Result:
+        """Return the result of the run."""
+        transient = self.stepper.transient
+        motion = transient.dynamics if transient else None
+        return Result(converged, status, record, self.problem, out, motion)
+
 
 def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     """Return a scene's problem, solver and load stepping. Collective.
@@ -66,11 +81,13 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     mesh = make_mesh(comm, scene, element)
     meshed = perf_counter()
 
+    motions: list[Dynamics] = []
+
     def make(nu: float | None = None) -> Problem:
-        return make_problem(scene, mesh, element, nu)
+        return make_problem(scene, mesh, element, nu, motions)
 
     problem = make()
-    if scene.start:
+    if scene.start and (scene.start.displaces or not scene.time):
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
@@ -79,27 +96,66 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
-    stepper = Stepper(problem, snes, scene.steps, scene.predictor, probes, continuation)
+    transient = None
+    if motions and scene.time:
+        transient = start_motion(problem, motions[0], scene.time, scene.start)
+    steps = scene.time.steps if scene.time else scene.steps
+    bones = _bone_records(problem) if scene.bone else None
+    stepper = Stepper(problem, snes, steps, scene.predictor, probes, continuation, transient, bones)
     jit = problem.seconds["jit"] + (continuation.jit if continuation else 0.0)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     return Setup(problem, snes, stepper, seconds, max(0.0, process_time() - working - jit))
+
+
+def _bone_records(problem: Problem) -> BoneRecords:
+    from fem_snh.runs.bones import BoneRecords
+
+    return BoneRecords(problem)
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:
     """Return the scene's mesh, generated or read. Collective."""
     if isinstance(scene.mesh, Path):
         return meshes.read(comm, scene.mesh)
+    if isinstance(scene.mesh, scenes.Tetrahedra):
+        from fem_snh.fem import lattice
+
+        return lattice.create_tetrahedra(comm, scene.mesh.body, scene.mesh.size)
+    if isinstance(scene.mesh, scenes.Lattice):
+        from fem_snh.fem import lattice
+
+        chosen = scene.mesh
+        choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
+        return lattice.create(comm, chosen.body, *choices)
     cells = {} if scene.cells is None else {"cells": scene.cells}
     return meshes.generate(comm, scene.mesh.source, element.cell, **cells, **scene.mesh.parameters)
 
 
 def make_problem(
-    scene: scenes.Scene, mesh: meshes.Mesh, element: elements.Element, nu: float | None = None
+    scene: scenes.Scene,
+    mesh: meshes.Mesh,
+    element: elements.Element,
+    nu: float | None = None,
+    motions: list[Dynamics] | None = None,
 ) -> Problem:
     """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
 
-    Of several materials, those with a smaller ratio keep their own.
+    Of several materials, those with a smaller ratio keep their own. The motion of a scene in time
+    is appended to ``motions``.
     """
+
+    def terms(mesh: meshes.Mesh, u: Any, regions: Any, dirichlet: Any) -> list[Term]:
+        if not scene.time or motions is None:
+            return load_terms(scene, mesh, u, regions, dirichlet)
+        motions.append(create_dynamics(scene.time, u, regions, dirichlet))
+        loads = load_terms(scene, mesh, u, regions, dirichlet, motions[-1].mass)
+        return [*loads, *motions[-1].terms]
+
+    def place(V: Any, mesh: meshes.Mesh) -> list[BoneNodes]:
+        from fem_snh.runs.bones import scene_bones
+
+        return scene_bones(scene, V, mesh)
+
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
@@ -113,8 +169,10 @@ def make_problem(
         fillings,
         hold=scene.hold,
         move=scene.motions,
-        loads=partial(load_terms, scene),
+        bones=place if scene.bone else None,
+        loads=terms,
         reactions=scene.reactions,
+        volumes=scene.volumes,
         eigensolver=scene.eigensolver,
         assembly=scene.assembly,
     )

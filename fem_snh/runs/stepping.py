@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from time import perf_counter, process_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
 from fem_snh import solver
+from fem_snh.errors import NotSettled
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.terms.cavity import fluid_states
 from fem_snh.runs.poisson_continuation import PoissonContinuation
+from fem_snh.runs.step_size import StepSize
+from fem_snh.runs.transient import Transient
 
-#: A failed step is halved at most this many times: 1/64 of a nominal step.
-_MAX_HALVINGS = 6
-#: Relative difference from which two step sizes differ; rounding of the load is smaller.
-_ROUNDING = 1e-12
+if TYPE_CHECKING:
+    from fem_snh.runs.bones import BoneRecords
 
 
 class Stepper:
@@ -40,11 +40,15 @@ class Stepper:
         Points whose displacement is added to each row.
     continuation : PoissonContinuation, optional
         Solves with other Poisson's ratios, which improve the initial guess.
+    transient : Transient, optional
+        The time integration, if the scene has one.
+    bones : BoneRecords, optional
+        Bones whose forces are added to each row.
 
     Attributes
     ----------
-    size : float or None
-        Size of the next step; None if it ends at the next multiple of 1/steps.
+    size : StepSize
+        The size of the next step.
     done : bool
         Whether load 1 is reached.
     seconds : float
@@ -61,88 +65,160 @@ class Stepper:
         predictor: str,
         probes: Probes | None = None,
         continuation: PoissonContinuation | None = None,
+        transient: Transient | None = None,
+        bones: BoneRecords | None = None,
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
-        self.continuation = continuation
-        self.predictor = solver.Predictor(problem, snes, predictor)
-        self.size: float | None = None
+        self.continuation, self.transient, self._bones = continuation, transient, bones
+        extrapolate = transient.extrapolate if transient else None
+        blend = bones.blend() if bones and predictor == "bones" else None
+        self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend)
         # Without loads a shorter step is the same problem: it is not tried.
-        self._max_divisions = 2**_MAX_HALVINGS if problem.depends_on_load else 1
+        self.size = transient.step_size() if transient else StepSize(steps, problem.depends_on_load)
+        one_step = transient is not None and transient.semi_implicit
+        self._semi_implicit = solver.SemiImplicit(problem, snes) if one_step else None
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
+        #: Whether memory was exhausted, in which case a shorter step fails as well.
+        self._out_of_memory = False
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        problem, shortest = self.problem, 1 / (self._max_divisions * self.steps)
+        problem = self.problem
         for target in (k / self.steps for k in range(1, self.steps + 1)):
             while problem.load < target:
                 load = problem.load
-                size = self.size or target - load
-                # A sum of halved steps differs from the target by rounding.
-                to = target if size >= (target - load) * (1 - _ROUNDING) else load + size
+                to = self.size.end(load, target)
                 row = self._attempt(load, to)
                 if row["converged"]:
-                    self.size = None if to == target else 2 * size
+                    self.size.accept(to, target)
+                    proceed = True
                 else:
-                    self.size = (to - load) / 2
+                    proceed = self.size.reject(load, to) and not self._out_of_memory
                 yield row
-                if not row["converged"] and (size <= shortest * 1.5 or self._out_of_memory):
+                if not proceed:
                     return
         self.done = True
 
+    def is_output(self, row: dict[str, Any]) -> bool:
+        """Return whether output is written after a row: each, or each ``output_every`` steps."""
+        every = self.transient.time.output_every if self.transient else 1
+        number = round(row["load"] * self.steps)
+        return every == 1 or (number % every == 0 and row["load"] == number / self.steps)
+
     def failure_message(self) -> str:
-        """Return the load at which the steps stopped before load 1, and the reason."""
-        stopped = f"stopped at load {self.problem.load:.6g}"
+        """Return the load or time at which the steps stopped before the end, and the reason."""
+        load = self.problem.load
+        at = (
+            f"time {load * self.transient.time.duration:.6g}"
+            if self.transient
+            else f"load {load:.6g}"
+        )
         if self._out_of_memory:
-            return f"{stopped}: {self._last['reason']}"
+            return f"stopped at {at}: {self._last['reason']}"
         return (
-            f"{stopped}: a step of 1/{self._max_divisions} of the nominal "
+            f"stopped at {at}: a step of 1/{self.size.max_divisions} of the nominal "
             f"one still fails ({self._last['reason']})"
         )
-
-    @property
-    def _out_of_memory(self) -> bool:
-        """Whether memory was exhausted, in which case a shorter step fails as well."""
-        return solver.out_of_memory(self.snes)
 
     def _attempt(self, load: float, to: float) -> dict[str, Any]:
         """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
         problem, start, processor_start = self.problem, perf_counter(), process_time()
         previous, nonfinite = problem.x.copy(), problem.nonfinite
-        predicted = self.predictor.predict(to)
-        history = self.continuation.solve(problem) if self.continuation else []
-        with solver.callback_errors():
-            self.snes.solve(None, problem.x)
-        converged = self.snes.getConvergedReason() > 0
-        history = [*history, *self.snes.getPythonContext().history]
-        residual, reason = self.snes.getFunctionNorm(), solver.failure_reason(self.snes)
+        problem.history.begin_step(problem.split(problem.x)[0])
+        if self.transient:
+            self.snes.getPythonContext().force_scale = self.transient.begin_step(to)
+        outcome, predicted = self._solve(to)
         nonfinite = problem.nonfinite - nonfinite
+        self._out_of_memory = outcome.out_of_memory
+        estimate = self._estimate_error(outcome)
+        converged, history = outcome.converged, outcome.history
         if converged:
             self.predictor.accept()
+            if self.transient:
+                self.transient.end_step()
+            problem.history.end_step(problem.split(problem.x)[0])
         else:
             previous.copy(problem.x)
             problem.set_load(load)
         self._last = {
             "load": to,
             "converged": converged,
-            "reason": reason,
+            "reason": outcome.reason,
             # The tangent predictor assembles a Hessian too, so it counts as an iteration.
             "newton": len(history) + (predicted > 0),
             "clamped": sum(i.filter in ("clamp", "abs") for i in history),
             "linear": predicted + sum(i.linear for i in history),
             "lbfgs": sum(i.lbfgs for i in history),
-            "residual": residual,
-            "energy": problem.energy(problem.x) if problem.has_energy else None,
+            "residual": outcome.residual,
+            **self._energies(load, to),
+            **estimate,
             **problem.measures(problem.x),
             "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
-        if converged and (fluids := fluid_states(problem.terms, problem.x)):
-            self._last["cavities"] = fluids
+        if converged:
+            self._last |= problem.history.record(problem.split(problem.x)[0])
         if converged and self.probes:
             self._last["probes"] = self.probes.values()
+        if converged and self._bones:
+            self._last["bones"] = self._bones.row()
         self.seconds += perf_counter() - start
         self.processor += process_time() - processor_start
         return self._last
+
+    def _energies(self, load: float, to: float) -> dict[str, Any]:
+        """Return the row's energy; in time, time and energies."""
+        if self.transient:
+            tolerance = self.snes.getPythonContext().scaled_tolerance
+            return {**self.transient.row(to, load), "tolerance": tolerance}
+        problem = self.problem
+        return {"energy": problem.energy(problem.x) if problem.has_energy else None}
+
+    def _estimate_error(self, outcome: solver.Outcome) -> dict[str, float]:
+        """Return the estimate of a time step's error; one above the tolerance is a failure."""
+        tolerance = self.transient.time.tolerance if self.transient else None
+        if self.transient is None or tolerance is None or not outcome.converged:
+            return {}
+        ratio = self.transient.error() / tolerance
+        self.size.ratio = ratio
+        if not ratio <= 1:
+            outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
+        return {"error": ratio * tolerance}
+
+    def _solve(self, to: float) -> tuple[solver.Outcome, int]:
+        """Solve at the load ``to``; return the outcome and the predictor's linear iterations."""
+        problem = self.problem
+        if self._semi_implicit:
+            problem.set_load(to)
+            with solver.callback_errors():
+                outcome = self._semi_implicit.solve()
+            if outcome.converged:  # lagged quantities follow once a step
+                self._update_lagged(outcome)
+            return outcome, 0
+        outcome = solver.Outcome()
+        try:
+            predicted = self.predictor.predict(to)
+        except NotSettled as error:
+            outcome.reason = f"DIVERGED_INNER: {error}"
+            return outcome, 0
+        if self.continuation:
+            outcome.history += self.continuation.solve(problem)
+        while True:
+            with solver.callback_errors():
+                self.snes.solve(None, problem.x)
+            outcome.add_solve(self.snes)
+            if not outcome.converged or not self._update_lagged(outcome):
+                return outcome, predicted
+
+    def _update_lagged(self, outcome: solver.Outcome) -> bool:
+        """Update lagged quantities; return whether to solve again. They may not settle."""
+        problem = self.problem
+        try:
+            return problem.history.update_lagged(problem.split(problem.x)[0])
+        except NotSettled as error:
+            outcome.converged = False
+            outcome.reason = f"DIVERGED_INNER: {error}"
+            return False

@@ -11,28 +11,43 @@ materials, never the solver.
 
 from __future__ import annotations
 
+from fem_snh.scenes._bone_files import read_bones
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
+from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
+from fem_snh.scenes._obstacles import names as obstacle_names
+from fem_snh.scenes._obstacles import read_obstacles
 from fem_snh.scenes.schema import (
     Amplitude,
+    BoneChoice,
     Cavity,
+    Contact,
+    Damping,
     Geometry,
     Gravity,
     Hold,
+    Lattice,
     MaterialChoice,
     Modes,
     Move,
+    ObstacleChoice,
     Pressure,
     Probe,
+    Rig,
     Rotate,
     Scene,
+    SelfContact,
     Spring,
     Start,
+    Tetrahedra,
+    Time,
     Traction,
 )
 
 __all__ = [
-    "GROUP", "Amplitude", "Cavity", "Geometry", "Gravity", "Hold", "MaterialChoice", "Modes",
-    "Move", "Pressure", "Probe", "Rotate", "Scene", "Spring", "Start", "Traction", "describe",
-    "function", "load", "names", "own_parameters", "read_toml", "validate",
+    "GROUP", "OBSTACLE_FILES", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping",
+    "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes", "Move",
+    "ObstacleChoice", "Pressure", "Probe", "Rig", "Rotate", "Scene", "SelfContact", "Spring",
+    "Start", "Tetrahedra", "Time", "Traction", "describe", "function", "load", "names",
+    "obstacle_names", "own_parameters", "read_bones", "read_obstacles", "read_toml", "validate",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.scenes._tables import TABLE, Amplitude, TableName, amplitude
+from fem_snh.scenes._tables import MOTION_TABLE, Amplitude, TableName, amplitude
 from fem_snh.scenes._types import (
     Axis,
     Components,
@@ -71,7 +71,7 @@ class Move(Table):
     )
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)
-    table: TableName | None = Field(default=None, description=TABLE)
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
 
     @model_validator(mode="after")
     def _check_motion(self) -> Move:
@@ -80,35 +80,50 @@ class Move(Table):
         return self
 
     def displacement(self, X: Array, amplitude: float, turn: float | None = None) -> Array:
-        r"""Return the prescribed displacements at an amplitude.
+        """Return the prescribed displacements (n, 3) at an amplitude: see `rigid_displacement`."""
+        return rigid_displacement(X, self.translate, self.rotate, amplitude, turn)
 
-        .. math:: u(X) = R(\lambda_r\varphi)(X - c) + c - X + \lambda t
 
-        Parameters
-        ----------
-        X : (n, 3) array
-            Reference coordinates [length].
-        amplitude : float
-            The amplitude :math:`\lambda` of the motion; without tables the load, from 0 to 1.
-        turn : float, optional
-            The amplitude :math:`\lambda_r` of the rotation, if it has one of its own.
+def rigid_displacement(
+    X: Array,
+    translate: Sequence[float] | None,
+    rotate: Rotate | None,
+    amplitude: float,
+    turn: float | None = None,
+) -> Array:
+    r"""Return the displacements of a rotation, followed by a translation.
 
-        Returns
-        -------
-        (n, 3) array
-            Displacements [length], in all components.
-        """
-        u = np.zeros_like(X, dtype=float)
-        if self.rotate is not None:
-            from scipy.spatial.transform import Rotation
+    .. math:: u(X) = R(\lambda_r\varphi)(X - c) + c - X + \lambda t
 
-            axis = np.asarray(self.rotate.axis) / np.linalg.norm(self.rotate.axis)
-            arm = X - np.asarray(self.rotate.through)
-            angle = (amplitude if turn is None else turn) * self.rotate.angle
-            u += Rotation.from_rotvec(angle * axis).apply(arm) - arm
-        if self.translate is not None:
-            u += amplitude * np.asarray(self.translate)
-        return u
+    Parameters
+    ----------
+    X : (n, 3) array
+        Reference coordinates [length].
+    translate : (3,) sequence, optional
+        The translation t at amplitude 1 [length].
+    rotate : Rotate, optional
+        The rotation.
+    amplitude : float
+        The amplitude :math:`\lambda` of the motion; without tables the load, from 0 to 1.
+    turn : float, optional
+        The amplitude :math:`\lambda_r` of the rotation, if it has one of its own.
+
+    Returns
+    -------
+    (n, 3) array
+        Displacements [length], in all components.
+    """
+    u = np.zeros_like(X, dtype=float)
+    if rotate is not None:
+        from scipy.spatial.transform import Rotation
+
+        axis = np.asarray(rotate.axis) / np.linalg.norm(rotate.axis)
+        arm = X - np.asarray(rotate.through)
+        angle = (amplitude if turn is None else turn) * rotate.angle
+        u += Rotation.from_rotvec(angle * axis).apply(arm) - arm
+    if translate is not None:
+        u += amplitude * np.asarray(translate)
+    return u
 
 
 @dataclass(frozen=True)
@@ -141,20 +156,23 @@ class Motion:
         return self.move.displacement(X, self.amplitude(load), self.turn(load))
 
 
-def motions(moves: Sequence[Move], tables: Sequence[Amplitude]) -> list[Motion]:
-    """Return motions with their amplitudes."""
+def motions(
+    moves: Sequence[Move], tables: Sequence[Amplitude], duration: float | None = None
+) -> list[Motion]:
+    """Return motions with their amplitudes; tables are in time if there is a duration [s]."""
     found = []
     for move in moves:
-        motion = amplitude(tables, move.table)
-        turn = amplitude(tables, move.rotate.table if move.rotate else None, motion)
+        motion = amplitude(tables, move.table, duration=duration)
+        named = move.rotate.table if move.rotate else None
+        turn = amplitude(tables, named, motion, duration)
         found.append(Motion(move, motion, turn))
     return found
 
 
 class Start(Table):
-    """The initial displacement of a run; without this table it is zero.
+    """The initial displacement and velocity of a run; without this table they are zero.
 
-    Prescribed nodes take their prescribed displacement.
+    Prescribed nodes take their prescribed displacement and velocity.
     """
 
     map: Matrix | None = Field(
@@ -162,8 +180,8 @@ class Start(Table):
     )
     through: Vector | None = Field(
         default=None,
-        description="Fixed point of the map [length]; "
-        "default: the centre of the body's bounding box.",
+        description="Fixed point of the map, and a point of the axis of the angular velocity "
+        "[length]; default: the centre of the body's bounding box.",
     )
     scatter: Positive | None = Field(
         default=None,
@@ -174,25 +192,32 @@ class Start(Table):
         default=0.0, description="Largest random displacement added to each component [length]."
     )
     seed: Seed = Field(default=0, description="Seed of the random numbers.")
+    velocity: Vector | None = Field(
+        default=None, description="Initial velocity [m/s], of a scene with [time]."
+    )
+    angular_velocity: Vector | None = Field(
+        default=None,
+        description="Initial angular velocity [rad/s], of a scene with [time]; "
+        "it is added to the velocity.",
+    )
 
     @model_validator(mode="after")
     def _check_kind(self) -> Start:
         if self.map is not None and self.scatter is not None:
             raise BadInput("'map' and 'scatter' exclude each other: expected one of them")
-        if self.through is not None and self.map is None:
-            raise BadInput("missing key 'map': expected with 'through', which is its fixed point")
+        if self.through is not None and self.map is None and self.angular_velocity is None:
+            raise BadInput(
+                "missing key 'map': expected with 'through', which is its fixed point; "
+                "or 'angular_velocity'"
+            )
         return self
 
+    @property
+    def displaces(self) -> bool:
+        """Whether the body does not start undeformed."""
+        return self.map is not None or self.scatter is not None or self.noise > 0
 
-def check_constraints(holds: list[Hold], moves: list[Move]) -> None:
-    """Raise BadInput if a group has two conditions on one component."""
-    taken = [(str(h.group), set(h.components), "hold") for h in holds]
-    for move in moves:
-        for group, components, table in taken:
-            both = components & set(move.components)
-            if group == str(move.group) and both:
-                raise BadInput(
-                    f"move.group = '{group}': expected components other than "
-                    f"{', '.join(sorted(both))}, which [[{table}]] constrains for this group"
-                )
-        taken.append((str(move.group), set(move.components), "move"))
+    @property
+    def moves(self) -> bool:
+        """Whether the body starts with a velocity."""
+        return self.velocity is not None or self.angular_velocity is not None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from pydantic import ValidationError
 from fem_snh.errors import BadInput, nearest_file, note_rename, unknown_name
 from fem_snh.materials import Reference
 from fem_snh.references import is_reference
+from fem_snh.scenes._bones import files_relative_to
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
+from fem_snh.scenes._obstacles import FILES
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import RENAMED, MaterialChoice, Scene
 
@@ -87,7 +90,7 @@ def validate(
         for key in overrides:
             if (first := key.partition(".")[0]) not in keys:
                 raise unknown_name("parameter", first, keys)
-        return Scene.model_validate(_replace(dict(data), overrides))
+        return Scene.model_validate(_replace(_copied(dict(data)), overrides))
     except ValidationError as error:
         raise BadInput(f"{label}: {one_line(error)}") from None
     except BadInput as error:
@@ -127,14 +130,30 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
 
 
 def _relative_to(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return tables in which the paths of mesh and references start from ``folder``."""
+    """Return tables in which the paths of files and references start from ``folder``."""
     if isinstance(data.get("mesh"), str | Path):
         data = data | {"mesh": folder / data["mesh"]}
+    elif isinstance(data.get("mesh"), dict):
+        data = data | {"mesh": _files_relative_to(data["mesh"], folder, ("lattice", "surface"))}
     if isinstance(data.get("material"), dict | list):
         data = data | {
             "material": _change_each(data["material"], lambda m: _material_relative_to(m, folder))
         }
+    if isinstance(data.get("obstacle"), list):
+        change = partial(_files_relative_to, folder=folder)
+        data = data | {"obstacle": _change_each(data["obstacle"], change)}
+    if isinstance(data.get("bone"), list):
+        change = partial(files_relative_to, folder=folder)
+        data = data | {"bone": _change_each(data["bone"], change)}
     return data
+
+
+def _files_relative_to(
+    table: dict[str, Any], folder: Path, keys: Sequence[str] = FILES
+) -> dict[str, Any]:
+    """Return a table, of an obstacle or of a lattice, whose files start from ``folder``."""
+    found = {key: table[key] for key in keys if isinstance(table.get(key), str | Path)}
+    return table | {key: folder / path for key, path in found.items()}
 
 
 def _material_relative_to(material: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -150,6 +169,18 @@ def _change_each(materials: Any, change: Callable[[dict[str, Any]], dict[str, An
     return change(materials) if isinstance(materials, dict) else materials
 
 
+def _updated(material: dict[str, Any], value: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a material's table with other values."""
+    return material | dict(value)
+
+
+def _copied(value: Any) -> Any:
+    """Return tables and lists of which none is the caller's."""
+    if isinstance(value, dict):
+        return {key: _copied(entry) for key, entry in value.items()}
+    return [_copied(entry) for entry in value] if isinstance(value, list) else value
+
+
 def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     """Put the overrides into the tables ``data`` in place."""
     choice = overrides.get("material", {})
@@ -160,14 +191,16 @@ def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, An
         if isinstance(value, Mapping) and key == "material":
             several = isinstance(data.get(key), list)
             table = data[key] if several else data.get(key) or {}
-            data[key] = _change_each(table, lambda m, value=value: m | dict(value))  # type: ignore[misc]
+            data[key] = _change_each(table, partial(_updated, value=value))
         elif isinstance(value, Mapping) and key == "petsc":
             table = data.get(key)
             data[key] = (table if isinstance(table, dict) else {}) | dict(value)
         elif isinstance(value, list) and key == "material":
             data[key] = value
         else:
-            for long in _keys(data, _SHORT.get(key, key)):
+            # In a scene in time, --steps means its time steps.
+            in_time = key == "steps" and (data.get("time") or "time" in overrides)
+            for long in _keys(data, "time.steps" if in_time else _SHORT.get(key, key)):
                 _set_dotted(data, long, value)
     return data
 

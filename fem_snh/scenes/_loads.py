@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 from pydantic import Field
 
-from fem_snh.errors import BadInput, bad_value
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.scenes._tables import TABLE, TableName
+from fem_snh.scenes._tables import MOTION_TABLE, TABLE, Amplitude, TableName, amplitude, constant
 from fem_snh.scenes._types import GroupKey, Number, Positive, Vector
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -74,13 +73,21 @@ class Cavity(Table):
         description="Increase of the fluid's pressure with its compression [Pa/m^3]; "
         "default: 100 E over the volume of the body.",
     )
-    table: TableName | None = Field(default=None, description=TABLE)
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
 
 
-def check_other_tables(element: str, modes: Table | None) -> None:
-    """Raise BadInput for an element or for modes that a scene with a cavity cannot have."""
-    if ELEMENTS[element].volume == "pressure":
-        accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
-        raise bad_value("element", element, accepted)
-    if modes:
-        raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
+Load = Traction | Gravity | Pressure | Spring | Cavity
+
+
+def load_amplitudes(
+    loads: Sequence[Load], tables: Sequence[Amplitude], duration: float | None
+) -> list[Callable[[float], float]]:
+    """Return the amplitude of each load as a function of the load parameter.
+
+    In a scene in time, whose load 1 is at ``duration`` [s], forces without a table are constant.
+    """
+    found = []
+    for load in loads:
+        default = float if duration is None or isinstance(load, Cavity) else constant
+        found.append(amplitude(tables, load.table, default, duration))
+    return found

@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
-from fem_snh.materials.normalise import LARGEST_MODULUS
+from fem_snh.materials.keywords import LARGEST_MODULUS
 from fem_snh.scenes._types import GroupKey, Positive
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -100,9 +100,12 @@ class MaterialChoice(Table):
     @classmethod
     def _check_name(cls, name: Any) -> Any:
         from fem_snh.materials import function
+        from fem_snh.materials.registry import built_in
 
         if not (callable(name) or isinstance(name, str)):
             raise bad_value("name", name, "the name of a material, see `fem-snh materials`")
+        if type(name) is str and name in built_in():
+            return name  # the function would import sympy
         try:
             function(name)
         except BadInput as error:
@@ -112,8 +115,12 @@ class MaterialChoice(Table):
     @model_validator(mode="after")
     def _check_parameters(self) -> MaterialChoice:
         from fem_snh.materials import TUNING, defaults, function, pins
-        from fem_snh.materials.tuning import check
+        from fem_snh.materials.keywords import check
+        from fem_snh.materials.numbers import stored
 
+        given = {key: _tuples(value) for key, value in (self.model_extra or {}).items()}
+        if stored(self.name, self.E, self.nu, **given):
+            return self  # only valid parameters are stored
         kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
         kinds |= _type_hints(function(self.name))
         kinds |= dict.fromkeys(pins(self.name), float | None)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from fem_snh.errors import bad_value, choose
-from fem_snh.output_fields import LOCATIONS, ON_REQUEST
+from fem_snh.output_fields import LOCATIONS, NAMED
+from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._types import Count, Positive, Text, Vector
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -30,6 +31,19 @@ class Probe(Table):
     point: Vector = Field(description="Reference coordinates [length].")
 
 
+def _check_names(probes: list[Probe]) -> list[Probe]:
+    """Raise BadInput if two probes have one name."""
+    names = [probe.name for probe in probes]
+    for name in names:
+        if names.count(name) > 1:
+            raise bad_value("name", name, "a different name for each probe")
+    return probes
+
+
+#: Probes with different names.
+Probes = Annotated[list[Probe], AfterValidator(_check_names)]
+
+
 class Modes(Table):
     """Eigenfrequencies of the body, computed at the end of the run (needs SLEPc)."""
 
@@ -47,7 +61,7 @@ def _split_text(names: object) -> object:
 
 def _check_fields(names: list[str]) -> list[str]:
     """Return the names without repetition; raise BadInput for an unknown one."""
-    return list(dict.fromkeys(choose("fields", name, ON_REQUEST) for name in names))
+    return list(dict.fromkeys(choose("fields", name, NAMED) for name in names))
 
 
 #: Names of output fields.
@@ -72,14 +86,25 @@ def _check_path(path: Path) -> Path:
     return path
 
 
-#: A gmsh file, or a built-in geometry; the tags are removed from messages.
+def _kind(mesh: Any) -> str:
+    """Return the tag of a scene's mesh."""
+    if isinstance(mesh, Lattice) or (isinstance(mesh, dict) and "lattice" in mesh):
+        return "in a lattice"
+    if isinstance(mesh, Tetrahedra) or (isinstance(mesh, dict) and "surface" in mesh):
+        return "of tetrahedra"
+    return "built-in" if isinstance(mesh, dict | Geometry) else "file"
+
+
+#: A gmsh file, a built-in geometry or a lattice; the tags are removed from messages.
 Mesh = Annotated[
     Annotated[Geometry, Tag("built-in")]
+    | Annotated[Lattice, Tag("in a lattice")]
+    | Annotated[Tetrahedra, Tag("of tetrahedra")]
     | Annotated[
         Path,
         AfterValidator(_check_path),
         Expect("a gmsh file or a built-in geometry"),
         Tag("file"),
     ],
-    Discriminator(lambda mesh: "built-in" if isinstance(mesh, dict | Geometry) else "file"),
+    Discriminator(_kind),
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -19,14 +20,21 @@ Points = Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=2), Expec
 
 #: The key of a load or a motion that names a table.
 TableName = Annotated[str, Field(min_length=1), Expect("the name of a [[table]]")]
-TABLE = "Name of the [[table]] that is its amplitude; default: the load itself."
+TABLE = (
+    "Name of the [[table]] that is its amplitude; default: the load itself, and of a force in a "
+    "scene with [time] 1."
+)
+MOTION_TABLE = "Name of the [[table]] that is its amplitude; default: the load itself."
 
 
 class Amplitude(Table):
     """A factor of loads and motions that name it: linear between points, constant beyond them."""
 
     name: Text = Field(description="Name by which loads and motions refer to it.")
-    points: Points = Field(description="Points [load, value] of the piecewise linear function.")
+    points: Points = Field(
+        description="Points [load, value] of the piecewise linear function; in a scene with "
+        "[time], [time in s, value]."
+    )
 
     @field_validator("points")
     @classmethod
@@ -37,7 +45,7 @@ class Amplitude(Table):
         return points
 
     def value(self, load: float) -> float:
-        """Return the factor at a load."""
+        """Return the factor at a load, or at a time in a scene with ``[time]``."""
         loads, values = zip(*self.points, strict=True)
         return float(np.interp(load, loads, values))
 
@@ -76,10 +84,42 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
             yield from _references(numbered, f"{here}.")
 
 
+@dataclass(frozen=True)
+class TimeAmplitude:
+    """The amplitude of a table in time, as a function of the load.
+
+    Attributes
+    ----------
+    table : Amplitude
+        The table, with times [s].
+    duration : float
+        The time of load 1 [s].
+    """
+
+    table: Amplitude
+    duration: float
+
+    def __call__(self, load: float) -> float:
+        """Return the factor at a load."""
+        return self.table.value(load * self.duration)
+
+
+def constant(load: float) -> float:
+    """Return 1: the amplitude of a force without a table in a scene with ``[time]``."""
+    return 1.0
+
+
 def amplitude(
-    tables: Sequence[Amplitude], name: str | None, default: Callable[[float], float] = float
+    tables: Sequence[Amplitude],
+    name: str | None,
+    default: Callable[[float], float] = float,
+    duration: float | None = None,
 ) -> Callable[[float], float]:
-    """Return the function of the load that a key ``table`` names; ``default`` without a name."""
+    """Return the function of the load that a key ``table`` names; ``default`` without a name.
+
+    Tables are in time if there is a ``duration``, the time of load 1 [s].
+    """
     if name is None:
         return default
-    return next(table for table in tables if table.name == name).value
+    table = next(table for table in tables if table.name == name)
+    return table.value if duration is None else TimeAmplitude(table, duration)

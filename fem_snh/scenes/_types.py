@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
+from fem_snh.errors import bad_value
 from fem_snh.fem.elements import MAX_QUADRATURE_DEGREE
 from fem_snh.scenes._validation import Expect, Finite, Whole
 
@@ -65,6 +66,14 @@ def _check_text(value: object) -> object:
     return value
 
 
+def _remove_dashes(options: dict[str, object]) -> dict[str, object]:
+    """Remove the leading dash of PETSc options; raise BadInput for an option without a name."""
+    for key in options:
+        if not key.strip("-").strip():
+            raise bad_value("petsc", options, "the name of a PETSc option for each value")
+    return {key.lstrip("-"): value for key, value in options.items()}
+
+
 #: A value of a PETSc option, from a scene or, as text, from the command line.
 Option = (
     Annotated[bool, Field(strict=True)]
@@ -73,3 +82,10 @@ Option = (
     | Annotated[str, BeforeValidator(_check_text)]
     | None
 )
+
+#: PETSc options by name, without the leading dash.
+Options = Annotated[
+    dict[str, Option],
+    Expect("a table of numbers (whole ones of 32 bits), texts, true and false"),
+    AfterValidator(_remove_dashes),
+]

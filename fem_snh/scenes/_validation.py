@@ -92,9 +92,12 @@ _EXPECTED = {
     "int_type": "expected a whole number",
     "string_type": "expected a text",
 }
-#: Tags by which pydantic distinguishes the kinds of a scene's ``mesh`` and ``material``; a message
+#: Tags by which pydantic distinguishes the kinds of ``mesh``, ``material`` and ``motion``; messages
 #: must not show them.
-_TAGS = ("built-in", "file", "one material", "several materials")
+_TAGS = (
+    "built-in", "file", "in a lattice", "of tetrahedra", "a shape", "a surface", "one material",
+    "several materials", "function", "skeleton",
+)  # fmt: skip
 
 
 def one_line(error: ValidationError) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -20,19 +19,33 @@ from fem_snh.choices import (
     PREDICTORS,
     replace_alias,
 )
-from fem_snh.errors import BadInput, bad_value, choose, note_rename
+from fem_snh.errors import choose, note_rename
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, check_constraints, motions
-from fem_snh.scenes._loads import Cavity, Gravity, Pressure, Spring, Traction, check_other_tables
+from fem_snh.scenes._bones import BoneChoice, Rig
+from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motions
+from fem_snh.scenes._consistency import check_consistency
+from fem_snh.scenes._contact import Contact
+from fem_snh.scenes._lattice import Lattice, Tetrahedra
+from fem_snh.scenes._loads import Cavity, Gravity, Load, Pressure, Spring, Traction, load_amplitudes
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
-from fem_snh.scenes._outputs import Geometry, Location, Mesh, Modes, OutputFields, Probe
-from fem_snh.scenes._tables import Amplitude, amplitude, check_tables
+from fem_snh.scenes._obstacles import ObstacleChoice
+from fem_snh.scenes._outputs import (
+    Geometry,
+    Location,
+    Mesh,
+    Modes,
+    OutputFields,
+    Probe,
+    Probes,
+)
+from fem_snh.scenes._self_contact import SelfContact
+from fem_snh.scenes._tables import Amplitude
+from fem_snh.scenes._time import Damping, Time
 from fem_snh.scenes._types import (
-    MAX_CELLS,
     Cells,
     Degree,
     Groups,
-    Option,
+    Options,
     PoissonRatios,
     Range,
     Steps,
@@ -41,8 +54,10 @@ from fem_snh.scenes._types import (
 from fem_snh.scenes._validation import Expect, Table
 
 __all__ = [
-    "RENAMED", "Amplitude", "Cavity", "Geometry", "Gravity", "Hold", "MaterialChoice", "Modes",
-    "Motion", "Move", "Pressure", "Probe", "Rotate", "Scene", "Spring", "Start", "Traction",
+    "RENAMED", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
+    "Hold", "Lattice", "MaterialChoice", "Modes", "Motion", "Move", "ObstacleChoice",
+    "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
+    "Time", "Traction",
 ]  # fmt: skip
 
 #: Old names of a scene's keys, and their new ones.
@@ -60,14 +75,16 @@ WORDS = {
 
 
 class Scene(Table):
-    """A quasi-static experiment: all that `fem_snh.run` needs.
+    """An experiment, quasi-static or in time: all that `fem_snh.run` needs.
 
-    The load goes from 0 to 1 in ``steps`` equal increments.
+    The load goes from 0 to 1 in ``steps`` equal increments; with ``time``, it is the fraction of
+    the duration.
     """
 
     name: Text = Field(description="Name of the scene; default: the file's name.")
     mesh: Mesh = Field(
-        description="Path of a gmsh file, relative to the scene file; or a built-in geometry."
+        description="Path of a gmsh file, relative to the scene file; a built-in geometry; "
+        "a lattice; or tetrahedra."
     )
     cells: Cells | None = Field(
         default=None,
@@ -108,19 +125,33 @@ class Scene(Table):
     steps: Steps = Field(
         default=1, description="Number of load steps; a step that fails is halved."
     )
+    time: Time | None = Field(default=None, description="Time integration; default: quasi-static.")
     material: Materials = Field(
         description="The material; or several, [[material]], which fill groups of volumes."
     )
     hold: list[Hold] = Field(default=[], description="Groups that do not move.")
     move: list[Move] = Field(default=[], description="Groups that move with the load.")
+    bone: list[BoneChoice] = Field(
+        default=[], description="Solids in the flesh that follow a motion."
+    )
+    rig: Rig | None = Field(default=None, description="What concerns all bones.")
     traction: list[Traction] = Field(default=[], description="Dead loads on surfaces.")
     gravity: Gravity | None = Field(default=None, description="The weight of the body.")
     pressure: list[Pressure] = Field(default=[], description="Follower loads on surfaces.")
     spring: list[Spring] = Field(default=[], description="Elastic foundations of surfaces.")
+    contact: list[Contact] = Field(default=[], description="Surfaces that touch each other.")
     cavity: list[Cavity] = Field(default=[], description="Fluids of prescribed volume.")
+    obstacle: list[ObstacleChoice] = Field(
+        default=[], description="Rigid obstacles that the body touches."
+    )
+    self_contact: SelfContact | None = Field(
+        default=None, description="Contact of the body with itself."
+    )
     table: list[Amplitude] = Field(default=[], description="Amplitudes of loads and motions.")
     start: Start | None = Field(
-        default=None, description="Initial displacement; it needs predictor = 'none'."
+        default=None,
+        description="Initial displacement, which needs predictor = 'none' without [time]; "
+        "initial velocity.",
     )
     nu_continuation: PoissonRatios = Field(
         default=[],
@@ -131,7 +162,11 @@ class Scene(Table):
         default=[],
         description="Physical groups whose total reaction force is reported after each step.",
     )
-    probe: list[Probe] = Field(
+    volumes: Groups = Field(
+        default=[],
+        description="Physical groups of volumes whose volume ratio is reported after each step.",
+    )
+    probe: Probes = Field(
         default=[], description="Points whose displacement is reported after each step."
     )
     fields: OutputFields = Field(
@@ -145,12 +180,10 @@ class Scene(Table):
     predictor: str = Field(
         default=DEFAULT_PREDICTOR,
         description=f"Initial guess of a load step, one of {', '.join(PREDICTORS)}: the last "
-        "equilibrium, its linear extrapolation in the load, or a linear solve with the tangent.",
+        "equilibrium, its linear extrapolation in the load, a linear solve with the tangent, or "
+        "the last equilibrium moved with the bones.",
     )
-    petsc: Annotated[
-        dict[str, Option],
-        Expect("a table of numbers (whole ones of 32 bits), texts, true and false"),
-    ] = Field(
+    petsc: Options = Field(
         default={},
         description="PETSc options under the solver's prefix, with or without the leading dash; "
         "the value of a flag is true.",
@@ -180,29 +213,14 @@ class Scene(Table):
         key = str(info.field_name)
         return None if word is None else choose(key, word, WORDS[key])
 
-    @field_validator("probe")
-    @classmethod
-    def _check_probes(cls, probes: list[Probe]) -> list[Probe]:
-        names = [probe.name for probe in probes]
-        for name in names:
-            if names.count(name) > 1:
-                raise bad_value("name", name, "a different name for each probe")
-        return probes
-
-    @field_validator("petsc")
-    @classmethod
-    def _remove_dashes(cls, options: dict[str, Any]) -> dict[str, Any]:
-        """Remove the leading dash of PETSc options."""
-        for key in options:
-            if not key.strip("-").strip():
-                raise bad_value("petsc", options, "the name of a PETSc option for each value")
-        return {key.lstrip("-"): value for key, value in options.items()}
-
-    def amplitudes(
-        self, loads: Sequence[Traction | Gravity | Pressure | Cavity | Spring]
-    ) -> list[Callable[[float], float]]:
+    def amplitudes(self, loads: Sequence[Load]) -> list[Callable[[float], float]]:
         """Return the amplitude of each load as a function of the load parameter."""
-        return [amplitude(self.table, load.table) for load in loads]
+        return load_amplitudes(loads, self.table, self.duration)
+
+    @property
+    def duration(self) -> float | None:
+        """The time of load 1 [s]; None in a quasi-static scene."""
+        return None if self.time is None else self.time.duration
 
     @property
     def materials(self) -> list[MaterialChoice]:
@@ -217,30 +235,9 @@ class Scene(Table):
     @property
     def motions(self) -> list[Motion]:
         """The motions of ``move`` with their amplitudes."""
-        return motions(self.move, self.table)
+        return motions(self.move, self.table, self.duration)
 
     @model_validator(mode="after")
-    def _check_loads(self) -> Scene:
-        check_tables(self.table, dict(self))
-        if self.cavity:
-            check_other_tables(self.element, self.modes)
-        return self
-
-    @model_validator(mode="after")
-    def _check_mesh(self) -> Scene:
-        if isinstance(self.mesh, Geometry) and self.cells is None:
-            raise BadInput(f"missing key 'cells': expected a whole number from 1 to {MAX_CELLS}")
-        if isinstance(self.mesh, Path) and self.cells is not None:
-            raise bad_value("cells", self.cells, f"no value, as {self.mesh.name} has its own cells")
-        return self
-
-    @model_validator(mode="after")
-    def _check_predictor(self) -> Scene:
-        if self.start is not None and self.predictor != "none":
-            raise bad_value("predictor", self.predictor, "'none', as the scene has a 'start'")
-        return self
-
-    @model_validator(mode="after")
-    def _check_constraints(self) -> Scene:
-        check_constraints(self.hold, self.move)
+    def _check_consistency(self) -> Scene:
+        check_consistency(self)
         return self

@@ -6,7 +6,9 @@ reasons and options work as for PETSc's own types; `options.OPTIONS` lists those
 
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.errors import callback_errors, petsc_failures
+from fem_snh.solver.linearised import SemiImplicit
 from fem_snh.solver.newton import ProjectedNewton
+from fem_snh.solver.outcome import Outcome
 from fem_snh.solver.predictor import Predictor
 from fem_snh.solver.protocol import NonlinearProblem, SaddlePoint
 from fem_snh.solver.reasons import converged_reason, failure_reason, out_of_memory
@@ -15,8 +17,8 @@ from fem_snh.solver.snes import PREFIX, create, default_globalization, linear_so
 from fem_snh.solver.step import Direction, Iteration, State, Step
 
 __all__ = [
-    "PREFIX", "Direction", "EisenstatCG", "Iteration", "NonlinearProblem", "Predictor",
-    "ProjectedNewton", "SaddlePoint", "SearchDirection", "State", "Step", "callback_errors",
-    "converged_reason", "create", "default_globalization", "failure_reason", "linear_solver_name",
-    "out_of_memory", "petsc_failures",
+    "PREFIX", "Direction", "EisenstatCG", "Iteration", "NonlinearProblem", "Outcome", "Predictor",
+    "ProjectedNewton", "SaddlePoint", "SearchDirection", "SemiImplicit", "State", "Step",
+    "callback_errors", "converged_reason", "create", "default_globalization", "failure_reason",
+    "linear_solver_name", "out_of_memory", "petsc_failures",
 ]  # fmt: skip

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
 
 from petsc4py import PETSc
 
 from fem_snh.solver.step import State, Step
+
+#: ``largest_step(x, d)`` returns the part of the step d from x that is admissible, in [0, 1].
+LargestStep = Callable[[PETSc.Vec, PETSc.Vec], float]
 
 #: A change of the energy below these fractions of the energy or of E V is a rounding error. The
 #: second is about 20 roundings: an energy density is a difference of numbers of size E.
@@ -41,6 +45,9 @@ class LineSearch:
     Without an energy the search uses the residual alone. It accepts a step s with
     :math:`f(x + s d) \cdot d \le (2 c - 1)\, f(x) \cdot d`, the upper bound of Hager & Zhang.
 
+    Where a problem does not admit all of a step, the search starts from the largest part that it
+    admits, and extends it no further.
+
     Parameters
     ----------
     snes : SNES
@@ -51,6 +58,8 @@ class LineSearch:
         Whether the SNES has an objective.
     armijo, min_step : float
         The constant c, and the shortest step.
+    largest_step : callable, optional
+        See `LargestStep`. Default: every step is admissible.
     """
 
     def __init__(
@@ -60,9 +69,11 @@ class LineSearch:
         has_energy: bool = True,
         armijo: float = 1e-4,
         min_step: float = 1e-10,
+        largest_step: LargestStep | None = None,
     ) -> None:
         self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
         self.armijo, self.min_step = armijo, min_step
+        self._largest_step = largest_step
         self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
@@ -76,7 +87,8 @@ class LineSearch:
 
         The step found ends in ``trial``, whose vectors are overwritten in any case.
         """
-        step, energy = 1.0, start.energy
+        first, energy = self.largest_step(start.x, d), start.energy
+        step = first
         while step >= self.min_step:
             trial_energy = self.evaluate_energy(start.x, d, step, trial)
             change = trial_energy - energy
@@ -89,13 +101,17 @@ class LineSearch:
                 if not rounding or end <= (2 * self.armijo - 1) * slope:
                     if step == 1.0 and slope < end < _STEEP * slope:
                         return self._extended(start.x, d, slope, end, trial)
-                    return Step(trial, step)
+                    return Step(trial, step, step == first < 1)
                 if not self.has_energy:
                     # The zero of the secant through both slopes.
                     step *= min(_LEAST_CUT, max(_MOST_CUT, slope / (slope - end)))
                     continue
             step = self._shortened(step, change, slope)
         return Step()
+
+    def largest_step(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
+        """Return the part of the step ``d`` from ``x`` that the problem admits, in [0, 1]."""
+        return self._largest_step(x, d) if self._largest_step else 1.0
 
     def is_rounding(self, change: float, energy: float) -> bool:
         """Return whether a change of the energy is within its rounding error."""
@@ -123,14 +139,24 @@ class LineSearch:
 
     def _extended(self, x: PETSc.Vec, d: PETSc.Vec, slope: float, end: float, trial: State) -> Step:
         """Return the full step to ``trial``, whose slope is ``end``, or a better longer one."""
+        longer = self._admissible(x, d, min(_LONGEST, slope / (slope - end)))
+        if longer <= 1:
+            return Step(trial, 1.0)
         full = self._copy(trial)
-        longer = min(_LONGEST, slope / (slope - end))
         trial_energy = self.evaluate_energy(x, d, longer, trial)
         lower = isfinite(trial_energy) and trial_energy <= full.energy
         if lower and abs(self._evaluate_slope(d, trial)) < abs(end):
             return Step(trial, longer)
         full.copy_to(trial)
         return Step(trial, 1.0)
+
+    def _admissible(self, x: PETSc.Vec, d: PETSc.Vec, length: float) -> float:
+        """Return the part of ``length`` along ``d`` that the problem admits."""
+        if not self._largest_step:
+            return length
+        longer = d.copy()
+        longer.scale(length)
+        return length * self._largest_step(x, longer)
 
     def _copy(self, trial: State) -> State:
         """Return a copy of ``trial``, in vectors that the next call reuses."""

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from fem_snh.solver import options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
-from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.line_search import LargestStep, LineSearch
 from fem_snh.solver.protocol import SaddlePoint
 from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.saddle_point import MeritLineSearch
@@ -53,9 +53,13 @@ class ProjectedNewton:
         Whether the SNES has an objective; if not, the line search is on the residual.
     saddle_point : SaddlePoint, optional
         The pressure of a saddle-point problem.
+    largest_step : callable, optional
+        The part of a step that is admissible: see `fem_snh.solver.protocol.NonlinearProblem`.
 
     Attributes
     ----------
+    force_scale : float
+        The unit of the residual's norm [N]; it may change between solves.
     history : list of Iteration
         Of the last solve.
     trust_ksp : KSP or None
@@ -75,7 +79,9 @@ class ProjectedNewton:
         energy_scale: float = 0.0,
         has_energy: bool = True,
         saddle_point: SaddlePoint | None = None,
+        largest_step: LargestStep | None = None,
     ) -> None:
+        self.largest_step = largest_step
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.options = options.defaults_for("linesearch")
@@ -164,39 +170,45 @@ class ProjectedNewton:
 
     def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
         """Return the globalization of one solve, with its parts."""
-        line_search = self._line_search(snes)
-
-        def assemble(x: PETSc.Vec, filter: str) -> int:
-            self._filter = filter
-            snes.computeJacobian(x, *snes.getJacobian()[:2])
-            return self._filtered_points
-
-        direction = self.search_direction(
-            snes, assemble, line_search, forcing, self.options, self.saddle_point
-        )
+        direction = self.direction(snes, forcing)
+        line_search = direction.line_search
         ksp = self.trust_ksp
         quasi_newton = QuasiNewton(
             ksp or snes.getKSP(),
             line_search,
             int(float(self.options["snes_lbfgs_max_it"])),
             float(self.options["snes_lbfgs_rtol"]),
-            self._scaled_tolerance,
+            self.scaled_tolerance,
         )
         if ksp is None:
             return LineSearchNewton(direction, line_search, quasi_newton)
         ordinary = LineSearchNewton(direction, line_search)
         return TrustRegion(ordinary, ksp, quasi_newton, self.options)
 
+    def direction(self, snes: PETSc.SNES, forcing: ForcingTerm) -> SearchDirection:
+        """Return the search directions of one solve."""
+
+        def assemble(x: PETSc.Vec, filter: str) -> int:
+            self._filter = filter
+            snes.computeJacobian(x, *snes.getJacobian()[:2])
+            return self._filtered_points
+
+        return self.search_direction(
+            snes, assemble, self._line_search(snes), forcing, self.options, self.saddle_point
+        )
+
     def _line_search(self, snes: PETSc.SNES) -> LineSearch:
         """Return the line search of one solve: on the energy, or on a saddle point's merit."""
         armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
-        common = (snes, self.energy_scale, self.has_energy, armijo, shortest)
+        common = (
+            snes, self.energy_scale, self.has_energy, armijo, shortest, self.largest_step,
+        )  # fmt: skip
         if self.saddle_point is not None:
             return MeritLineSearch(self.saddle_point, *common)
         return LineSearch(*common)
 
     @property
-    def _scaled_tolerance(self) -> float:
+    def scaled_tolerance(self) -> float:
         """Return the norm of the residual [N] below which the solve has converged."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
@@ -210,7 +222,7 @@ class ProjectedNewton:
         reason = snes.callConvergenceTest(its, x_norm, step_norm, norm)
         if reason == Reason.DIVERGED_DTOL and not self._dtol_given:
             reason = 0  # near an unstable state the residual grows while the energy decreases
-        if norm <= self._scaled_tolerance:
+        if norm <= self.scaled_tolerance:
             reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)

@@ -5,19 +5,21 @@ The load stepping (``fem_snh.runs.stepping``) calls ``predict`` before each solv
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
-from fem_snh.errors import choose
+from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.forcing import relative_tolerance
+from fem_snh.solver.linearised import linearised_residual
 from fem_snh.solver.protocol import NonlinearProblem
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
 #: Smallest relative tolerance of the tangent's linear solve: the linear model is no more accurate.
 _RTOL = 1e-2
-#: Length of the central difference along the boundary's motion, relative to the body: about the
-#: cube root of the rounding error, where truncation and rounding are balanced.
-_DIFFERENCE = 1e-6
+#: Part of the largest admissible change that a prediction makes: at its end surfaces nearly touch.
+_SHARE = 0.5
 
 
 class Predictor:
@@ -28,7 +30,11 @@ class Predictor:
     ``extrapolate``  the last step's displacement, continued in proportion to the load; the tangent
                      at the first step
     ``tangent``      the linearised response to the change of load: one linear solve
+    ``bones``        the last equilibrium, moved with the bones in it
     ===============  ==============================================================================
+
+    Where the problem does not admit all of the change, the free unknowns make a part of it, and the
+    constrained ones the rest alone.
 
     Parameters
     ----------
@@ -36,6 +42,12 @@ class Predictor:
     snes : SNES
         The SNES whose linear solver is used.
     kind : str
+    extrapolation : callable, optional
+        ``extrapolation(x, load)`` moves the equilibrium x to its extrapolation at a load, in place,
+        in the place of the extrapolation from the step before: in time, by the velocity.
+    blend : callable, optional
+        ``blend(x, start, end)`` moves the equilibrium x at a load with the bones to another load,
+        in place: what ``bones`` needs.
 
     Attributes
     ----------
@@ -45,57 +57,87 @@ class Predictor:
     """
 
     def __init__(
-        self, problem: NonlinearProblem, snes: PETSc.SNES, kind: str = DEFAULT_PREDICTOR
+        self,
+        problem: NonlinearProblem,
+        snes: PETSc.SNES,
+        kind: str = DEFAULT_PREDICTOR,
+        extrapolation: Callable[[PETSc.Vec, float], None] | None = None,
+        blend: Callable[[PETSc.Vec, float, float], None] | None = None,
     ) -> None:
-        self.problem, self.snes = problem, snes
-        self.kind = choose("predictor", kind, PREDICTORS)
+        self.problem, self.snes, self._extrapolation = problem, snes, extrapolation
+        self.kind, self._blend = choose("predictor", kind, PREDICTORS), blend
+        if kind == "bones" and blend is None:
+            raise bad_value("predictor", kind, "another one, as there are no bones")
         self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float) -> int:
-        """Set the load and the first guess; return the linear iterations used. Collective."""
+        """Set the load and the first guess; return the linear iterations used. Collective.
+
+        Raises
+        ------
+        NotSettled
+            On every rank, if the problem does not admit the motion of the constrained unknowns.
+        """
         problem, x, old = self.problem, self.problem.x, self.problem.load
         present, linear = x.copy(), 0
         problem.set_load(load)
-        if self.kind == "extrapolate" and self.before is not None:
+        if self.kind == "extrapolate" and self._extrapolation is not None:
+            self._extrapolation(x, load)
+        elif self.kind == "bones" and self._blend is not None:
+            self._blend(x, old, load)
+        elif self.kind == "extrapolate" and self.before is not None:
             earlier, before = self.before
             x.axpy((load - old) / (old - earlier), present)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
             linear = self._tangent()
         problem.prescribe(x)
+        linear += self._admit(present)
         self._last = (old, present)
+        return linear
+
+    def _admit(self, present: PETSc.Vec) -> int:
+        """Replace a guess that cannot be reached from ``present``; return linear iterations."""
+        problem, x, largest_step = self.problem, self.problem.x, self.problem.largest_step
+        if largest_step is None:
+            return 0
+        d = x - present
+        step = largest_step(present, d)
+        if step == 1:
+            return 0
+        start = present + _SHARE * step * d
+        start.copy(x)
+        problem.prescribe(x)
+        if largest_step(start, x - start) == 1:
+            return 0
+        linear = 0
+        if self.kind != "tangent":
+            # The linear response moves the free unknowns away from the constrained ones.
+            present.copy(x)
+            linear = self._tangent()
+            problem.prescribe(x)
+        if self.kind == "tangent" or largest_step(present, x - present) < 1:
+            raise NotSettled("the prescribed motion of the step passes through the body")
         return linear
 
     def accept(self) -> None:
         """Keep the start of the last prediction, whose step converged, for extrapolation."""
-        self.before = self._last
+        if self._extrapolation is None:
+            self.before = self._last
 
     def _tangent(self) -> int:
-        """Subtract H^-1 (r + H_fc j) from x; return the linear iterations.
+        """Make a linearised step from x; return the linear iterations.
 
-        r is the residual at the new load, j the jump of the boundary values, H_fc the block of
-        free rows and constrained columns. The assembled matrix has no such columns, so H_fc j is a
-        central difference of residuals along j. H is clamped, so that CG cannot fail.
+        The Hessian is clamped, so that CG cannot fail.
         """
         problem, x = self.problem, self.problem.x
-        jump = x.copy()
-        problem.prescribe(jump)
-        jump.axpy(-1.0, x)
-        size = jump.norm(PETSc.NormType.INFINITY)
-        rhs, other, moved = (x.duplicate() for _ in range(3))
-        problem.residual(x, rhs)
-        if size > 0:
-            h = _DIFFERENCE * problem.length / size
-            for sign in (1, -1):
-                moved.waxpy(sign * h, jump, x)
-                problem.residual(moved, other)
-                rhs.axpy(sign / (2 * h), other)
+        rhs, step = linearised_residual(problem), self.problem.x.duplicate()
         problem.jacobian(x, "clamp")
         ksp = self.snes.getKSP()
         ksp.setOperators(problem.operator, problem.A)
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], _RTOL)):
-            ksp.solve(rhs, other)
+            ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:
-            x.axpy(-1.0, other)
+            x.axpy(-1.0, step)
         return int(ksp.getIterationNumber())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from petsc4py import PETSc
@@ -66,6 +66,14 @@ class NonlinearProblem(Protocol):
     @property
     def has_energy(self) -> bool:
         """Return whether the residual is the gradient of an energy."""
+
+    @property
+    def largest_step(self) -> Callable[[PETSc.Vec, PETSc.Vec], float] | None:
+        """Return a function, or None if every step is admissible.
+
+        ``largest_step(x, d)`` returns a length in [0, 1] up to which all of the step x + s d is
+        admissible. Collective.
+        """
 
     @property
     def saddle_point(self) -> SaddlePoint | None:

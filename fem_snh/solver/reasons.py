@@ -20,12 +20,18 @@ def failure_reason(snes: PETSc.SNES) -> str:
 
     For example "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC".
     """
-    reason, linear = converged_reason(snes), snes.getKSP().getConvergedReason()
+    reason = converged_reason(snes)
     if snes.getConvergedReason() < 0 and not isfinite(snes.getSolution().norm()):
         return f"{reason}: NaN or infinity in the unknowns"
     if snes.getConvergedReason() != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
         return reason
-    if out_of_memory(snes):
+    return linear_failure(snes.getKSP())
+
+
+def linear_failure(ksp: PETSc.KSP) -> str:
+    """Return the reason of a step without a direction: "DIVERGED_LINEAR_SOLVE: " and its cause."""
+    reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
+    if factors_out_of_memory(ksp.getPC()):
         return f"{reason}: the factors do not fit into memory"
     if linear >= 0:
         return f"{reason}: no descent direction"

@@ -107,7 +107,8 @@ class MeritLineSearch(LineSearch):
         The step found ends in ``trial``, whose vectors are overwritten in any case.
         """
         norm = start.residual.norm()
-        step, merit = 1.0, start.energy + self.penalty / 2 * self._weighted_square(start.residual)
+        step = first = self.largest_step(start.x, d)
+        merit = start.energy + self.penalty / 2 * self._weighted_square(start.residual)
         while step >= self.min_step:
             trial_energy = self.evaluate_energy(start.x, d, step, trial)
             self.evaluate_residual(trial)
@@ -118,7 +119,7 @@ class MeritLineSearch(LineSearch):
             decreases = change <= self.armijo * step * slope
             rounding = self.is_rounding(change, merit)
             if decreases or (rounding and trial.residual.norm() <= norm):
-                return Step(trial, step)
+                return Step(trial, step, step == first < 1)
             step = self._shortened(step, change, slope)
         return Step()
 

@@ -69,7 +69,7 @@ class SearchDirection:
     ) -> None:
         self.snes, self.assemble, self.forcing = snes, assemble, forcing
         self.hessian = str(options["snes_hessian"])
-        self._line_search, self._saddle_point = line_search, saddle_point
+        self.line_search, self._saddle_point = line_search, saddle_point
         self._fallback = str(options["snes_adaptive_filter"])
         self._retry = float(options["snes_adaptive_retry"])
         #: Norm of the residual where the exact Hessian was last found indefinite [N].
@@ -109,7 +109,7 @@ class SearchDirection:
         In a saddle-point problem an indefinite Hessian may give a descent direction of the merit
         function; only the short step shows it. ``start_norm`` is the residual's norm at the start.
         """
-        if self._saddle_point is not None and step.length < SHORT:
+        if self._saddle_point is not None and step.length < SHORT and not step.limited:
             self._indefinite = start_norm
 
     def _filters(self, norm: float) -> list[str]:
@@ -137,7 +137,7 @@ class SearchDirection:
             return slope if slope < 0 else None
         Ad = f.duplicate()
         A.mult(d, Ad)
-        return self._line_search.slope(f, d, Ad)
+        return self.line_search.slope(f, d, Ad)
 
     def _apply(
         self,

@@ -69,6 +69,7 @@ def create(
         problem.force_scale * problem.length,
         problem.has_energy,
         saddle,
+        problem.largest_step,
     )
     context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
     snes = PETSc.SNES().create(problem.comm)

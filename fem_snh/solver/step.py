@@ -69,6 +69,8 @@ class Step:
         The state at its end, which is the caller's trial state; None if no step is acceptable.
     length : float
         Length of the step, in multiples of the search direction.
+    limited : bool
+        Whether the problem admitted no longer one.
     filter, filtered_points, linear
         See `Direction`; ``filter`` is "trust_region" for a step to the region's boundary.
     lbfgs : int
@@ -79,6 +81,7 @@ class Step:
 
     end: State | None = None
     length: float = 0.0
+    limited: bool = False
     filter: str = ""
     filtered_points: int = 0
     linear: int = 0

@@ -180,7 +180,8 @@ class TrustRegion:
             if reason in _INSIDE:
                 slope = self.line_search.slope(f, d, Ad)
                 found = Step() if slope is None else self.line_search.search(start, d, slope, trial)
-                if found.end and (found.length >= SHORT or self.radius is None):
+                full = found.length >= SHORT or found.limited
+                if found.end and (full or self.radius is None):
                     longest = max(self.radius or 0.0, found.length * size)
                     self.radius = min(longest, self.thresholds.deltamax)
                     step.end, step.length = found.end, found.length
@@ -221,6 +222,12 @@ class TrustRegion:
         """
         assert self.radius is not None
         search, limits = self.line_search, self.thresholds
+        admitted = search.largest_step(start.x, d)
+        if admitted < search.min_step:
+            self.radius *= limits.t1
+            return False
+        d.scale(admitted)
+        Ad.scale(admitted)
         predicted = -(start.residual.dot(d) + Ad.dot(d) / 2)
         trial_energy = search.evaluate_energy(start.x, d, 1.0, trial)
         change, finite = trial_energy - start.energy, isfinite(trial_energy)
@@ -229,7 +236,7 @@ class TrustRegion:
         if rounding or ratio >= limits.eta1:
             search.evaluate_residual(trial)
             if not rounding or trial.residual.norm() <= start.residual.norm():
-                if ratio > limits.eta3:
+                if ratio > limits.eta3 and admitted == 1:
                     self.radius = min(self.radius * limits.t2, limits.deltamax)
                 elif ratio < limits.eta2 and not rounding:
                     self.radius *= limits.t1

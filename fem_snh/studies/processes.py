@@ -17,12 +17,15 @@ import psutil
 from fem_snh.errors import BadInput
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
+# Version 4 reads the variables of OMPI, 5 those of PRTE, 6 the last two, which it would ask for.
 _SHARING = {
     "OMP_NUM_THREADS": "1",
     "OMPI_MCA_hwloc_base_binding_policy": "none",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_hwloc_default_binding_policy": "none",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "PRTE_MCA_bindto": "none",
+    "PRTE_MCA_mapby": ":oversubscribe",
 }
 _ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
 #: Environment variables that tell a process its rank: Open MPI, PMIx, MPICH.

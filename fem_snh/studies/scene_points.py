@@ -83,7 +83,12 @@ def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str,
     paths = {file_of(str(scene))}
     for each in loaded:
         paths |= {each.mesh} if isinstance(each.mesh, Path) else set()
+        bodies = (getattr(each.mesh, key, None) for key in ("lattice", "surface"))
+        paths |= {path for path in bodies if isinstance(path, Path)}
         paths |= {path for material in each.materials for path in material.files}
+        files = (getattr(o, key) for o in each.obstacle for key in scenes.OBSTACLE_FILES)
+        paths |= {path for path in files if path is not None}
+        paths |= {path for bone in each.bone for path in bone.files.values()}
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for path in sorted(paths)

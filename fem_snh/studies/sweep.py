@@ -3,8 +3,8 @@
     >>> table = sweep("twist", "out/nu", {"nu": [0.3, 0.45, 0.49], "cells": 6}, jobs=2)
 
 The folder holds sweep.json (the definition), sweep.csv (a row is appended when a point ends),
-sweep.png and one folder per point with its run and its log. An interrupted sweep continues when it
-is called again.
+sweep.png, on request bodies.png, and one folder per point with its run and its log. An interrupted
+sweep continues when it is called again.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ def sweep(
     retry: bool = False,
     overwrite: bool = False,
     petsc: Mapping[str, Any] | None = None,
+    render: str | None = None,
     report: Callable[[str], None] = print,
 ) -> pd.DataFrame:
     """Run every combination of ``axes`` and return the table, sweep.csv.
@@ -67,6 +68,9 @@ def sweep(
         Delete an earlier sweep in ``out``.
     petsc : mapping, optional
         PETSc options of every point, without the dash.
+    render : str, optional
+        Draw the bodies of all points at their last loads in one picture, bodies.png; its colours
+        show this field, e.g. "J".
     report : callable
         Called with one line per point.
 
@@ -104,9 +108,24 @@ def sweep(
     )
     batch.run(points)
     batch.draw()
+    if render is not None:
+        report(_draw_bodies(batch.out, list(points), render))
     import pandas as pd
 
     return pd.read_csv(batch.table.path)
+
+
+def _draw_bodies(out: Path, points: list[str], field: str) -> str:
+    """Draw bodies.png; return its path, or why there is none. A failure is no exception."""
+    from fem_snh.render.compare import main as compare
+
+    drawn = [name for name in points if (out / name / "fields.pvd").exists()]
+    labels = [name.replace("__", ", ").replace("=", " = ") for name in drawn]
+    try:
+        folders = [out / name for name in drawn]
+        return str(compare(folders, out / "bodies.png", labels=labels, field=field))
+    except BadInput as error:
+        return f"no picture of the bodies: {error}"
 
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.render import Panel, panel_label, read_record, stored_loads
+from fem_snh.render import Panel, panel, read_record, series, stored_loads
 from fem_snh.render.fields import check_field
 from fem_snh.render.worker import draw_elsewhere, require
 
@@ -54,12 +54,9 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
     require("view", ("pyvista", "matplotlib"))
     require("view", ("trame_vtk",), "'fem_snh[view]'")
     record = read_record(folder)
-    stored = stored_loads(folder / "fields.pvd")
-    check_field(folder / "fields.pvd", field)
-    states = [
-        Panel([str(file) for file in stored[load]], panel_label(record, load))
-        for load in choose_states(sorted(stored))
-    ]
+    stored = stored_loads(series(folder))
+    check_field(series(folder), field)
+    states = [panel(record, folder, stored[load], load) for load in choose_states(sorted(stored))]
 
     from fem_snh.view.page import page  # imports matplotlib
 

@@ -19,7 +19,8 @@ from fem_snh.render.records import material_name, poisson_ratio
 
 #: Columns of the step table, in this order, as far as the steps have them.
 COLUMNS = (
-    "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual", "energy",
+    "load", "time", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
+    "energy", "kinetic", "elastic", "potential", "dissipated",
     "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 #: Where vtk.js's viewer would load its icon from; the page loads nothing.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,11 @@ from trame_vtk.modules.vtk.serializers import (
     serialize,
 )
 
-from fem_snh.errors import BadInput
-from fem_snh.render.drawing import colours, view
+from fem_snh.render.drawing import bounds, colours, view
 from fem_snh.render.fields import label
+from fem_snh.render.obstacles import Obstacles, add_solid
 from fem_snh.render.surfaces import Body, body
+from fem_snh.render.worker import serve
 
 #: Of the off-screen window [pixels]; the page draws with its own size.
 _WINDOW = (800, 600)
@@ -37,12 +37,16 @@ def export(job: dict[str, Any]) -> None:
     field = job["field"]
     bodies = [body(state["files"], field) for state in job["states"]]
     cmap, norm, _ = colours(field, np.concatenate([b.values for b in bodies]))
-    where = view(bodies)
+    limits = bounds(bodies)
+    shapes = [Obstacles(s["obstacles"]).at(s["load"], limits) for s in job["states"]]
+    where = view(bodies, shapes)
     initialize_serializers()
-    for number, item in enumerate(bodies):
+    for number, (item, around) in enumerate(zip(bodies, shapes, strict=True)):
         plotter: Any = pv.Plotter(off_screen=True, window_size=list(_WINDOW), border=False)
         plotter.background_color = "white"
         _add(plotter, item, field, cmap, (norm.vmin, norm.vmax))
+        for obstacle in around:
+            add_solid(plotter, obstacle)
         camera = plotter.camera
         camera.focal_point = where.centre
         camera.position = where.centre + 2.5 * max(where.width, where.height) * where.towards
@@ -93,8 +97,4 @@ def scene(window: Any) -> bytes:
 
 
 if __name__ == "__main__":
-    try:
-        export(json.load(sys.stdin))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    serve(export)

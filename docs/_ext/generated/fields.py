@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from fem_snh.output_fields import ON_REQUEST
+from fem_snh.output_fields import NAMED
 from generated.table import table
 
 
 def markdown() -> str:
-    """Return a table of `ON_REQUEST`: name, components, unit and meaning."""
+    """Return a table of `NAMED`: name, components, unit and meaning."""
     rows = [
         (f"`{name}`", ", ".join(field.components), field.unit, field.meaning)
-        for name, field in ON_REQUEST.items()
+        for name, field in NAMED.items()
     ]
     return table(("field", "components", "unit", "meaning"), rows)

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fem_snh.scenes import schema
+from fem_snh.scenes import _bones, _shapes, schema
 from fem_snh.scenes._validation import Expect
 from generated.table import table
 
@@ -19,17 +19,35 @@ TABLES = (
     ("[material], [[material]]", schema.MaterialChoice),
     ("[[hold]]", schema.Hold),
     ("[[move]]", schema.Move),
+    ("[[bone]]", schema.BoneChoice),
+    ("motion, of a skeleton", _bones.SkeletonMotion),
+    ("[rig]", schema.Rig),
+    ("noise", _bones.NoiseChoice),
     ("rotate", schema.Rotate),
     ("[[traction]]", schema.Traction),
     ("[gravity]", schema.Gravity),
     ("[[pressure]]", schema.Pressure),
     ("[[spring]]", schema.Spring),
+    ("[[contact]]", schema.Contact),
+    ("[self_contact]", schema.SelfContact),
     ("[[cavity]]", schema.Cavity),
+    ("[[obstacle]]", schema.ObstacleChoice),
+    ("shape", _shapes.ShapeChoice),
+    ("plane", _shapes.PlaneShape),
+    ("sphere", _shapes.SphereShape),
+    ("cylinder", _shapes.CylinderShape),
+    ("capsule", _shapes.CapsuleShape),
+    ("box", _shapes.BoxShape),
+    ("smooth_union", _shapes.SmoothUnionShape),
     ("[[table]]", schema.Amplitude),
+    ("[time]", schema.Time),
+    ("damping", schema.Damping),
     ("[start]", schema.Start),
     ("[[probe]]", schema.Probe),
     ("[modes]", schema.Modes),
     ("mesh, of a built-in geometry", schema.Geometry),
+    ("mesh, of a lattice", schema.Lattice),
+    ("mesh, of tetrahedra", schema.Tetrahedra),
 )
 
 

@@ -5,13 +5,18 @@ also has the Hessian. `mass_matrix` assembles the mass matrix, for eigenfrequenc
 """
 
 from fem_snh.fem.terms.elastic import Elastic
-from fem_snh.fem.terms.elastic_forms import ElasticForms
 from fem_snh.fem.terms.mass import mass_matrix
 from fem_snh.fem.terms.term import Term
 from fem_snh.fem.terms.traction import Traction
 from fem_snh.fem.terms.ufl_term import UFLTerm
 
-__all__ = ["ELASTIC", "Elastic", "ElasticForms", "Term", "Traction", "UFLTerm", "mass_matrix"]
+__all__ = ["Elastic", "Term", "Traction", "UFLTerm", "elastic_term", "mass_matrix"]
 
-#: The elastic term by the name of its assembly (`fem_snh.choices.ASSEMBLIES`).
-ELASTIC = {"kernels": Elastic, "ufl": ElasticForms}
+
+def elastic_term(assembly: str) -> type[Elastic]:
+    """Return the class of the elastic term of an assembly, one of `fem_snh.choices.ASSEMBLIES`."""
+    if assembly == "kernels":
+        return Elastic
+    from fem_snh.fem.terms.elastic_forms import ElasticForms  # imports sympy
+
+    return ElasticForms

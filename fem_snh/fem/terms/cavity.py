@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Protocol
 
 from petsc4py import PETSc
@@ -13,6 +12,7 @@ from fem_snh import _dolfinx
 from fem_snh.errors import bad_value
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.terms.dead_load import Amplitude
 from fem_snh.fem.terms.swept_volume import SweptVolume, fit_points
@@ -100,6 +100,10 @@ class Cavity:
         volume = -self._volume.change(u)
         return {"volume": volume, "pressure": self._stiffness * (self._target - volume)}
 
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, float]]]:
+        """Return the cavity's `state` for run.json. Collective."""
+        return {"cavities": {self.group: self.state(u)}}
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the fluid [J]. Collective."""
         return self.state(u)["pressure"] ** 2 / (2 * self._stiffness)
@@ -123,14 +127,8 @@ class Cavity:
 
         The Hessian has the further part k g g^T.
         """
-        with g.localForm() as local:  # ghosts included
-            local.set(0.0)
+        set_to_zero(g)
         self._pressure.value = np.array(1.0)
         self._term.add_residual(u, None, g, None)
-        g.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        add_ghosts(g)
         return self._stiffness
-
-
-def fluid_states(terms: Sequence[Any], u: PETSc.Vec) -> dict[str, dict[str, float]]:
-    """Return the state of each enclosed fluid among some terms: see `Cavity.state`. Collective."""
-    return {term.group: term.state(u) for term in terms if isinstance(term, Cavity)}

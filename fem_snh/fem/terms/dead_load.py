@@ -38,6 +38,10 @@ class DeadLoad:
         """Add the force of a linear UFL form, assembled once. Collective."""
         part = _dolfinx.create_vector(self._V)
         _dolfinx.assemble_vector(part, _dolfinx.form(integral))
+        self.add_forces(part, amplitude)
+
+    def add_forces(self, part: PETSc.Vec, amplitude: Amplitude = float) -> None:
+        """Add nodal forces [N], a ghosted vector of the displacement's space."""
         for other, force in self._forces:
             if other == amplitude:
                 force.axpy(1.0, part)

@@ -21,10 +21,9 @@ from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.element_tables import element_tables, restricted, selection
 from fem_snh.fem.elements import Element
+from fem_snh.fem.ghosted_vectors import local_values, writable_values
 from fem_snh.fem.regions import Region
-from fem_snh.kernels import build
-from fem_snh.kernels.cell_loops import FIELDS, CellLoops, cell_loops_source
-from fem_snh.kernels.element_energy import ElementEnergy, element_energy
+from fem_snh.kernels.cell_loops import FIELDS, CellLoops, compile_cell_loops
 
 Array = npt.NDArray[Any]
 
@@ -36,14 +35,11 @@ class Part(NamedTuple):
     ----------
     region : Region
         Material and cells.
-    energy : ElementEnergy
-        The energy density, with the volume term apart where the element treats it separately.
     loops : CellLoops
         The compiled loops over this rank's cells of the region.
     """
 
     region: Region
-    energy: ElementEnergy
     loops: CellLoops
 
 
@@ -101,22 +97,21 @@ class Elastic:
         tables = element_tables(V, element, Q, pressure_scale)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
         start = perf_counter()
-        energies = [element_energy(r.material.expression, element.volume) for r in regions]
-        sources = [cell_loops_source(energy, tables) for energy in energies]
-        libraries = [on_root(self._comm, build.library, source) for source in sources]
+        compiled = [on_root(self._comm, compile_cell_loops, r.material, tables) for r in regions]
         self.jit_seconds = perf_counter() - start
         self.parts = [
-            Part(region, energy, CellLoops(library, energy, restricted(tables, region.cells)))
-            for region, energy, library in zip(regions, energies, libraries, strict=True)
+            Part(region, CellLoops(kernel, restricted(tables, region.cells, region.fractions)))
+            for region, kernel in zip(regions, compiled, strict=True)
         ]
-        self._matrix: BlockMatrix | None = None  # for which `_targets` are
+        self._positions: Array | None = None  # of the matrix for which `_targets` are
+        self._free: Array | None = None  # of that matrix
         self._targets: list[Any] = []
         self._kept: list[Array] = []
 
     @property
     def has_energy(self) -> bool:
         """Whether the stress of every material is the gradient of an energy."""
-        return all(part.region.material.expression.has_energy for part in self.parts)
+        return all(part.region.material.has_energy for part in self.parts)
 
     def set_load(self, load: float) -> None:
         """Do nothing: the energy does not depend on the load."""
@@ -129,10 +124,10 @@ class Elastic:
         BadInput
             If a material is defined by a stress and has no energy.
         """
-        for material in (part.region.material for part in self.parts if not self.has_energy):
-            if not material.expression.has_energy:
+        for material in (part.region.material for part in self.parts):
+            if not material.has_energy:
                 raise BadInput(f"material '{material.name}' has no energy, only a stress")
-        values = _local(u), _if_any(_local, p)
+        values = local_values(u), _if_any(local_values, p)
         local = sum(part.loops.energy(*values) for part in self.parts)
         return float(self._comm.allreduce(local, op=MPI.SUM))
 
@@ -144,31 +139,21 @@ class Elastic:
         r_p: PETSc.Vec | None,
     ) -> None:
         """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
-        values = _local(u), _writable(r_u), _if_any(_local, p), _if_any(_writable, r_p)
+        values = (
+            local_values(u),
+            writable_values(r_u),
+            _if_any(local_values, p),
+            _if_any(writable_values, r_p),
+        )
         for part in self.parts:
             part.loops.residual(*values)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian d2E/du2 [N/m] to a matrix, inside of its `adding`.
-
-        Parameters
-        ----------
-        u, p : PETSc.Vec
-            Ghosted displacement [m] and pressure; the ghosts must be current.
-        filter : {"exact", "clamp", "abs"}
-            What becomes of negative eigenvalues at each quadrature point.
-        target : BlockMatrix
-            The matrix, of the same spaces.
-
-        Returns
-        -------
-        int
-            The number of filtered quadrature points on this rank.
-        """
+        """Add d2E/du2 [N/m], filtered at each quadrature point: see `Term.add_hessian`."""
         which = FILTERS.index(choose("filter", filter, FILTERS))
-        values, pressure = _local(u), _if_any(_local, p)
+        values, pressure = local_values(u), _if_any(local_values, p)
         filtered = 0
         for part, struct in zip(self.parts, self._structs(target), strict=True):
             for k, address in enumerate(target.addresses):
@@ -178,8 +163,9 @@ class Elastic:
 
     def _structs(self, matrix: BlockMatrix) -> list[Any]:
         """Return the C structs that tell each part's loops where element matrices are added."""
-        if matrix is not self._matrix:
-            self._matrix, self._targets, self._kept = matrix, [], []
+        if matrix.block_positions is not self._positions or matrix.free is not self._free:
+            self._positions, self._free = matrix.block_positions, matrix.free
+            self._targets, self._kept = [], []
             for part in self.parts:
                 cells = selection(part.region.cells, len(matrix.block_positions))
                 positions, constrained = matrix.block_positions[cells], matrix.is_constrained[cells]
@@ -192,24 +178,12 @@ class Elastic:
 
     def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
         """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
-        values = _local(u), _if_any(_local, p)
+        values = local_values(u), _if_any(local_values, p)
         fields: dict[str, Array] = {name: np.empty(self.shape[0]) for name in FIELDS}
         for part in self.parts:
             for name, value in part.loops.fields(*values).items():
                 fields[name][part.region.cells] = value
         return fields
-
-
-def _local(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to read, ghosts included."""
-    with vector.localForm() as local:
-        return np.asarray(local.array_r)
-
-
-def _writable(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to write, ghosts included."""
-    with vector.localForm() as local:
-        return np.asarray(local.array)
 
 
 def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:

@@ -20,13 +20,15 @@ from fem_snh import _dolfinx
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import bad_value
 from fem_snh.fem.elements import Element
-from fem_snh.fem.regions import Region
+from fem_snh.fem.ghosted_vectors import copy_to_function
+from fem_snh.fem.regions import Region, cell_constant
 from fem_snh.fem.terms.elastic import Elastic
 from fem_snh.fem.ufl_forms import energy_density
 from fem_snh.fem.ufl_stretches import FUNCTIONS
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES
-from fem_snh.materials.volume_split import BOUNDS, PRESSURE, Split, split
+from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.volume_split import PRESSURE, Split, split
 
 Array = npt.NDArray[Any]
 
@@ -66,7 +68,7 @@ class ElasticForms(Elastic):
         eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         for material in (region.material for region in regions):
-            if not material.expression.has_energy:
+            if not material.has_energy:
                 accepted = f"'kernels' for '{material.name}', which has a stress but no energy"
                 raise bad_value("assembly", "ufl", accepted)
         super().__init__(V, element, regions, Q, pressure_scale, eigensolver)
@@ -77,6 +79,9 @@ class ElasticForms(Elastic):
         F = ufl.variable(ufl.Identity(3) + ufl.grad(self._u))
         cells = [region.cells for region in regions]
         measures = _dolfinx.cell_measures(V.mesh, cells, element.cell, element.quadrature)
+        if any(region.fractions is not None for region in regions):
+            fraction = cell_constant(V.mesh, regions, [1.0] * len(regions))
+            measures = [_Weighted(fraction, dx) for dx in measures]
         materials = [region.material.expression for region in regions]
         if element.volume == "pointwise":
             densities = [energy_density(m, F) for m in materials]
@@ -121,10 +126,19 @@ class ElasticForms(Elastic):
     def _set_state(self, u: PETSc.Vec, p: PETSc.Vec | None) -> None:
         for function, vector in ((self._u, u), (self._p, p)):
             if function is not None and vector is not None:
-                with vector.localForm() as local:
-                    function.x.array[:] = local.array_r
+                copy_to_function(vector, function)
         if self._mean:
             self._mean.update()
+
+
+class _Weighted:
+    """A measure of cells times a coefficient: ``psi * weighted`` is ``psi * coefficient * dx``."""
+
+    def __init__(self, coefficient: Any, dx: Any) -> None:
+        self._coefficient, self._dx = coefficient, dx
+
+    def __rmul__(self, integrand: Any) -> Any:
+        return integrand * self._coefficient * self._dx
 
 
 def _deviatoric(part: Split) -> Energy:

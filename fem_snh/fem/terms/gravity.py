@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput
-from fem_snh.fem.regions import Region
+from fem_snh.fem.ghosted_vectors import add_ghosts, update_ghosts, writable_values
+from fem_snh.fem.regions import Region, cell_constant, density_of
 from fem_snh.fem.terms.dead_load import Amplitude, DeadLoad
+
+if TYPE_CHECKING:
+    from fem_snh.fem.nodal_mass import NodalMass
 
 
 class Gravity(DeadLoad):
@@ -28,6 +32,9 @@ class Gravity(DeadLoad):
         The acceleration g [m/s^2].
     amplitude : callable, optional
         The factor a as a function of the load; without, the load itself.
+    mass : NodalMass, optional
+        The mass matrix M of a body in motion, for the forces M g: with a lumped one a body falls
+        without being deformed. Without, those of the integral.
 
     Raises
     ------
@@ -41,17 +48,20 @@ class Gravity(DeadLoad):
         regions: Sequence[Region],
         vector: Sequence[float],
         amplitude: Amplitude = float,
+        mass: NodalMass | None = None,
     ) -> None:
         super().__init__("gravity", V)
-        density = _dolfinx.function(_dolfinx.function_space(V.mesh, 0, family="DG"), "density")
-        dofs = _dolfinx.node_dofs(density.function_space)[:, 0]
-        for region in regions:
-            if region.density is None:
-                name = region.material.name
-                raise BadInput(
-                    f"missing key 'material.density' of {name}: expected a number > 0, for gravity"
-                )
-            density.x.array[dofs[region.cells]] = region.density
+        if mass is not None:
+            weight = _dolfinx.create_vector(V)
+            uniform = np.tile(np.asarray(vector, dtype=float), len(writable_values(weight)) // 3)
+            writable_values(weight)[:] = mass.apply(uniform)
+            add_ghosts(weight)
+            update_ghosts(weight)
+            self.add_forces(weight, amplitude)
+            self.set_load(0.0)
+            return
+        densities = [density_of(region, "gravity") for region in regions]
+        density = cell_constant(V.mesh, regions, densities)
         weight = density * _dolfinx.constant(V.mesh, vector)
         self.add(ufl.inner(weight, ufl.TestFunction(V)) * ufl.dx, amplitude)
         self.set_load(0.0)

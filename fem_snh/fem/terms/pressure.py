@@ -11,13 +11,13 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.terms.dead_load import Amplitude
 from fem_snh.fem.terms.swept_volume import SweptVolume, fit_points
 from fem_snh.fem.terms.traction import surface_measure
 from fem_snh.fem.terms.ufl_term import UFLTerm
+from fem_snh.fem.terms.ufl_terms import UFLTerms
 
 
 class SurfacePressure(Protocol):
@@ -32,7 +32,7 @@ class SurfacePressure(Protocol):
         """The pressure [Pa]; a positive one pushes into the body."""
 
 
-class Pressure:
+class Pressure(UFLTerms):
     r"""Forces per deformed area, normal to the deformed surface.
 
     .. math:: R(u; v) = \sum_i a_i(\lambda)\, p_i \int_{\Gamma_i} \mathrm{cof}(F) N \cdot v
@@ -126,16 +126,3 @@ class Pressure:
             raise BadInput(self.note)
         both = zip(self._present, self._volumes, strict=True)
         return sum(float(present.value) * volume.change(u) for present, volume in both)
-
-    def add_residual(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
-    ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
-        for term in self._terms:
-            term.add_residual(u, p, r_u, r_p)
-
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add the filtered Hessian; return how many facets of this rank were filtered."""
-        return sum(term.add_hessian(u, p, filter, target) for term in self._terms)

@@ -12,11 +12,11 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.terms.dead_load import Amplitude
 from fem_snh.fem.terms.traction import surface_measure
 from fem_snh.fem.terms.ufl_term import UFLTerm
+from fem_snh.fem.terms.ufl_terms import UFLTerms
 
 
 class Foundation(Protocol):
@@ -31,7 +31,7 @@ class Foundation(Protocol):
         """Force per reference area and displacement [Pa/m], of all components or of each."""
 
 
-class Spring:
+class Spring(UFLTerms):
     r"""Foundations that resist the displacement of surfaces (Robin conditions).
 
     .. math:: E = \sum_i \frac{a_i(\lambda)}{2} \int_{\Gamma_i} k_i u \cdot u \, \mathrm{d}A
@@ -82,16 +82,3 @@ class Spring:
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the foundations [J]. Collective."""
         return sum(term.energy(u, p) for term in self._terms)
-
-    def add_residual(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
-    ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
-        for term in self._terms:
-            term.add_residual(u, p, r_u, r_p)
-
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add the Hessian; return how many facets of this rank were filtered: 0."""
-        return sum(term.add_hessian(u, p, filter, target) for term in self._terms)

@@ -27,6 +27,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.ghosted_vectors import copy_to_function, update_ghosts
 from fem_snh.fem.mesh import volume
 
 Array = npt.NDArray[Any]
@@ -78,7 +79,7 @@ class SweptVolume:
 
     def change(self, u: PETSc.Vec) -> float:
         """Return S(u) - S(0) [m^3]. Collective."""
-        self._set_displacement(u)
+        copy_to_function(u, self._u)
         return _dolfinx.assemble_scalar(self._compiled) - self._at_rest
 
     def compare(self, states: Sequence[PETSc.Vec], fixed: Array) -> tuple[Array, Array, Array]:
@@ -112,7 +113,7 @@ class SweptVolume:
 
         rows = []
         for u in states:
-            self._set_displacement(u)
+            copy_to_function(u, self._u)
             wanted, origin = assemble(residual, np.zeros(3)), assemble(derivative, np.zeros(3))
             change = [assemble(derivative, unit) - origin for unit in np.eye(3)]
             rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
@@ -125,10 +126,6 @@ class SweptVolume:
         a, b, c = (ufl.as_vector([F[i, k] for i in range(3)]) for k in range(3))
         N = ufl.FacetNormal(self.V.mesh)
         return N[0] * ufl.cross(b, c) + N[1] * ufl.cross(c, a) + N[2] * ufl.cross(a, b)
-
-    def _set_displacement(self, u: PETSc.Vec) -> None:
-        with u.localForm() as local:
-            self._u.x.array[:] = local.array_r
 
 
 def fit_points(
@@ -183,6 +180,6 @@ def _states(V: Any, dirichlet: Dirichlet, length: float) -> list[PETSc.Vec]:
         waves = _AMPLITUDE * length * np.sin(X @ _WAVES + _PHASES + _SHIFT * number)
         u.array[:] = waves.ravel()[: u.getLocalSize()]
         dirichlet.set_values(u, load)
-        u.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        update_ghosts(u)
         states.append(u)
     return states

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
@@ -71,7 +72,18 @@ def surface_measure(mesh: Mesh, table: str, key: str | int) -> Any:
     BadInput
         On every rank, for a group that is unknown or not a surface.
     """
+    return _dolfinx.surface_measure(mesh.domain, surface_facets(mesh, f"{table}.group", key))
+
+
+def surface_facets(mesh: Mesh, where: str, key: str | int) -> npt.NDArray[Any]:
+    """Return this rank's facets of a physical group that the scene's key ``where`` names, (n,).
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown or not a surface.
+    """
     group = mesh.group(key)
     if group.dim != 2:
-        raise bad_value(f"{table}.group", key, f"a surface, not a {group.label}")
-    return _dolfinx.surface_measure(mesh.domain, group.entities)
+        raise bad_value(where, key, f"a surface, not a {group.label}")
+    return group.entities

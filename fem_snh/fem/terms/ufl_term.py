@@ -23,6 +23,7 @@ from fem_snh import _dolfinx
 from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
+from fem_snh.fem.ghosted_vectors import copy_to_function
 from fem_snh.kernels import build
 from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
 
@@ -133,7 +134,7 @@ class UFLTerm:
             return float(self._current_force().dot(u))
         if self._energy is None:
             raise BadInput(f"the term '{self.name}' has no energy, only a residual")
-        self._set_displacement(u)
+        copy_to_function(u, self._u)
         energy = _dolfinx.assemble_scalar(self._energy)
         return float("inf") if isnan(energy) else energy
 
@@ -144,42 +145,23 @@ class UFLTerm:
         if self._force is not None:
             r_u.array[:] += self._current_force().array_r
         else:
-            self._set_displacement(u)
+            copy_to_function(u, self._u)
             _dolfinx.add_vector(r_u, self._residual)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
     ) -> int:
-        """Add the filtered Hessian [N/m] to a matrix that is open for adding.
-
-        Parameters
-        ----------
-        u, p : PETSc.Vec
-            The ghosted displacement [m]; the pressure is not used.
-        filter : {"exact", "clamp", "abs"}
-            What becomes of negative eigenvalues of element matrices.
-        target : BlockMatrix
-            The matrix, inside of its `adding`.
-
-        Returns
-        -------
-        int
-            Number of this rank's cells and facets with a negative eigenvalue; 0 with "exact".
-        """
+        """Add the Hessian [N/m], filtered by element matrices: see `Term.add_hessian`."""
         choose("filter", filter, FILTERS)
         if self._cells is None:
             return 0
-        self._set_displacement(u)
+        copy_to_function(u, self._u)
         filtered = 0
         for integral in self._integrals():
             for cells, matrices, count in self._cells.matrices(integral, filter):
                 target.add_matrices(cells, matrices)
                 filtered += count
         return filtered
-
-    def _set_displacement(self, u: PETSc.Vec) -> None:
-        with u.localForm() as local:
-            self._u.x.array[:] = local.array_r
 
     def _current_force(self) -> PETSc.Vec:
         """The derivative of a dead load's energy [N], assembled once after `set_load`."""

@@ -17,7 +17,7 @@ class power(sympy.Function):
     nargs = (2,)
 
 
-class Printer(C99CodePrinter):  # type: ignore[misc]
+class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
     """Printer of lane expressions: integer powers as products, functions as ``lane_name``."""
 
     def _print_Pow(self, expr: sympy.Pow) -> str:

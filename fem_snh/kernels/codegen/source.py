@@ -7,47 +7,21 @@ call it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 
-from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels.codegen.c_functions import Functions
 from fem_snh.kernels.codegen.small_strain import (
     VOLUME_INCREMENT,
     SmallStrainFunctions,
     small_strain_forms,
 )
+from fem_snh.kernels.headers import POINTWISE, SVD_AND_EIGENSOLVERS, header, options
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.volume_split import PRESSURE, J, Split
 
-_SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
 #: Files that precede the generated functions, which call them.
 _BEFORE = ("log_exp_series.h", "divided_differences.h", "small_strain.h", "parameters.h")
-#: The file that calls the generated functions, and the loops over points for `Material`.
+#: The file that calls the generated functions.
 _POINT = "material_point.h"
-_POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
-
-
-def header(name: str) -> str:
-    """Return the text of a file of ``fem_snh/kernels/include``."""
-    return (files("fem_snh.kernels") / "include" / name).read_text()
-
-
-def options() -> str:
-    """Return the C enums of the eigenvalue filters and the eigensolvers of `fem_snh.choices`.
-
-    The C name is the upper-case name; the value is the position in the tuple.
-    """
-    enums = (FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
-    return "\n".join(
-        f"enum {{ {', '.join(name.upper() for name in names)} }}; /* {comment} */"
-        for names, comment in enums
-    )
-
-
-def svd_eigen_source() -> str:
-    """Return the C source of the 3x3 SVD and eigensolvers, which depend on no material."""
-    names = (*_SVD_AND_EIGENSOLVERS, "svd_eigen_api.h", "svd_eigen_kernels.h")
-    return "\n".join(["#include <math.h>", options(), *map(header, names)])
 
 
 def material_source(energy: Energy) -> str:
@@ -58,7 +32,7 @@ def material_source(energy: Energy) -> str:
     energy : Energy
         A normalised energy; ``fem_snh.materials.make_energy(name, E, nu)`` makes one.
     """
-    return kernel_source(energy, after=_POINTWISE)
+    return kernel_source(energy, after=POINTWISE)
 
 
 def kernel_source(
@@ -98,7 +72,7 @@ def kernel_source(
             f"#define NEEDS_STRETCHES {int(energy.needs_stretches)}",
             f"#define USES_J {int(J in energy.measures)}",
             options(),
-            *map(header, (*_SVD_AND_EIGENSOLVERS, *_BEFORE)),
+            *map(header, (*SVD_AND_EIGENSOLVERS, *_BEFORE)),
             f"/* generated: {energy.name}, psi = {energy.psi} */",
             *generated,
             *functions,

@@ -11,6 +11,7 @@ typedef struct {
   const double *gradients;          /* [POINTS][NODES][3] d(basis)/d(reference cell coordinates) */
   const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] the same of the geometry's basis */
   const double *weights;            /* [POINTS] quadrature weights on the reference cell */
+  const double *fractions;          /* [cells] factor of each cell's weights; NULL: 1 */
   const double *constants;          /* the material's constants */
   const int *pressure_nodes;        /* [cells][PRESSURE_NODES]; only if the pressure is an unknown */
   const double *pressure_basis;     /* [POINTS][PRESSURE_NODES] basis values */

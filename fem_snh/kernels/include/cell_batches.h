@@ -16,15 +16,16 @@
     const int lanes = c->cells - start < W ? c->cells - start : W; \
     real x[GEOMETRY_NODES][3], v[NODES][3];                    \
     VolumeTerm volume;                                           \
+    const real fraction = cell_fractions(c, start);            \
     GATHER(x, GEOMETRY_NODES, 3, c->geometry, c->x)            \
     GATHER(v, NODES, 3, c->nodes, u)                           \
-    volume_prepare(c, start, x, v, pressure, &volume);
+    volume_prepare(c, fraction, start, x, v, pressure, &volume);
 
 /* Per quadrature point: basis gradients G, weight, H, F and the material's parameters p. The body and its
  * closing brace follow. */
 #define FOR_EACH_POINT                                         \
   real G[3 * NODES], weight, F[9], H[9];                           \
   for (int q = 0; q < POINTS; ++q) {                           \
-    geometry_point(c, x, q, G, &weight);                       \
+    geometry_point(c, x, fraction, q, G, &weight);             \
     deformation_point(G, v, F, H);                             \
     const Parameters p = volume_parameters(c, &volume, q);

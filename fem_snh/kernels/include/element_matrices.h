@@ -3,9 +3,17 @@
 
 enum { ALL_NODES = NODES + PRESSURE_NODES };
 
+/* The factors of the quadrature weights of W cells; lanes past the last cell repeat it. */
+INLINE real cell_fractions(const Cells *c, long start) {
+  real fraction = splat(1);
+  if (c->fractions)
+    for (int l = 0; l < W; ++l) fraction[l] = c->fractions[start + l < c->cells ? start + l : c->cells - 1];
+  return fraction;
+}
+
 /* Gradients G[NODES][3] of the basis in reference coordinates at quadrature point q, and the weight times
- * |det dx/dxi|. */
-INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], int q, real *G, real *weight) {
+ * |det dx/dxi| and the cell's fraction. */
+INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], real fraction, int q, real *G, real *weight) {
   const double *dx = c->geometry_gradients + 3 * GEOMETRY_NODES * q, *d = c->gradients + 3 * NODES * q;
   real T[9], K[9]; /* T[3 k + i] = dx_i/dxi_k; K its cofactors, det T times the inverse transpose */
   for (int k = 0; k < 3; ++k)
@@ -21,7 +29,7 @@ INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], int 
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i)
       G[3 * a + i] = (K[i] * d[3 * a] + K[3 + i] * d[3 * a + 1] + K[6 + i] * d[3 * a + 2]) * inverse;
-  *weight = absolute(det) * c->weights[q];
+  *weight = absolute(det) * fraction * c->weights[q];
 }
 
 /* H = grad u and F = I + H. Both are needed: F has lost the digits of a small H (see small_strain.h). */

@@ -1,4 +1,4 @@
-/* The C interface of the addition of stored element matrices. MatrixTarget is in cell_api.h. */
+/* The C interface of the addition of stored matrices. MatrixTarget is in cell_api.h. */
 
 /* Add element matrices to `t`, without the rows and columns of constrained components.
  *   count .... number of matrices
@@ -9,3 +9,11 @@
  *   K ........ [count][n][n], n the sum of `size` */
 void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks, int all_blocks, const int *size,
                   const int *cell_blocks, const double *K);
+
+/* Add multiples of the 3x3 identity to `t`, one for each pair of displacement nodes, without constrained components.
+ *   rows ..... number of local nodes
+ *   start .... [rows + 1], column [pairs] a CSR pattern of local nodes
+ *   position . [pairs] as MatrixTarget.position, of each pair
+ *   factor ... common factor of `value` [pairs] */
+void add_node_pairs(const MatrixTarget *t, int rows, const int *start, const int *column, const int *position,
+                    double factor, const double *value);

@@ -1,4 +1,4 @@
-/* The addition of stored element matrices: see matrix_addition_api.h. */
+/* The addition of stored matrices: see matrix_addition_api.h. */
 
 void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks, int all_blocks, const int *size,
                   const int *cell_blocks, const double *K) {
@@ -20,5 +20,20 @@ void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks
               at[stride * i + j] += K[(long)n * (row + i) + column + j];
         }
       }
+  }
+}
+
+void add_node_pairs(const MatrixTarget *t, int rows, const int *start, const int *column, const int *position,
+                    double factor, const double *value) {
+  for (long row = 0; row < rows; ++row) {
+    const double *free_row = t->free + 3 * row;
+    for (int k = start[row]; k < start[row + 1]; ++k) {
+      const double *free_column = t->free + 3 * (long)column[k];
+      const int array = position[k] & 3;
+      const long stride = t->stride[array][row];
+      double *at = t->values[array] + (position[k] >> 2);
+      for (int i = 0; i < 3; ++i)
+        if (free_row[i] != 0 && free_column[i] != 0) at[(stride + 1) * i] += factor * value[k];
+    }
   }
 }

@@ -15,11 +15,11 @@ typedef struct {
   real dv[NODES][3];  /* derivative of the deformed volume in the nodal displacements */
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   real G[3 * NODES], weight, F[9], H[9], cofactor[9], deformed = splat(0), change = splat(0);
   m->volume = splat(0);
   for (int q = 0; q < POINTS; ++q) {
-    geometry_point(c, x, q, G, &weight);
+    geometry_point(c, x, fraction, q, G, &weight);
     deformation_point(G, v, F, H);
     m->volume += weight;
     const real J = determinant(F, cofactor);

@@ -4,7 +4,7 @@ typedef struct {
   char unused;
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   m->unused = 0;
 }
 

@@ -13,7 +13,7 @@ typedef struct {
   real B[PRESSURE_NODES][NODES][3], C[PRESSURE_NODES][PRESSURE_NODES];
 } VolumeTerm;
 
-INLINE void volume_prepare(const Cells *c, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
+INLINE void volume_prepare(const Cells *c, real fraction, long start, const real x[][3], const real v[][3], const double *pressure, VolumeTerm *m) {
   *m = (VolumeTerm){0};
   GATHER(m->p, PRESSURE_NODES, 1, c->pressure_nodes, pressure)
 }

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from fem_snh.errors import bad_value
-from fem_snh.materials.functions import MAX_EXPONENT, exact, positive
+from fem_snh.materials.functions import exact, positive
+from fem_snh.materials.keywords import MAX_EXPONENT
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 

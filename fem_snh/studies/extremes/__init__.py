@@ -21,4 +21,4 @@ Most cases are runs of scenes, which ``fem-snh run`` repeats; a case of ``pointw
 """
 
 #: In the order of the page.
-FAMILIES = ("pointwise", "scramble", "crush", "loads")
+FAMILIES = ("pointwise", "scramble", "crush", "loads", "drop", "press")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -50,7 +50,9 @@ def body_picture(
         for case, load, label in panels:
             stored = render.stored_loads(out / case / "fields.pvd")
             (nearest,) = render.choose_loads(sorted(stored), [load])
-            drawn.append(render.Panel([str(piece) for piece in stored[nearest]], label))
+            record = render.read_record(out / case)
+            panel = render.panel(record, out / case, stored[nearest], nearest)
+            drawn.append(replace(panel, label=label))
         record = render.read_record(out / panels[0][0])
         render.draw(render.Job("J", render.title(record), drawn, str(out / file)))
 

@@ -1,0 +1,58 @@
+"""Processor time of a warm start: a run whose kernels are compiled, beside the imports it needs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from resource import RUSAGE_CHILDREN, getrusage
+
+import numpy as np
+
+from benchmarks import Row
+
+#: What no solve can do without.
+_IMPORTS = "import dolfinx.fem.petsc, gmsh"
+#: Processor time of the run relative to the imports alone.
+LIMIT = 1.6
+
+
+def rows(scene: str = "twist", cells: int = 2, repeat: int = 5) -> Iterator[Row]:
+    """Start a small run and the imports alone, in turns: one row with the median of the ratios.
+
+    Parameters
+    ----------
+    scene : str
+        The scene.
+    cells : int
+        Its cells.
+    repeat : int
+        Starts of each kind, after one that compiles the kernels.
+    """
+    run = [sys.executable, "-m", "fem_snh", "run", scene, "--cells", str(cells)]
+    processor_seconds(run)
+    pairs = np.array(
+        [
+            [processor_seconds([sys.executable, "-c", _IMPORTS]), processor_seconds(run)]
+            for _ in range(repeat)
+        ]
+    )
+    ratio = float(np.median(pairs[:, 1] / pairs[:, 0]))
+    imports, whole = np.median(pairs, axis=0)
+    yield {
+        "scene": scene,
+        "cells": cells,
+        "imports [s]": round(float(imports), 3),
+        "run [s]": round(float(whole), 3),
+        "ratio": round(ratio, 3),
+        "limit": LIMIT,
+        "ok": ratio <= LIMIT,
+    }
+
+
+def processor_seconds(command: list[str]) -> float:
+    """Return the processor time [s] of a command, user and system."""
+    before = getrusage(RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = getrusage(RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

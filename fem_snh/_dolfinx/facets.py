@@ -1,0 +1,60 @@
+"""Facets of the body's boundary: their cells, and points on the facets of the reference cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import dolfinx
+import numpy as np
+
+from fem_snh._dolfinx.common import _rows
+from fem_snh._dolfinx.meshes import num_owned
+
+Array = np.ndarray
+
+#: The facets of each kind of cell, and how many a cell has.
+FACET_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+_FACETS = {"tetrahedron": 4, "hexahedron": 6}
+
+
+def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
+    """Return the facets on the boundary of the body whose cells this rank owns.
+
+    Returns
+    -------
+    facets : (n,) int32
+        Local numbers, sorted.
+    cells : (n,) int32
+        The cell of each facet.
+    local_facets : (n,) int32
+        The facet's number in its reference cell.
+    """
+    topology = domain.topology
+    topology.create_connectivity(2, 3)
+    topology.create_connectivity(3, 2)
+    facets = np.sort(np.asarray(dolfinx.mesh.exterior_facet_indices(topology), dtype=np.int32))
+    cells_of = topology.connectivity(2, 3)
+    # An exterior facet has one cell.
+    cells = np.asarray(cells_of.array)[np.asarray(cells_of.offsets)[facets]]
+    facets_of = _rows(topology.connectivity(3, 2), _FACETS[str(topology.cell_name())])
+    owned = cells < num_owned(domain)
+    facets, cells = facets[owned], cells[owned]
+    return facets, cells, (facets_of[cells] == facets[:, None]).argmax(axis=1).astype(np.int32)
+
+
+def facet_maps(cell: str) -> tuple[Array, Array]:
+    """Return the affine maps x = origin + s tangents of the reference facets into the cell.
+
+    Returns
+    -------
+    origins : (facets, 3)
+        The images of the reference facet's origin.
+    tangents : (facets, 2, 3)
+        The derivatives by its two coordinates.
+    """
+    kind = getattr(basix.CellType, cell)
+    corners, facets = np.asarray(basix.geometry(kind)), basix.topology(kind)[2]
+    origins = np.array([corners[facet[0]] for facet in facets])
+    tangents = [[corners[facet[i]] - corners[facet[0]] for i in (1, 2)] for facet in facets]
+    return origins, np.array(tangents)

@@ -1,0 +1,28 @@
+"""A progress bar on standard error, for commands that write files one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar for the duration of a ``with`` block.
+
+    Parameters
+    ----------
+    description : str
+        What is being done, beside the bar.
+
+    Yields
+    ------
+    callable
+        Takes the number of items that are done and that of all.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(description)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

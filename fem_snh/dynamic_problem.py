@@ -1,0 +1,171 @@
+"""Motion in time of a displacement in a dolfinx program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import solver
+from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
+from fem_snh.errors import bad_value
+from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.fem.motion.dynamics import Dynamics
+from fem_snh.fem.problem import Problem
+from fem_snh.kernels.pointwise import Material
+from fem_snh.nonlinear_problem import NonlinearProblem
+
+Array = npt.NDArray[np.float64]
+
+
+class DynamicProblem(NonlinearProblem):
+    """Integrate the motion of materials and UFL terms in time. Collective.
+
+    Each step is a minimisation problem (docs/theory/dynamics.md), solved as that of
+    `fem_snh.nonlinear_problem.NonlinearProblem`.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m] in a Lagrange space of 3 components, with its values at time 0.
+    materials : mapping of Material to ufl.Measure
+        The cells that each material fills; all cells have one.
+    densities : mapping of Material to float
+        Mass per reference volume [kg/m^3] of each material.
+    integrator : str, optional
+        One of `fem_snh.choices.INTEGRATORS`.
+    duration : float
+        A time [s] in which the motion is seen: prescribed velocities at the start are differences
+        over 1/2000 of it.
+    set_time : callable, optional
+        ``set_time(t)`` sets constants, functions and boundary values of ``terms`` and ``bcs`` for a
+        time [s]. Times are not in order: prescribed velocities and accelerations are differences.
+    mass : {"consistent", "lumped"}, optional
+        The mass matrix.
+    damping : tuple of float, optional
+        Rayleigh damping: the factors of the mass [1/s] and of the stiffness [s].
+    rho_infinity : float, optional
+        Spectral radius of ``generalized_alpha`` at infinite frequency, 0 to 1.
+    **arguments
+        As for `fem_snh.nonlinear_problem.NonlinearProblem`: ``bcs``, ``terms``, ``hessian``, ...
+
+    Attributes
+    ----------
+    time : float
+        The time of ``u`` [s].
+    v, a : dolfinx Function
+        Velocity [m/s] and acceleration [m/s^2].
+    dynamics : Dynamics
+        Energies, errors and history of the motion.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for input that does not fit together, and for a missing density.
+
+    Examples
+    --------
+    >>> problem = fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1000.0}, duration=2.0, bcs=bcs)
+    >>> problem.start()
+    >>> while problem.time < 2.0:
+    ...     assert problem.step(0.01)
+    """
+
+    def __init__(
+        self,
+        u: Any,
+        materials: Mapping[Material, Any],
+        densities: Mapping[Material, float],
+        integrator: str = DEFAULT_INTEGRATOR,
+        *,
+        duration: float,
+        set_time: Callable[[float], None] | None = None,
+        mass: str = MASSES[0],
+        damping: tuple[float, float] = (0.0, 0.0),
+        rho_infinity: float | None = None,
+        **arguments: Any,
+    ) -> None:
+        if not materials:
+            raise bad_value("materials", dict(materials), "a material: inertia needs its density")
+        self._densities, self._duration, self._set_time = densities, duration, set_time
+        self._settings: dict[str, Any] = {
+            "mass": mass,
+            "damping": damping,
+            "rho_infinity": rho_infinity,
+        }
+        self._integrator, self._has_started = integrator, False
+        super().__init__(u, materials, **arguments)
+        self.v, self.a = self.dynamics.v, self.dynamics.a
+
+    @property
+    def time(self) -> float:
+        """The time of ``u`` [s]."""
+        return self._problem.load * self._duration
+
+    def start(self, velocity: Callable[[Array], Array] | None = None) -> None:
+        """Begin at time 0 with the present values of ``u``. Collective.
+
+        Parameters
+        ----------
+        velocity : callable, optional
+            Initial velocities [m/s] (n, 3) at reference coordinates [m] (n, 3). Default: zero.
+        """
+        problem, self._has_started = self._problem, True
+        self._read_displacement()
+        problem.set_load(0.0)
+        problem.prescribe(self.x)
+        self.dynamics.start(problem, velocity)
+        self._write_solution()
+
+    def step(self, size: float) -> bool:
+        """Advance by one time step [s]; return whether the solver converged. Collective.
+
+        Otherwise nothing has changed, and a shorter step can be tried. The first step calls `start`
+        if the program did not.
+        """
+        if not self._has_started:
+            self.start()
+        problem, before, load = self._problem, self.x.copy(), self._problem.load
+        to = load + size / self._duration
+        self.dynamics.begin_step(problem, to)
+        problem.set_load(to)
+        with self._petsc_options(), solver.callback_errors():
+            if self._integrator == "semi_implicit":
+                converged = solver.SemiImplicit(problem, self.solver).solve().converged
+            else:
+                moved = size * self.v.x.array[: 3 * len(problem.coordinates)]
+                self.x.array[: len(moved)] += moved
+                problem.prescribe(self.x)
+                self.solver.solve(None, self.x)
+                converged = self.solver.getConvergedReason() > 0
+        if converged:
+            self.dynamics.end_step(problem)
+        else:
+            before.copy(self.x)
+            problem.set_load(load)
+        self._write_solution()
+        return bool(converged)
+
+    def energies(self) -> dict[str, Any]:
+        """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""
+        return self.dynamics.energies(self._problem)
+
+    def _create(self, *arguments: Any) -> Problem:
+        def terms(u: Any, regions: Any, conditions: Any) -> Any:
+            self.dynamics = Dynamics(
+                u, regions, conditions, self._integrator, duration=self._duration, **self._settings
+            )
+            return self.dynamics.terms
+
+        def on_load(load: float) -> None:
+            if self._set_time is not None:
+                self._set_time(load * self._duration)
+
+        return create_dolfinx_problem(
+            *arguments,
+            densities=self._densities,
+            on_load=on_load if self._set_time else None,
+            more_terms=terms,
+        )

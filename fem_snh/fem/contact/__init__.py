@@ -1,0 +1,1 @@
+"""Contact: surfaces as quadrature points, who is close to whom, and stiffnesses."""

@@ -1,0 +1,127 @@
+"""Triangles: their closest points and their normals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+#: Barycentric coordinates below which a point is on the edge: those of closest points are zero.
+_ON_EDGE = 1e-9
+
+
+def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
+    """Return the closest points of triangles.
+
+    Parameters
+    ----------
+    p : (n, 1, 3)
+        Points.
+    T : (n, k, 3, 3)
+        Corners of triangles.
+
+    Returns
+    -------
+    coordinates : (n, k, 3)
+        Barycentric coordinates of the closest points.
+    arm : (n, k, 3)
+        The points minus the closest points.
+    """
+    a, ab, ac = T[..., 0, :], T[..., 1, :] - T[..., 0, :], T[..., 2, :] - T[..., 0, :]
+    ap = p - a
+    d11, d12, d22 = (np.einsum("nki,nki->nk", s, t) for s, t in ((ab, ab), (ab, ac), (ac, ac)))
+    e1, e2 = (np.einsum("nki,nki->nk", s, ap) for s in (ab, ac))
+    tiny = np.finfo(float).tiny
+    det = np.maximum(d11 * d22 - d12**2, tiny)
+    v, w = (d22 * e1 - d12 * e2) / det, (d11 * e2 - d12 * e1) / det
+    best = np.stack([1 - v - w, v, w], axis=2)
+    arm = ap - v[..., None] * ab - w[..., None] * ac
+    distance = np.where((best >= 0).all(axis=2), np.einsum("nki,nki->nk", arm, arm), np.inf)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        edge = T[..., j, :] - T[..., i, :]
+        along = np.einsum("nki,nki->nk", p - T[..., i, :], edge)
+        t = np.clip(along / np.maximum(np.einsum("nki,nki->nk", edge, edge), tiny), 0.0, 1.0)
+        other = p - T[..., i, :] - t[..., None] * edge
+        squared = np.einsum("nki,nki->nk", other, other)
+        closer = squared < distance
+        distance = np.where(closer, squared, distance)
+        arm = np.where(closer[..., None], other, arm)
+        coordinates = np.zeros_like(best)
+        coordinates[..., i], coordinates[..., j] = 1 - t, t
+        best = np.where(closer[..., None], coordinates, best)
+    return best, arm
+
+
+def triangle_normals(x: Array, triangles: Array) -> Array:
+    """Return unit normals of triangles (m, 3) of points x (n, 3), as (m, 3); zero without area."""
+    a, b, c = (x[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.maximum(length, np.finfo(float).tiny))
+
+
+class PseudoNormals:
+    """Normals of a closed surface on its triangles, edges and corners.
+
+    At an edge it is the sum of those of its two triangles, at a corner that of its triangles
+    weighted by their angles (Baerentzen & Aanaes 2005): the sign of the distance is then right.
+
+    Parameters
+    ----------
+    triangles : (m, 3) int
+        Points of the triangles.
+    """
+
+    def __init__(self, triangles: Array) -> None:
+        self._triangles = triangles
+        # Edge i of a triangle is opposite to its corner i.
+        edges = np.stack([triangles[:, [1, 2]], triangles[:, [2, 0]], triangles[:, [0, 1]]], axis=1)
+        rows = np.sort(edges.reshape(-1, 2), axis=1)
+        self._num_edges, self._edges = 0, np.empty((0, 3), int)
+        if len(rows):
+            unique, index = np.unique(rows, axis=0, return_inverse=True)
+            self._num_edges, self._edges = len(unique), index.reshape(-1, 3)
+
+    def at(self, x: Array, chosen: Array, coordinates: Array) -> Array:
+        """Return the unit normals at points of the surface, (n, 3).
+
+        Parameters
+        ----------
+        x : (points, 3)
+            Positions of the surface's points.
+        chosen : (n,) int
+            The triangle of each point.
+        coordinates : (n, 3)
+            Barycentric coordinates in it; those of zero say that the point is on an edge.
+        """
+        normals = triangle_normals(x, self._triangles)
+        found = normals[chosen]
+        zeros = coordinates <= _ON_EDGE
+        count = zeros.sum(axis=1)
+        if (count == 1).any():
+            sums = _sum(self._edges.ravel(), np.repeat(normals, 3, axis=0), self._num_edges)
+            on = count == 1
+            found[on] = sums[self._edges[chosen[on], zeros[on].argmax(axis=1)]]
+        if (count == 2).any():
+            angles = _angles(x[self._triangles])
+            weighted = (angles[..., None] * normals[:, None]).reshape(-1, 3)
+            sums, on = _sum(self._triangles.ravel(), weighted, len(x)), count == 2
+            found[on] = sums[self._triangles[chosen[on], (~zeros[on]).argmax(axis=1)]]
+        length = np.linalg.norm(found, axis=1, keepdims=True)
+        return np.asarray(found / np.maximum(length, np.finfo(float).tiny))
+
+
+def _sum(index: Array, values: Array, size: int) -> Array:
+    """Return the sums (size, 3) of vectors (n, 3) with the same index."""
+    return np.stack([np.bincount(index, values[:, i], size) for i in range(3)], axis=1)
+
+
+def _angles(corners: Array) -> Array:
+    """Return the angles (m, 3) of triangles (m, 3, 3)."""
+    there = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, 1, axis=1) - corners
+    cross = np.linalg.norm(np.cross(there, back), axis=2)
+    return np.asarray(np.arctan2(cross, np.einsum("mki,mki->mk", there, back)))

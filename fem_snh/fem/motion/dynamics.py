@@ -1,0 +1,250 @@
+r"""The motion of a body in time: state, steps, energies and momenta.
+
+A time integrator (`fem_snh.fem.integrators`) makes each step an incremental potential: the terms of
+`Dynamics` are terms of the problem as any other, and its solver is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.choices import MASSES
+from fem_snh.errors import bad_value
+from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
+from fem_snh.fem.integrators import Affine, Before, State, StepFormulas, create
+from fem_snh.fem.motion.force_balance import ForceBalance
+from fem_snh.fem.motion.measures import motion_measures, total_energy, work_of_loads
+from fem_snh.fem.motion.prescribed import PrescribedMotion
+from fem_snh.fem.nodal_mass import NodalMass
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import Region
+
+Array = npt.NDArray[Any]
+
+#: Spacing of the differences of prescribed motion, relative to the step and, at the start, to the
+#: duration. Truncation, of the fourth power, is then far below the integrators' own error, rounding
+#: below the forces' tolerance.
+_SPACING, _FIRST_SPACING = 0.1, 1e-4
+
+
+class _Step(NamedTuple):
+    """The step between `begin_step` and `end_step`: its size [s], load and state at its start."""
+
+    size: float
+    load: float
+    state: State
+    formulas: StepFormulas
+
+
+class Dynamics:
+    """Inertia and damping of a body, and its motion from step to step. Collective.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    regions : sequence of Region
+        The materials with their densities.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    integrator : str
+        One of `fem_snh.choices.INTEGRATORS`.
+    mass : {"consistent", "lumped"}, optional
+        The mass matrix: see `NodalMass`.
+    damping : tuple of float, optional
+        Rayleigh damping: the factors of the mass [1/s] and of the stiffness [s].
+    rho_infinity : float, optional
+        Spectral radius of ``generalized_alpha`` at infinite frequency, 0 to 1.
+    duration : float
+        The time [s] in which the load goes from 0 to 1.
+
+    Attributes
+    ----------
+    terms : list of Term
+        Inertia and, if it is asked for, damping: terms of the problem.
+    integrator : Integrator
+        The time integrator.
+    mass : NodalMass
+        The mass matrix.
+    v, a : dolfinx Function
+        Velocity [m/s] and acceleration [m/s^2] at the end of the last accepted step.
+    dissipated, work : float
+        The entries of `energies` [J].
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a bad value or a material without a density.
+    """
+
+    def __init__(
+        self,
+        u: Any,
+        regions: Sequence[Region],
+        dirichlet: Dirichlet,
+        integrator: str,
+        *,
+        mass: str = MASSES[0],
+        damping: tuple[float, float] = (0.0, 0.0),
+        rho_infinity: float | None = None,
+        duration: float,
+    ) -> None:
+        for key, value in zip(("mass", "stiffness"), damping, strict=True):
+            if not value >= 0:
+                raise bad_value(f"time.damping.{key}", value, "a number >= 0")
+        if not duration > 0:
+            raise bad_value("time.duration", duration, "a number > 0")
+        self.integrator = create(integrator, rho_infinity)
+        V, self._duration = u.function_space, duration
+        self.mass = NodalMass(V, regions, mass)
+        self.v, self.a = _dolfinx.function(V, "velocity"), _dolfinx.function(V, "acceleration")
+        self._motion = PrescribedMotion(V, dirichlet, duration)
+        self._balance = ForceBalance(self.mass, damping)
+        self.terms = self._balance.terms
+        self.dissipated = self.work = 0.0
+        self._first_energy: float | None = None
+        self._before: Before | None = None
+        self._step: _Step  # set by begin_step
+        self._reaction: Array | None = None
+
+    def start(self, problem: Problem, velocity: Callable[[Array], Array] | None = None) -> None:
+        """Set the initial velocity and the acceleration that balances the forces. Collective.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem at its initial displacement and load, with the terms of this object.
+        velocity : callable, optional
+            Velocities [m/s] (n, 3) of nodes with reference coordinates [m] (n, 3). Default: zero.
+        """
+        motion = self._motion.at(problem.load, _FIRST_SPACING, problem.load)
+        v, fixed = self.v.x.array, self._motion.constrained
+        if velocity is not None:
+            v[:] = np.asarray(velocity(problem.V.tabulate_dof_coordinates())).ravel()
+        v[fixed] = motion.v[fixed]
+        prescribed = np.where(fixed, motion.a, 0.0)
+        self.a.x.array[:] = self._balance.acceleration(problem, v, prescribed)
+        if problem.has_energy:
+            self._first_energy = total_energy(self.energies(problem))
+
+    def begin_step(self, problem: Problem, load: float) -> None:
+        """Set the formulas of the step from the problem's state to a load. Collective.
+
+        A step that failed is repeated by another call, with the problem's state restored.
+        """
+        h = (load - problem.load) * self._duration
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        state = State(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
+        formulas = self.integrator.formulas(h, state)
+        fixed = self._motion.constrained
+        spacing = -_SPACING * (load - problem.load)
+        motion = self._motion.at(load, spacing, problem.load)
+        formulas.velocity.set_values(fixed, motion.u, motion.v)
+        formulas.acceleration.set_values(fixed, motion.u, motion.a)
+        self._step = _Step(h, problem.load, state, formulas)
+        balance = self._balance
+        if formulas.old_forces:
+            old_forces = formulas.old_forces * balance.forces(problem, state.v)
+            balance.inertia.old_forces = old_forces
+        if self._motion.moves and self._reaction is None:
+            self._reaction = balance.forces(problem, state.v, state.a)
+        balance.update_stiffness(problem)
+        new, old = formulas.inertia
+        rate, origin = formulas.acceleration.rate, formulas.acceleration.origin
+        inertia = Affine(new * rate, origin - old / (new * rate) * formulas.old_acceleration)
+        inertia.set_values(fixed, motion.u, motion.a + formulas.old_forces * state.a)
+        balance.set_formulas(inertia, formulas.velocity)
+
+    def end_step(self, problem: Problem) -> None:
+        """Accept the step, before `TermHistory.end_step`. Collective."""
+        h, load, state, formulas = self._step
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        v, a = formulas.velocity(u), formulas.acceleration(u)
+        weight, moved = self.integrator.end_weight, u - state.u
+        if self._balance.damping:
+            force = self._balance.damping.apply(weight * v + (1 - weight) * state.v)
+            self.dissipated += problem.comm.allreduce(float(force @ moved))
+        self._balance.outdate_stiffness()
+        work, lost = work_of_loads(problem, state.u, load, weight, self.terms)
+        self.work, self.dissipated = self.work + work, self.dissipated + lost
+        if self._motion.moves:
+            dofs, reaction = problem.constrained_dofs, self._balance.forces(problem, v, a)
+            mean = weight * reaction + (1 - weight) * np.asarray(self._reaction)
+            self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
+            self._reaction = reaction
+        # The problem's gradient is now the sum of all forces at the step's end: its reactions.
+        self._balance.inertia.old_forces = None
+        self._balance.set_formulas(formulas.acceleration, formulas.velocity)
+        self.v.x.array[:], self.a.x.array[:] = v, a
+        self._before = Before(h, state.u, state.v, formulas.old_acceleration)
+
+    def local_error(self, problem: Problem) -> float:
+        """Return an estimate of the solved step's local error, before `end_step`. Collective.
+
+        It is the root mean square, weighted by mass, of the displacement's error [m]; the formulas
+        are those of docs/theory/dynamics.md.
+        """
+        formulas = self._step.formulas
+        new, old = formulas.error
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        error = new * formulas.acceleration(u) + old * formulas.old_acceleration
+        error[self._motion.constrained] = 0.0
+        return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
+
+    def energies(self, problem: Problem) -> dict[str, Any]:
+        """Return energies and momenta of the present state. Collective.
+
+        Returns
+        -------
+        dict
+            The entries of `motion_measures`; since the start, "work" of prescribed motion, of
+            moving obstacles and of changing loads, energy "dissipated" by damping and friction, and
+            "numerical_dissipation" [J]: what else the sum of kinetic, elastic and potential energy
+            lost, by the integrator. The last is missing if a force has no energy.
+        """
+        found = motion_measures(problem, self.mass, self.v.x.array, self.terms)
+        found |= {"work": self.work, "dissipated": self.dissipated}
+        if problem.has_energy and self._first_energy is not None:
+            available = self._first_energy + self.work - self.dissipated
+            found["numerical_dissipation"] = available - total_energy(found)
+        return found
+
+    def history(self) -> tuple[Array, dict[str, float]]:
+        """Return what the next steps need of the last ones, for a checkpoint.
+
+        Returns
+        -------
+        values : (n, k)
+            Values at the displacement nodes that this rank owns.
+        scalars : dict
+            The same on all ranks.
+        """
+        scalars = {"dissipated": self.dissipated, "work": self.work}
+        if self._first_energy is not None:
+            scalars["first_energy"] = self._first_energy
+        fields = [self.v.x.array, self.a.x.array]
+        if self._before and self.integrator.num_steps > 1:
+            scalars["step_before"] = self._before.size
+            fields += self._before[1:]
+        owned = [field[: self.mass.num_owned].reshape(-1, 3) for field in fields]
+        return np.concatenate(owned, axis=1), scalars
+
+    def set_history(self, values: Array, scalars: Mapping[str, float]) -> None:
+        """Continue from what `history` returned, instead of `start`. Collective."""
+        vector, fields = _dolfinx.create_vector(self.v.function_space), []
+        for field in np.split(values, values.shape[1] // 3, axis=1):
+            vector.array[:] = field.ravel()
+            update_ghosts(vector)
+            fields.append(np.array(local_values(vector)))
+        self.v.x.array[:], self.a.x.array[:] = fields[:2]
+        self.dissipated, self.work = scalars["dissipated"], scalars["work"]
+        self._first_energy = scalars.get("first_energy")
+        self._before = Before(scalars["step_before"], *fields[2:]) if fields[2:] else None
+        self._balance.outdate_stiffness()
+        self._reaction = None

@@ -1,0 +1,148 @@
+"""Pairs of a sample and a target on a surface, and the energy of their springs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_matrix, diags
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPairs:
+    r"""Springs between samples and targets, constant during a solve; the same on all ranks.
+
+    With the gap :math:`g = n \cdot (x_s - x_t)`, the sample's position minus the target's along the
+    target's outward normal, lagged, the energy is
+
+    .. math:: E = \sum \tfrac{c}{2} \langle -g \rangle^2 .
+
+    It is convex in the displacement, and its forces sum to zero, as the weights of a sample and of
+    a target have the same sum.
+
+    Attributes
+    ----------
+    sample : (n,) int
+        The sample of each pair, sorted.
+    corners : (n, 6) int
+        Points of the surface: of the sample's triangle, then of the target's.
+    factors : (n, 6)
+        Their weights in the sample's position minus the target's.
+    normal : (n, 3)
+        Outward unit normal of the surface at the target.
+    stiffness : (n,)
+        The springs' c [N/m].
+    """
+
+    sample: Array
+    corners: Array
+    factors: Array
+    normal: Array
+    stiffness: Array
+
+    @classmethod
+    def none(cls) -> ContactPairs:
+        """Return no pairs."""
+        return cls(
+            np.empty(0, int),
+            np.empty((0, 6), int),
+            np.empty((0, 6)),
+            np.empty((0, 3)),
+            np.empty(0),
+        )
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    def __getitem__(self, chosen: Array) -> ContactPairs:
+        """Return some of the pairs."""
+        return ContactPairs(
+            self.sample[chosen],
+            self.corners[chosen],
+            self.factors[chosen],
+            self.normal[chosen],
+            self.stiffness[chosen],
+        )
+
+    def joined(self, other: ContactPairs) -> ContactPairs:
+        """Return these pairs and others."""
+        both = [np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True)]
+        return ContactPairs(*both)[np.argsort(both[0], kind="stable")]
+
+    def find(self, other: ContactPairs, x: Array, distance: float) -> Array:
+        """Return for each pair the one of others with its sample and a target close to its own.
+
+        Parameters
+        ----------
+        other : ContactPairs
+            Other pairs.
+        x : (points, 3)
+            The positions of the surface's points [m].
+        distance : float
+            Largest distance of the targets [m].
+
+        Returns
+        -------
+        (n,) int
+            Indices of ``other``; -1 for none.
+        """
+        found, mine, others = np.full(len(self), -1), self._targets(x), other._targets(x)
+        first = np.searchsorted(other.sample, self.sample)
+        counts = np.searchsorted(other.sample, self.sample, side="right") - first
+        for number in range(counts.max(initial=0)):
+            some = np.flatnonzero(counts > number)
+            candidate = first[some] + number
+            near = np.linalg.norm(mine[some] - others[candidate], axis=1) <= distance
+            found[some[near]] = candidate[near]
+        return found
+
+    def _targets(self, x: Array) -> Array:
+        """Return the positions of the targets [m], (n, 3)."""
+        return np.asarray(-np.einsum("nk,nki->ni", self.factors[:, 3:], x[self.corners[:, 3:]]))
+
+    @property
+    def _columns(self) -> tuple[Array, ...]:
+        return self.sample, self.corners, self.factors, self.normal, self.stiffness
+
+    def gaps(self, x: Array) -> Array:
+        """Return the gaps [m] at the positions of the surface's points x (points, 3), (n,)."""
+        apart = np.einsum("nk,nki->ni", self.factors, x[self.corners])
+        return np.asarray(np.einsum("ni,ni->n", apart, self.normal))
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        return float(self.stiffness @ np.minimum(self.gaps(x), 0.0) ** 2) / 2
+
+    def forces(self, x: Array) -> Array:
+        """Return the forces of the springs [N], positive in contact, (n,)."""
+        return np.asarray(-self.stiffness * np.minimum(self.gaps(x), 0.0))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the surface's points [N], (points, 3)."""
+        vectors = -self.forces(x)[:, None] * self.normal
+        values = (self.factors[..., None] * vectors[:, None]).reshape(-1, 3)
+        index = self.corners.ravel()
+        return np.stack([np.bincount(index, values[:, i], len(x)) for i in range(3)], axis=1)
+
+    def hessian(self, x: Array) -> csr_matrix:
+        """Return the energy's Hessian by the surface's points [N/m], (3 points, 3 points)."""
+        active = self[np.flatnonzero(self.gaps(x) < 0)]
+        return _products(active.factors, active, active.normal, len(x))
+
+    def pattern(self, num_points: int) -> csr_matrix:
+        """Return a matrix without zeros at the blocks of all pairs, (3 points, 3 points)."""
+        return _products(np.abs(self.factors), self, np.abs(self.normal), num_points)
+
+
+def _products(factors: Array, pairs: ContactPairs, normal: Array, num_points: int) -> csr_matrix:
+    """Return the sum of the outer products of the gaps' derivatives, times the stiffnesses."""
+    values = factors[..., None] * normal[:, None]
+    columns = 3 * pairs.corners[..., None] + np.arange(3)
+    indptr = np.arange(0, 18 * len(pairs) + 1, 18)
+    shape = (len(pairs), 3 * num_points)
+    gaps = csr_matrix((values.ravel(), columns.ravel(), indptr), shape=shape)
+    return csr_matrix(gaps.T @ (diags(pairs.stiffness) @ gaps))

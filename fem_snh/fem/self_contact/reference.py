@@ -1,0 +1,197 @@
+"""Self-contact by the map to the reference configuration (Smith et al. 2018, section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.choices import FILTERS
+from fem_snh.errors import NotSettled, choose
+from fem_snh.fem.assembled_matrix import BlockMatrix
+from fem_snh.fem.contact.embedded_surface import embedded_surface
+from fem_snh.fem.ghosted_vectors import local_values, writable_values
+from fem_snh.fem.mesh import Mesh
+from fem_snh.fem.regions import Region
+from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
+from fem_snh.fem.self_contact.pairs import ContactPairs
+from fem_snh.fem.self_contact.target_search import TargetSearch
+
+Array = npt.NDArray[Any]
+
+#: The pairs have settled when a new search changes no nodal force by more than this fraction of the
+#: largest one.
+_SETTLED = 1e-2
+#: After the first number of searches of a step a sample keeps a target that would move by less than
+#: this part of a cell, after the second number any: where two triangles of different normals are
+#: close, it would change from one to the other and back for ever.
+_FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 5, 0.25
+#: Solves of a step after which pairs that still change make it fail.
+MAX_ROUNDS = 15
+
+
+class ReferenceContact:
+    """The energy of contact of a body with itself, and of the bodies of a mesh. Collective.
+
+    Samples of the surface that are inside of deformed cells are mapped to the reference
+    configuration by these cells. A spring pushes each out of the surface through its target, the
+    closest point of the surface there. During a solve targets and normals are constant. After a
+    solve the search is repeated, and the step is solved again until the forces have settled.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        Its mesh.
+    regions : sequence of Region
+        The materials, which the default stiffness depends on.
+    stiffness : float, optional
+        Contact pressure over penetration [Pa/m]; default: 50 E over the size of the cells.
+
+    Attributes
+    ----------
+    surface : EmbeddedSurface
+        The surface, on every rank.
+    pairs : ContactPairs
+        The present pairs of samples and targets, the same on all ranks.
+    rounds : int
+        How often the present step was solved.
+    """
+
+    name, has_energy, depends_on_load = "self_contact", True, False
+
+    def __init__(
+        self,
+        V: Any,
+        mesh: Mesh,
+        regions: Sequence[Region],
+        stiffness: float | None = None,
+    ) -> None:
+        self.surface = embedded_surface(V, mesh)
+        is_lattice = getattr(mesh, "skin", None) is not None
+        self._search = TargetSearch(V, self.surface, regions, stiffness, is_lattice)
+        self._matrix = SurfaceMatrix(self.surface)
+        self.pairs, self.rounds = ContactPairs.none(), 0
+        self._penetration, self._coupled = 0.0, False
+        self._stale, self._stepped = True, False
+
+    def set_load(self, load: float) -> None:
+        """Search again at the next evaluation, if nothing calls `begin_step`."""
+        self._stale |= not self._stepped
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of the springs [J]. Collective."""
+        return self.pairs.energy(self._positions(u))
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
+        forces = self._matrix.nodal(self.pairs.gradient(self._positions(u)))
+        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
+
+    def couplings(self, u: PETSc.Vec) -> Array:
+        """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
+        x = self._positions(u)
+        if not self._coupled:
+            self._coupled = True
+            pattern = self._matrix.blocks(self.pairs.pattern(len(x)))
+            if not self._matrix.contains(pattern):
+                self._matrix.replace(pattern)
+        return self._matrix.pairs
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
+        choose("filter", filter, FILTERS)
+        self._matrix.add(self._matrix.blocks(self.pairs.hessian(self._positions(u))), target)
+        return 0
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
+        """Return the step's row for run.json. Collective.
+
+        ``pairs``, how many springs push; ``penetration`` [m], the largest; ``force`` [N], the sum
+        of the springs' forces, as lengths; ``stiffness`` [Pa/m], their mean; ``rounds``, how often
+        the step was solved.
+        """
+        x = self._positions(u)
+        row = {
+            "pairs": int((self.pairs.gaps(x) < 0).sum()),
+            "penetration": self._penetration,
+            "force": float(self.pairs.forces(x).sum()),
+            "stiffness": self._search.stiffness,
+            "rounds": self.rounds,
+        }
+        return {"self_contact": row}
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Search the targets at the last accepted step. Collective."""
+        self.rounds, self._stepped, self._stale = 0, True, True
+        self._positions(u)
+
+    def update_lagged(self, u: PETSc.Vec) -> bool:
+        """Search again; return whether to solve again. Collective.
+
+        Raises
+        ------
+        NotSettled
+            On every rank, if the pairs still change after `MAX_ROUNDS` solves.
+        """
+        x = self._positions(u)
+        before = self._matrix.nodal(self.pairs.gradient(x))
+        self.rounds += 1
+        new = self._search.find(local_values(u).reshape(-1, 3), x)
+        self._penetration = max(0.0, float(-new.gaps(x).min(initial=0.0)))
+        self._set_pairs(self._updated(new, x))
+        after = self._matrix.nodal(self.pairs.gradient(x))
+        largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
+        change = np.abs(after - before).max(initial=0.0)
+        if change <= _SETTLED * largest:
+            return False
+        if self.rounds > MAX_ROUNDS:
+            raise NotSettled(
+                f"self_contact: the pairs still change after {self.rounds} solves, the forces by "
+                f"{change / largest:.2g} of the largest"
+            )
+        return True
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Do nothing: the next step searches again."""
+
+    def history(self) -> tuple[Array, Array]:
+        """Return no points and no values: the next step depends on the displacement alone."""
+        return np.empty((0, 3)), np.empty((0, 1))
+
+    def set_history(self, values: Array) -> None:
+        """Do nothing, as there is no history."""
+
+    def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
+        """Return the pairs of a new search, with former ones."""
+        old = self.pairs
+        if self.rounds > _ROUNDS_TO_MOVE:
+            return old.joined(new[~np.isin(new.sample, old.sample)])
+        # A sample that its target has pushed out may come back in the next solve.
+        kept = (old.gaps(x) >= 0) & ~np.isin(old.sample, new.sample)
+        if self.rounds > _FREE_SEARCHES:
+            same = new.find(old, x, _MOVED * self._search.size)
+            kept[same[same >= 0]] = True
+            new = new[same < 0]
+        return new.joined(old[kept])
+
+    def _set_pairs(self, pairs: ContactPairs) -> None:
+        self.pairs, self._coupled = pairs, False
+
+    def _positions(self, u: PETSc.Vec) -> Array:
+        """Return the positions of the surface's points; search if nothing did. Collective."""
+        values = local_values(u).reshape(-1, 3)
+        x = self.surface.positions(values)
+        if self._stale:
+            self._stale = False
+            self._set_pairs(self._search.find(values, x))
+        return x

@@ -1,0 +1,61 @@
+"""The augmented Lagrangian of `ContactPair` and `SurfacePair`: limits, and stiffness in a step."""
+
+from __future__ import annotations
+
+import math
+
+#: Default tolerance of the gap in the height of the cell at the surface.
+TOLERANCE = 1e-3
+#: Solves of a step with new multipliers after which it fails. Each reduces the penetration by about
+#: E/(k h), and a stiffness that is too small increases; nodes that are constrained cannot follow.
+MAX_AUGMENTATIONS = 50
+#: Augmentations that leave more than this part of the gap increase the stiffness by this factor
+#: (Nocedal & Wright 2006, framework 17.3), at most to this multiple of the default stiffness.
+#: Multipliers at more points than a facet can follow need it: without, a ball of 3 cells that
+#: bounces stops after 50 augmentations, with it a step takes about 20 Newton iterations.
+_SLOW, _FACTOR, _LARGEST = 0.25, 4.0, 1e4
+
+
+class PenaltyGrowth:
+    """The factor of the stiffness, which increases in a step while the gap decreases slowly.
+
+    The next step begins with the given stiffness, or with the increased one where that is below the
+    default: with a far smaller one the multipliers are a dead load, under which a compressed body
+    may have no stable equilibrium.
+
+    Parameters
+    ----------
+    ratio : float
+        The default stiffness over the given one.
+
+    Attributes
+    ----------
+    factor : float
+        The present factor of the given stiffness.
+    kept : float
+        The factor at the start of a step.
+    """
+
+    def __init__(self, ratio: float = 1.0) -> None:
+        self._default = max(ratio, 1.0)
+        self._largest = max(_LARGEST * ratio, 1.0)
+        self.kept = 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a step."""
+        self.factor, self._gap = self.kept, math.inf
+
+    def update(self, gap: float) -> float:
+        """Return the factor after an augmentation that has left this gap, in any unit."""
+        if gap > _SLOW * self._gap and self.factor < self._largest:
+            self.factor *= _FACTOR
+        self._gap = gap
+        return self.factor
+
+    def keep(self) -> bool:
+        """End a step; return whether the stiffness decreases to that of the next one."""
+        self.kept = min(self.factor, self._default)
+        decreases = self.factor > self.kept
+        self.reset()
+        return decreases

@@ -1,0 +1,78 @@
+r"""Inertia as an incremental potential of the displacement at a step's end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy.typing as npt
+
+from fem_snh.fem.assembled_matrix import BlockMatrix
+from fem_snh.fem.ghosted_vectors import local_values, writable_values
+from fem_snh.fem.integrators import Affine
+from fem_snh.fem.nodal_mass import NodalMass
+
+Array = npt.NDArray[Any]
+
+
+class Inertia:
+    r"""The potential of the inertial forces, and of the forces at the step's start.
+
+    .. math:: E(u) = \frac{c}{2} (u - w) \cdot M (u - w) + \kappa f_0 \cdot u
+
+    Its derivative is :math:`M a + \kappa f_0` with :math:`a = c (u - w)`. Without a step, as in the
+    computation of static forces, the term is zero.
+
+    Parameters
+    ----------
+    mass : NodalMass
+        The mass matrix M.
+
+    Attributes
+    ----------
+    acceleration : Affine or None
+        a as a function of the displacement; None without a step.
+    old_forces : (3 owned nodes,) or None
+        The forces :math:`\kappa f_0` [N].
+    """
+
+    name = "inertia"
+    has_energy = depends_on_load = True
+
+    def __init__(self, mass: NodalMass) -> None:
+        self._mass = mass
+        self.acceleration: Affine | None = None
+        self.old_forces: Array | None = None
+
+    def set_load(self, load: float) -> None:
+        """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the potential [J]. Collective."""
+        if self.acceleration is None:
+            return 0.0
+        a = self.acceleration(local_values(u))
+        energy = self._mass.dot(a, a) / (2 * self.acceleration.rate)
+        if self.old_forces is not None:
+            energy += u.comm.tompi4py().allreduce(float(self.old_forces @ u.array_r))
+        return energy
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included."""
+        if self.acceleration is None:
+            return
+        values = writable_values(r_u)
+        values += self._mass.apply(self.acceleration(local_values(u)))
+        if self.old_forces is not None:
+            values[: len(self.old_forces)] += self.old_forces
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add c M, and return 0: it is positive definite."""
+        if self.acceleration is not None:
+            self._mass.add_to(target, self.acceleration.rate)
+        return 0

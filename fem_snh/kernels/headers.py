@@ -1,0 +1,35 @@
+"""The C files that the kernels share, and the sources that depend on no material."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from fem_snh.choices import EIGENSOLVERS, FILTERS
+
+#: The SVD and the eigensolvers.
+SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
+#: The loops over points for `fem_snh.kernels.pointwise.Material`.
+POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
+
+
+def header(name: str) -> str:
+    """Return the text of a file of ``fem_snh/kernels/include``."""
+    return (files("fem_snh.kernels") / "include" / name).read_text()
+
+
+def options() -> str:
+    """Return the C enums of the eigenvalue filters and the eigensolvers of `fem_snh.choices`.
+
+    The C name is the upper-case name; the value is the position in the tuple.
+    """
+    enums = (FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
+    return "\n".join(
+        f"enum {{ {', '.join(name.upper() for name in names)} }}; /* {comment} */"
+        for names, comment in enums
+    )
+
+
+def svd_eigen_source() -> str:
+    """Return the C source of the 3x3 SVD and eigensolvers, which depend on no material."""
+    names = (*SVD_AND_EIGENSOLVERS, "svd_eigen_api.h", "svd_eigen_kernels.h")
+    return "\n".join(["#include <math.h>", options(), *map(header, names)])

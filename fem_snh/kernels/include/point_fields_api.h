@@ -1,0 +1,21 @@
+/* Output fields at points, and integrals of columns against a basis. The C compiler and cffi read this one file. */
+
+/* Where fields are stored, by points; NULL for a field that is not wanted. Tensors are [9] by rows. */
+typedef struct {
+  double *cauchy_stress;         /* [n][9] P F^T / J [Pa]; NaN where J = 0 */
+  double *von_mises;             /* [n] sqrt(3/2 s : s) [Pa], s the deviator of the Cauchy stress */
+  double *principal_stresses;    /* [n][3] eigenvalues of the Cauchy stress [Pa], descending */
+  double *hydrostatic_stress;    /* [n] a third of the Cauchy stress's trace [Pa] */
+  double *pk1_stress;            /* [n][9] P [Pa] */
+  double *green_lagrange_strain; /* [n][9] (H + H^T + H^T H) / 2: accurate also where it is small */
+  double *principal_stretches;   /* [n][3] signed singular values of F, descending */
+} PointFields;
+
+/* The fields at n points of H = F - I [9][n] and P [9][n], whose components are by columns. */
+void point_fields(long n, const double *H, const double *P, const PointFields *out);
+
+/* out[k / 8][node][k % 8] += sum_q weights[q] basis[q][a] column[k][q stride[k]] for the nodes a of each cell; q runs
+ * over the cell's points. weights is [cells][points], basis [points][nodes], node [cells][nodes] with at most
+ * MAX_NODES nodes, out [(columns + 7) / 8][num_nodes][8]. */
+void integrate_columns(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
+                       int columns, const double *const *column, const long *stride, long num_nodes, double *out);

@@ -1,0 +1,116 @@
+"""The numbers of an energy: all that a solve with compiled kernels needs of it.
+
+For built-in materials they are kept in the cache, with which a solve needs no sympy: its import
+and the fit of the constants take longer than a small solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fem_snh import cache
+
+if TYPE_CHECKING:
+    from fem_snh.materials.energy import Energy
+
+_MODELS = Path(__file__).with_name("models")
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of an energy.
+
+    Attributes
+    ----------
+    name : str
+        The material's name.
+    E, nu : float
+        Young's modulus [Pa] and Poisson's ratio.
+    shape : dict
+        Shape parameters and tuning, by name.
+    constants, values : tuple
+        Names of the material's own constants, e.g. ("mu", "lam"), and their values [Pa].
+    lame : tuple of float
+        (mu_lame, lambda_lame) [Pa], linearised from the energy.
+    has_energy : bool
+        Whether the stress is the gradient of an energy.
+    key : str or None
+        The key of these numbers in the cache; None for a material of the user's own.
+    """
+
+    name: str
+    E: float
+    nu: float
+    shape: dict[str, Any]
+    constants: tuple[str, ...]
+    values: tuple[float, ...]
+    lame: tuple[float, float]
+    has_energy: bool
+    key: str | None = None
+
+    @property
+    def incompressible(self) -> bool:
+        """Return True at nu = 0.5, which requires mixed elements."""
+        return self.nu == 0.5
+
+
+def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
+    """Return the numbers of an energy."""
+    return Numbers(
+        energy.name,
+        energy.E,
+        energy.nu,
+        energy.shape,
+        tuple(map(str, energy.constants)),
+        energy.values,
+        energy.lame,
+        energy.has_energy,
+        key,
+    )
+
+
+def stored_key(material: Any, E: float, nu: float, keywords: Mapping[str, Any]) -> str | None:
+    """Return the key of a built-in material's numbers; None if they cannot be stored."""
+    names = [material, *filter(None, [keywords.get("lambda_part")])]
+    if not all(type(name) is str and _is_own(name) for name in names):
+        return None
+    try:
+        given = {k: float(v) if type(v) is int else v for k, v in keywords.items()}
+        return cache.key(cache.sources("materials"), material, float(E), float(nu), given)
+    except (TypeError, ValueError, OverflowError):  # `make_energy` reports what is wrong
+        return None
+
+
+def _is_own(name: str) -> bool:
+    """Return whether a material is a file of this package, which `cache.sources` contains."""
+    return name.isidentifier() and (_MODELS / f"{name}.py").is_file()
+
+
+def stored(material: Any, E: float = 1.0, nu: float = 0.49, /, **keywords: Any) -> Numbers | None:
+    """Return the numbers of a material that was made before with the same arguments, or None.
+
+    Parameters
+    ----------
+    material, E, nu, **keywords
+        As for `fem_snh.materials.make_energy`. Stored numbers are those of valid arguments.
+    """
+    key = stored_key(material, E, nu, keywords)
+    record = cache.read(key) if key else None
+    if record is None:
+        return None
+    record |= {name: tuple(record[name]) for name in ("constants", "values", "lame")}
+    record["shape"] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in record["shape"].items()
+    }
+    return Numbers(**record, key=key)
+
+
+def store(numbers: Numbers) -> None:
+    """Keep the numbers of a built-in material."""
+    if numbers.key:
+        record = asdict(numbers)
+        del record["key"]
+        cache.write(numbers.key, record)

@@ -1,0 +1,46 @@
+"""The contact of a scene's body with its obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fem_snh.errors import on_every
+from fem_snh.fem.mesh import Mesh, volume
+from fem_snh.fem.regions import Region
+from fem_snh.fem.terms.contact import Contact, ObstacleContact
+from fem_snh.fem.terms.traction import surface_facets
+from fem_snh.scenes import Scene, obstacle_names, read_obstacles
+
+
+def obstacle_contact(
+    scene: Scene, mesh: Mesh, V: Any, regions: Sequence[Region]
+) -> ObstacleContact:
+    """Return the term of the scene's obstacles. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a file that cannot be read, or a group that is unknown or no surface.
+    """
+    comm, size, contacts = mesh.domain.comm, volume(mesh.domain), []
+    obstacles = on_every(comm, lambda: read_obstacles(scene.obstacle, scene.table, scene.duration))
+    names = obstacle_names(scene.obstacle)
+    for name, choice, obstacle in zip(names, scene.obstacle, obstacles, strict=True):
+        key = choice.group
+        facets = None if key is None else surface_facets(mesh, "obstacle.group", key)
+        contacts.append(
+            Contact(
+                name,
+                obstacle,
+                choice.friction,
+                choice.stiffness,
+                choice.absolute_tolerance(size),
+                choice.augmented,
+                facets,
+            )
+        )
+    term = ObstacleContact(V, regions, contacts)
+    for pair in term.pairs:
+        pair.linearised = scene.time is not None and scene.time.integrator == "semi_implicit"
+    return term

@@ -1,0 +1,147 @@
+"""The files of a lattice's skin: skin.pvd with one .vtu for each state."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import on_root
+from fem_snh.fem.contact.embedded_surface import EmbeddedSurface, carried_points
+from fem_snh.fem.skin import Skin
+
+Array = npt.NDArray[Any]
+
+#: VTK's number of a triangle.
+_TRIANGLE = 5
+#: VTK's names of the types of arrays.
+_TYPES = {"float64": "Float64", "int64": "Int64", "uint8": "UInt8"}
+
+
+class SkinSeries:
+    """The skin of a body at increasing times, as triangles with fields at the points. Collective.
+
+    Rank 0 writes. A field of the cells has at each point the value of the cell that carries it.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    V : dolfinx function space
+        The displacement's space.
+    skin : Skin
+        The skin.
+    until : float, optional
+        Keep the states of an existing file up to this time.
+    """
+
+    def __init__(self, path: Path, V: Any, skin: Skin, until: float | None = None) -> None:
+        self._comm: MPI.Comm = V.mesh.comm
+        self._path, self._skin = path, skin
+        self._surface = EmbeddedSurface.of_skin(V, skin)
+        self._points, self._cells = carried_points(V.mesh, skin)
+        self._times: list[float] = on_root(self._comm, _dolfinx.earlier_states, path, until)
+
+    def write(
+        self, u: Array, t: float, cells: Mapping[str, Array], nodes: Mapping[str, Array]
+    ) -> None:
+        """Append a state. Collective.
+
+        Parameters
+        ----------
+        u : (local nodes, 3)
+            The displacement [m].
+        t : float
+            The time.
+        cells, nodes : mapping of str to array
+            Values at this rank's own cells, (cells, ...), and at its nodes, (local nodes, ...).
+
+        Raises
+        ------
+        BadInput
+            On every rank, if a file cannot be written.
+        """
+        fields: dict[str, Array | None] = {
+            "displacement": self._surface.interpolate(self._surface.support.gather(u))
+        }
+        for name, values in cells.items():
+            fields[name] = self._carried(values)
+        for name, values in nodes.items():
+            fields[name] = self._interpolated(values)
+        on_root(self._comm, self._write, fields, t)
+        self._times.append(t)
+
+    def _carried(self, values: Array) -> Array | None:
+        """Return the values of the cells that carry the points, on rank 0."""
+        parts = self._comm.gather((self._points, values[self._cells]))
+        if parts is None:
+            return None
+        found = np.empty((len(self._skin.points), *values.shape[1:]))
+        for points, part in parts:
+            found[points] = part
+        return found
+
+    def _interpolated(self, values: Array) -> Array:
+        """Return nodal values at the points: three columns at a time, as displacements."""
+        columns = values.reshape(len(values), -1)
+        wide = np.pad(columns, ((0, 0), (0, -columns.shape[1] % 3)))
+        parts = [
+            self._surface.interpolate(self._surface.support.gather(wide[:, i : i + 3]))
+            for i in range(0, wide.shape[1], 3)
+        ]
+        found: Array = np.concatenate(parts, axis=1)[:, : columns.shape[1]]
+        return found.reshape(-1, *values.shape[1:])
+
+    def _write(self, fields: Mapping[str, Any], t: float) -> None:
+        """Write the state's file, then the collection."""
+        names = [f"{self._path.stem}{k:06}.vtu" for k in range(len(self._times) + 1)]
+        replace_file(self._path.with_name(names[-1]), self._grid(fields))
+        text = _dolfinx.collection(zip([*self._times, t], names, strict=True))
+        replace_file(self._path, text)
+
+    def _grid(self, fields: Mapping[str, Any]) -> str:
+        """Return the text of the .vtu file."""
+        n, m = len(self._skin.points), len(self._skin.triangles)
+        mesh = [
+            ("Points", [("Points", self._skin.points)]),
+            (
+                "Cells",
+                [
+                    ("connectivity", self._skin.triangles.astype(np.int64).ravel()),
+                    ("offsets", 3 * np.arange(1, m + 1, dtype=np.int64)),
+                    ("types", np.full(m, _TRIANGLE, dtype=np.uint8)),
+                ],
+            ),
+            ("PointData", list(fields.items())),
+        ]
+        body = "".join(
+            f"<{section}>\n{''.join(map(_data_array, arrays))}</{section}>\n"
+            for section, arrays in mesh
+        )
+        return (
+            '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" '
+            'byte_order="LittleEndian" header_type="UInt64">\n<UnstructuredGrid>\n'
+            f'<Piece NumberOfPoints="{n}" NumberOfCells="{m}">\n{body}</Piece>\n'
+            "</UnstructuredGrid>\n</VTKFile>\n"
+        )
+
+
+def _data_array(item: tuple[str, Array]) -> str:
+    """Return an array as an element of a .vtu file, in base64."""
+    name, values = item
+    kind = _TYPES[values.dtype.name]
+    values = values.astype(values.dtype.newbyteorder("<"))
+    columns = int(np.prod(values.shape[1:], dtype=int))
+    text = base64.b64encode(np.array(values.nbytes, "<u8").tobytes() + values.tobytes()).decode()
+    return (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{columns}" '
+        f'format="binary">{text}</DataArray>\n'
+    )

@@ -1,0 +1,165 @@
+"""What a run in time has beside the load steps: the motion, its error, its rows and its history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.fem.boundary_conditions import Dirichlet
+from fem_snh.fem.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.fem.initial_state import initial_velocity
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.regions import Region
+from fem_snh.runs.step_size import AdaptiveStepSize, StepSize
+
+if TYPE_CHECKING:
+    from fem_snh.fem.motion.dynamics import Dynamics
+    from fem_snh.scenes import Start, Time
+
+#: Unit of a residual over the norm of the forces at a step's start: with the default tolerance of
+#: 1e-7, the error of a step's accelerations is 1e-4.
+_FORCES = 1e3
+#: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
+_LEAST_UNIT = 1e-3
+
+
+class Transient:
+    """The time integration of a scene. Its methods are collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, which has the terms of ``dynamics``.
+    dynamics : Dynamics
+        The motion, with its start.
+    time : Time
+        The scene's table.
+
+    Attributes
+    ----------
+    time : Time
+        The scene's table.
+    dynamics : Dynamics
+        The motion.
+    start : dict
+        Energies and momenta at the start: see `Dynamics.energies`.
+    """
+
+    def __init__(self, problem: Problem, dynamics: Dynamics, time: Time) -> None:
+        self.time, self.dynamics, self._problem = time, dynamics, problem
+        inner = [problem.elastic, *dynamics.terms]
+        self._loads = [term for term in problem.terms if term not in inner]
+        self.start = self._energies()
+
+    @property
+    def semi_implicit(self) -> bool:
+        """Whether a step is one linearised step."""
+        return self.time.integrator == "semi_implicit"
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The scene's table, and energies and momenta at the start, for run.json."""
+        table = {key: v for key, v in self.time.model_dump().items() if v is not None}
+        return table | {"start": self.start}
+
+    @property
+    def functions(self) -> dict[str, Any]:
+        """The fields that output may have, by the names of `fem_snh.output_fields.IN_TIME`."""
+        return {"velocity": self.dynamics.v, "acceleration": self.dynamics.a}
+
+    def step_size(self) -> StepSize:
+        """Return the sizes of the time steps."""
+        if self.time.tolerance is None:
+            return StepSize(self.time.steps)
+        return AdaptiveStepSize(self.time.steps, self.dynamics.integrator.order)
+
+    def extrapolate(self, x: PETSc.Vec, load: float) -> None:
+        """Move the displacement in ``x`` with its velocity, to the time of a load.
+
+        The acceleration is left out: that of the stiff modes is noise on a long time step.
+        """
+        v = self.dynamics.v.x.array[: self.dynamics.mass.num_owned]
+        x.array[: len(v)] += (load - self._before) * self.time.duration * v
+
+    def begin_step(self, load: float) -> float:
+        """Begin a step from the problem's state to a load; return the unit of its residual [N].
+
+        The unit of a quasi-static step, E V^(2/3), may be far above the forces that accelerate a
+        stiff body: it would not even fall. So the largest of inertial and external forces at the
+        step's start counts as well.
+        """
+        problem = self._problem
+        self._before = problem.load
+        forces = problem.x.duplicate()
+        problem.gradient(problem.x, forces, self._loads)
+        largest = max(forces.norm(), self._inertial_force())
+        self.dynamics.begin_step(problem, load)
+        unit = min(problem.force_scale, _FORCES * largest)
+        return max(_LEAST_UNIT * problem.force_scale, unit)
+
+    def error(self) -> float:
+        """Return the estimate of the solved step's error, relative to V^(1/3)."""
+        return self.dynamics.local_error(self._problem) / self._problem.length
+
+    def end_step(self) -> None:
+        """Accept the step."""
+        self.dynamics.end_step(self._problem)
+
+    def row(self, load: float, before: float) -> dict[str, Any]:
+        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
+        duration = self.time.duration
+        return {
+            "time": load * duration,
+            "time_step": (load - before) * duration,
+            **self._energies(),
+        }
+
+    def _inertial_force(self) -> float:
+        """Return the norm of M a [N]."""
+        force = _dolfinx.create_vector(self._problem.V)
+        writable_values(force)[:] = self.dynamics.mass.apply(self.dynamics.a.x.array)
+        add_ghosts(force)
+        return float(force.norm())
+
+    def _energies(self) -> dict[str, Any]:
+        """Return energies and momenta; "energy" is the sum of those that the body has [J]."""
+        found = self.dynamics.energies(self._problem)
+        parts = [found[key] for key in ("kinetic", "elastic", "potential")]
+        return {"energy": None if None in parts else sum(parts), **found}
+
+
+def create_dynamics(
+    time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+) -> Dynamics:
+    """Return the motion of a scene in time, whose terms the problem needs. Collective."""
+    from fem_snh.fem.motion.dynamics import Dynamics
+
+    given = {} if time.rho_infinity is None else {"rho_infinity": time.rho_infinity}
+    damping = (time.damping.mass, time.damping.stiffness)
+    return Dynamics(
+        u,
+        regions,
+        dirichlet,
+        time.integrator,
+        mass=time.mass,
+        damping=damping,
+        duration=time.duration,
+        **given,
+    )
+
+
+def start_motion(
+    problem: Problem, dynamics: Dynamics, time: Time, start: Start | None
+) -> Transient:
+    """Set the initial velocity and acceleration at the problem's initial displacement. Collective.
+
+    The initial displacement meets the boundary values at the start.
+    """
+    problem.set_load(problem.load)
+    problem.prescribe(problem.x)
+    problem.history.begin_step(problem.split(problem.x)[0])
+    dynamics.start(problem, initial_velocity(problem, start) if start else None)
+    return Transient(problem, dynamics, time)

@@ -1,0 +1,111 @@
+"""Checks of a scene's keys against each other, after each of them is valid by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
+from fem_snh.scenes._bones import check_bones
+from fem_snh.scenes._conditions import Hold, Move
+from fem_snh.scenes._contact import check_pairs
+from fem_snh.scenes._lattice import Lattice, Tetrahedra
+from fem_snh.scenes._obstacles import names as obstacle_names
+from fem_snh.scenes._outputs import Geometry
+from fem_snh.scenes._self_contact import check_self_contact
+from fem_snh.scenes._tables import check_tables
+from fem_snh.scenes._types import MAX_CELLS
+
+if TYPE_CHECKING:
+    from fem_snh.scenes.schema import Scene
+
+#: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
+#: ratio solves problems without inertia.
+_QUASI_STATIC = ("modes", "nu_continuation")
+
+
+def check_consistency(scene: Scene) -> None:
+    """Raise BadInput for the first contradiction between keys of a scene."""
+    check_tables(scene.table, dict(scene))
+    if scene.cavity:
+        _check_cavity(scene)
+    if scene.obstacle:
+        obstacle_names(scene.obstacle)
+    check_bones(scene.bone, scene.rig, obstacle_names(scene.obstacle))
+    if scene.predictor == "bones" and (scene.time or not scene.bone):
+        why = "[time]" if scene.time else "no [[bone]]"
+        raise bad_value("predictor", "bones", f"another one, as the scene has {why}")
+    check_pairs(scene.contact)
+    check_self_contact(scene)
+    for name in () if scene.obstacle else scene.fields:
+        if name in AT_OBSTACLES:
+            raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
+    _check_mesh(scene)
+    if scene.time:
+        _check_time(scene)
+    else:
+        _check_quasi_static(scene)
+    _check_constraints(scene.hold, scene.move)
+
+
+def _check_cavity(scene: Scene) -> None:
+    """Check the element and the modes of a scene with a cavity."""
+    if ELEMENTS[scene.element].volume == "pressure":
+        accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
+        raise bad_value("element", scene.element, accepted)
+    if scene.modes:
+        raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
+
+
+def _check_mesh(scene: Scene) -> None:
+    if isinstance(scene.mesh, Geometry) and scene.cells is None:
+        raise BadInput(f"missing key 'cells': expected a whole number from 1 to {MAX_CELLS}")
+    if isinstance(scene.mesh, Lattice | Tetrahedra) and scene.cells is not None:
+        key = "cell" if isinstance(scene.mesh, Lattice) else "size"
+        raise bad_value("cells", scene.cells, f"no value, as the mesh has its '{key}'")
+    if isinstance(scene.mesh, Path) and scene.cells is not None:
+        raise bad_value("cells", scene.cells, f"no value, as {scene.mesh.name} has its own cells")
+
+
+def _check_time(scene: Scene) -> None:
+    """Check the keys of a scene in time, whose materials have a density."""
+    if scene.steps != 1:
+        raise bad_value("steps", scene.steps, "no value, as [time] has its own 'steps'")
+    for key in _QUASI_STATIC:
+        if getattr(scene, key):
+            raise BadInput(f"'time' and '{key}' exclude each other: expected one of them")
+    for material in scene.materials:
+        if material.density is None:
+            raise BadInput(
+                f"missing key 'material.density' of {material.label}: expected a number > 0, "
+                "for [time]"
+            )
+
+
+def _check_quasi_static(scene: Scene) -> None:
+    """Check that a scene without ``[time]`` has no keys that need it."""
+    without = "no value, as the scene has no table [time]"
+    for key in ("velocity", "angular_velocity"):
+        if (given := getattr(scene.start, key, None)) is not None:
+            raise bad_value(f"start.{key}", list(given), without)
+    for name in scene.fields:
+        if name in IN_TIME:
+            raise bad_value("fields", name, "another field, as the scene has no table [time]")
+    if scene.start is not None and scene.predictor != "none":
+        raise bad_value("predictor", scene.predictor, "'none', as the scene has a 'start'")
+
+
+def _check_constraints(holds: list[Hold], moves: list[Move]) -> None:
+    """Raise BadInput if a group has two conditions on one component."""
+    taken = [(str(h.group), set(h.components), "hold") for h in holds]
+    for move in moves:
+        for group, components, table in taken:
+            both = components & set(move.components)
+            if group == str(move.group) and both:
+                raise BadInput(
+                    f"move.group = '{group}': expected components other than "
+                    f"{', '.join(sorted(both))}, which [[{table}]] constrains for this group"
+                )
+        taken.append((str(move.group), set(move.components), "move"))

@@ -1,0 +1,160 @@
+"""The table ``[[obstacle]]`` of a scene: rigid shapes in motion that the body touches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field, model_validator
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.fem.obstacles import Motion, Obstacle, read_motion
+from fem_snh.fem.obstacles.moving import DisplacementMotion
+from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.scenes._conditions import Rotate, rigid_displacement
+from fem_snh.scenes._contact_method import ContactTable
+from fem_snh.scenes._shapes import ShapeChoice
+from fem_snh.scenes._tables import MOTION_TABLE, Amplitude, TableName, amplitude
+from fem_snh.scenes._types import GroupKey, NonNegative, Text, Vector
+from fem_snh.scenes._validation import Expect
+
+#: Keys of files, whose paths are relative to the scene file.
+FILES = ("surface", "motion")
+
+Array = npt.NDArray[np.float64]
+
+
+def _check_path(path: Path) -> Path:
+    """Reject a path that no file can have."""
+    if "\0" in str(path):
+        raise ValueError
+    return path
+
+
+StlFile = Annotated[Path, AfterValidator(_check_path), Expect("the path of an STL file")]
+CsvFile = Annotated[Path, AfterValidator(_check_path), Expect("the path of a CSV file")]
+
+
+class ObstacleChoice(ContactTable):
+    """A rigid obstacle, which may move: the body's surface does not enter it."""
+
+    name: Text | None = Field(
+        default=None, description="Name in the results; default: obstacle_0, obstacle_1, ..."
+    )
+    shape: ShapeChoice | None = Field(default=None, description="Its shape, or 'surface'.")
+    surface: StlFile | None = Field(
+        default=None,
+        description="STL file of a closed surface, instead of 'shape'; "
+        "its path is relative to the scene file.",
+    )
+    translate: Vector | None = Field(
+        default=None,
+        description="Displacement at amplitude 1 [length]; it is proportional to the amplitude.",
+    )
+    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
+    motion: CsvFile | None = Field(
+        default=None,
+        description="CSV file of poses, instead of 'translate' and 'rotate'; "
+        "its path is relative to the scene file.",
+    )
+    group: GroupKey | None = Field(
+        default=None,
+        description="Physical group of the body's surfaces that may touch it, by name or number; "
+        "default: the whole boundary.",
+    )
+    friction: NonNegative = Field(default=0.0, description="Coulomb's coefficient of friction.")
+
+    @model_validator(mode="after")
+    def _check_keys_together(self) -> ObstacleChoice:
+        if (self.shape is None) == (self.surface is None):
+            found = "none" if self.shape is None else "both"
+            raise BadInput(f"expected one of the keys shape, surface; found {found}")
+        for key in ("translate", "rotate", "table"):
+            if self.motion is not None and getattr(self, key) is not None:
+                raise BadInput(f"'motion' and '{key}' exclude each other: expected one of them")
+        if self.table is not None and self.translate is None and self.rotate is None:
+            raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")
+        return self
+
+
+class Movable(Protocol):
+    """A table with the keys of a rigid motion."""
+
+    translate: Vector | None
+    rotate: Rotate | None
+    table: TableName | None
+
+
+@dataclass(frozen=True)
+class ScaledMotion:
+    """The keys ``translate`` and ``rotate`` of an obstacle or a bone with their amplitudes.
+
+    Attributes
+    ----------
+    choice : Movable
+    amplitude, turn : callable
+        Amplitudes of the motion and of its rotation, as functions of the load.
+    """
+
+    choice: Movable
+    amplitude: Callable[[float], float]
+    turn: Callable[[float], float]
+
+    @classmethod
+    def of(
+        cls, choice: Movable, tables: Sequence[Amplitude], duration: float | None
+    ) -> ScaledMotion:
+        """Return the motion of a table; amplitudes are in time if there is a duration [s]."""
+        motion = amplitude(tables, choice.table, duration=duration)
+        named = choice.rotate.table if choice.rotate else None
+        return cls(choice, motion, amplitude(tables, named, motion, duration))
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the displacements (n, 3) of points X (n, 3) at a load."""
+        amplitude, turn = self.amplitude(load), self.turn(load)
+        return rigid_displacement(X, self.choice.translate, self.choice.rotate, amplitude, turn)
+
+
+def read_obstacles(
+    choices: Sequence[ObstacleChoice], tables: Sequence[Amplitude], duration: float | None
+) -> list[Obstacle]:
+    """Return the obstacles with their motions; read the files that they name.
+
+    Parameters
+    ----------
+    choices : sequence of ObstacleChoice
+        The scene's tables.
+    tables : sequence of Amplitude
+        The scene's amplitudes.
+    duration : float or None
+        The time of load 1 [s]; None in a quasi-static scene.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file that cannot be read or is not valid.
+    """
+    found = []
+    for choice in choices:
+        shape = choice.shape.shape() if choice.shape else ClosedSurface.read(str(choice.surface))
+        motion: Motion | None = None
+        if choice.motion is not None:
+            motion = read_motion(choice.motion, duration)
+        elif choice.translate is not None or choice.rotate is not None:
+            motion = DisplacementMotion(ScaledMotion.of(choice, tables, duration).displacement)
+        found.append(Obstacle(shape, motion))
+    return found
+
+
+def names(choices: Sequence[ObstacleChoice]) -> list[str]:
+    """Return the obstacles' names. Raises BadInput if two have the same."""
+    found = [choice.name or f"obstacle_{i}" for i, choice in enumerate(choices)]
+    for name in found:
+        if found.count(name) > 1:
+            raise bad_value("obstacle.name", name, "a different name for each obstacle")
+    return found

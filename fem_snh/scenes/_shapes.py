@@ -1,0 +1,142 @@
+"""The shapes of a scene's obstacles, bones and lattices, as tables."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import AfterValidator, Field, create_model, model_validator
+
+from fem_snh.errors import BadInput
+from fem_snh.fem.shapes import Shape, from_record
+from fem_snh.scenes._types import Positive, Vector
+from fem_snh.scenes._validation import Expect, Finite, Table
+
+Size = Annotated[
+    tuple[Annotated[Finite, Field(gt=0)], ...],
+    Field(min_length=3, max_length=3),
+    Expect("three numbers > 0, [x, y, z]"),
+]
+
+
+class _ShapeTable(Table):
+    """The table of a shape, whose values are those of a class of `fem_snh.fem.shapes`."""
+
+    kind: ClassVar[str]
+
+    @model_validator(mode="after")
+    def _check_shape(self) -> _ShapeTable:
+        # It raises BadInput for values that contradict each other.
+        from_record({self.kind: dict(self)})
+        return self
+
+
+class PlaneShape(_ShapeTable):
+    """The half-space below a plane."""
+
+    kind = "plane"
+    point: Vector = Field(default=(0.0, 0.0, 0.0), description="A point of the plane [length].")
+    normal: Vector = Field(
+        default=(0.0, 0.0, 1.0),
+        description="Direction out of the obstacle, to the body; its length does not matter.",
+    )
+
+
+class SphereShape(_ShapeTable):
+    """A ball."""
+
+    kind = "sphere"
+    center: Vector = Field(description="The centre [length].")
+    radius: Positive = Field(description="The radius [length].")
+
+
+#: The keys of an axis: 'from' is a word of Python, which no class body can define.
+_ENDS: dict[str, Any] = {
+    "from": (Vector, Field(description="One end of the axis [length].")),
+    "to": (Vector, Field(description="The other end [length].")),
+}
+#: Any: mypy knows no class that is made at run time, and calls one that extends it an error (misc).
+_Axis: Any = create_model("_Axis", __base__=_ShapeTable, **_ENDS)
+
+
+class CylinderShape(_Axis):  # type: ignore[misc]
+    """A circular cylinder with flat ends, or an infinite one."""
+
+    kind = "cylinder"
+    radius: Positive = Field(description="The radius [length].")
+    infinite: Annotated[bool, Field(strict=True), Expect("true or false")] = Field(
+        default=False, description="Whether it goes on beyond both ends."
+    )
+
+
+class CapsuleShape(_Axis):  # type: ignore[misc]
+    """All points within a radius of a segment: a cylinder with round ends."""
+
+    kind = "capsule"
+    radius: Positive = Field(description="The radius [length].")
+
+
+class BoxShape(_ShapeTable):
+    """A rectangular box."""
+
+    kind = "box"
+    center: Vector = Field(description="The centre [length].")
+    size: Size = Field(description="Lengths of the edges, [x, y, z] [length].")
+    rotation: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Rotation vector about the centre: axis times angle [rad].",
+    )
+
+
+def _check_shapes(shapes: list[Any]) -> list[Any]:
+    """Raise BadInput for an empty list."""
+    if not shapes:
+        raise BadInput("expected at least one shape, [{ sphere = {...} }, ...]")
+    return shapes
+
+
+class SmoothUnionShape(Table):
+    """The union of shapes with rounded seams."""
+
+    shapes: Annotated[list[ShapeChoice], AfterValidator(_check_shapes)] = Field(
+        description="The shapes, each a table as `shape` is."
+    )
+    blend: Positive = Field(
+        description="How far outside of two surfaces the union's is where they meet [length]."
+    )
+
+
+class ShapeChoice(Table):
+    """The shape of an obstacle, a bone or a lattice: exactly one of these keys."""
+
+    plane: PlaneShape | None = Field(default=None, description="A half-space: flat ground.")
+    sphere: SphereShape | None = Field(default=None, description="A ball.")
+    cylinder: CylinderShape | None = Field(default=None, description="A circular cylinder.")
+    capsule: CapsuleShape | None = Field(default=None, description="A cylinder with round ends.")
+    box: BoxShape | None = Field(default=None, description="A rectangular box.")
+    union: Annotated[list[ShapeChoice], AfterValidator(_check_shapes)] | None = Field(
+        default=None, description="All points of several shapes, a list of tables as `shape` is."
+    )
+    smooth_union: SmoothUnionShape | None = Field(
+        default=None, description="The same with rounded seams."
+    )
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The key that is given, with its table; of `union` the list of tables."""
+        return {key: table for key, table in self if table is not None}
+
+    @model_validator(mode="after")
+    def _check_one(self) -> ShapeChoice:
+        if len(self.given) != 1:
+            found = ", ".join(self.given) or "none"
+            known = ", ".join(type(self).model_fields)
+            raise BadInput(f"expected one of the keys {known}, found {found}")
+        return self
+
+    def shape(self) -> Shape:
+        """Return the shape."""
+        return from_record(self.record())
+
+    def record(self) -> dict[str, Any]:
+        """Return the shape as run.json has it: a table of one key, as in the scene."""
+        return self.model_dump(mode="json", exclude_none=True)

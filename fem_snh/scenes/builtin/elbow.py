@@ -1,0 +1,46 @@
+"""The elbow flexion of Smith et al. 2018, Figure 2."""
+
+from math import radians
+from typing import Annotated
+
+from pydantic import Field, PositiveFloat
+
+from fem_snh.scenes.schema import BoneChoice, Geometry, MaterialChoice, Rotate, Scene
+
+
+def elbow(
+    cells: int = 40,
+    angle: PositiveFloat = 90.0,
+    biceps: Annotated[float, Field(ge=0, le=0.03)] = 0.006,
+    thickness: Annotated[float, Field(ge=0.9, le=1.5)] = 1.0,
+) -> Scene:
+    """An arm of 0.52 m whose elbow is flexed: its forearm turns with a bone in the flesh.
+
+    Parameters
+    ----------
+    cells : int
+        Cells along the arm: 40 give 11,700 tetrahedra.
+    angle : float
+        Flexion at load 1 [degrees]; the arm is straight at rest.
+    biceps : float
+        Height of the biceps [m].
+    thickness : float
+        Factor of the sections of the flesh.
+    """
+    flexion = Rotate(axis=(0, -1, 0), angle=radians(angle))
+    return Scene(
+        name="elbow",
+        mesh=Geometry(source="arm", parameters={"biceps": biceps, "thickness": thickness}),
+        cells=cells,
+        element="P2P0",  # nu = 0.499 does not lock
+        steps=9,
+        material=MaterialChoice(name="stable_neo_hookean", E=3e4, nu=0.488),
+        bone=[
+            BoneChoice(name="humerus", group="humerus"),
+            BoneChoice(name="ulna", group="ulna", rotate=flexion),
+        ],
+        volumes=["flesh"],
+        predictor="tangent",  # continued linearly, a rotation is a stretch
+        load_name="flexion [°]",
+        load_range=(0, angle),
+    )

@@ -1,0 +1,178 @@
+"""The hand of Smith et al. 2018, Figures 7 and 8: flesh on 24 bones that close to a fist."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fem_snh.scenes.schema import Scene
+from fem_snh.scenes.skeleton import (
+    SOLVER,
+    Bone,
+    Joint,
+    Skeleton,
+    bone_between,
+    capsule,
+    limb,
+    point,
+)
+
+#: The unit of the tables below, a millimetre [m]. x points along the fingers, y away from the
+#: thumb, z out of the back of the hand; the origin is the wrist.
+MM = 1e-3
+
+
+class Finger(NamedTuple):
+    """A finger: where its metacarpal begins and ends, and its phalanges [mm]."""
+
+    base: tuple[float, float, float]
+    knuckle: tuple[float, float, float]
+    #: Angle in the plane of the hand to the x axis [deg].
+    splay: float
+    #: Angle about the x axis that brings the fingers of a fist together [deg].
+    lean: float
+    #: Lengths of the phalanges, and radii of the flesh around them.
+    lengths: tuple[float, float, float]
+    radii: tuple[float, float, float]
+
+
+FINGERS = {
+    "index": Finger((22, -14, 0), (86, -27, 0), -11, 8, (42, 25, 20), (9.6, 8.6, 7.8)),
+    "middle": Finger((22, -3, 2), (89, -4, 2), -2, 1, (46, 29, 21), (9.8, 8.8, 8.0)),
+    "ring": Finger((21, 8, 1), (83, 18, 1), 7, -7, (43, 27, 21), (9.4, 8.4, 7.6)),
+    "little": Finger((19, 18, -2), (74, 38, -2), 17, -15, (34, 20, 19), (8.4, 7.4, 6.8)),
+}
+PHALANGES = ("proximal", "middle", "distal")
+#: Angles of the phalanges of a fist to the plane of the hand [deg], and radii of their bones [mm].
+FIST = (85, 185, 250)
+PHALANX_RADII = (3.6, 3.2, 2.8)
+#: Joints and tip of the thumb, open and in a fist; radii of the flesh and of the bones [mm].
+THUMB = ((12, -22, -6), (45, -50, -14), (70, -68, -16), (92, -82, -18))
+THUMB_IN_FIST = ((12, -22, -6), (42, -36, -36), (66, -27, -58), (75, -2, -62))
+THUMB_RADII, THUMB_BONE_RADII = (13, 11.2, 9.8), (4.0, 3.8, 3.2)
+#: The load at which the thumb begins to follow the fingers.
+THUMB_BEGINS = 0.2
+#: Bones of forearm and wrist, ends and radius; bones end GAP before each joint [mm].
+FOREARM = {"radius": ((-135, -15, 0), (-2, -12, 0), 6.0), "ulna": ((-135, 15, 0), (-4, 12, 0), 5.5)}
+CARPALS = {
+    "radial_carpals": ((6, -12, -2), (17, -17, -3), 5.0),
+    "middle_carpals": ((5, -2, 1), (17, -4, 2), 5.0),
+    "ulnar_carpals": ((5, 9, 0), (16, 13, -1), 5.0),
+}
+METACARPAL_RADIUS, GAP = 4.0, 3.0
+#: How far the last bone of a finger ends before the tip, in addition to GAP [mm].
+FINGERTIP = 3.0
+#: Flesh that no finger has: the forearm, the ball of the thumb, the edge of the hand.
+FLESH = (
+    *(((-130, y, 0), (-90, y, 0), 26) for y in (16, -16)),
+    *(((-90, y, 0), (-50, 0.85 * y, 0), 22) for y in (16, -16)),
+    *(((-60, 1.2 * y, 0), (-5, y, 0), 18) for y in (11, -11)),
+    ((18, -18, -6), (42, -34, -9), 12),
+    ((16, 22, -6), (66, 36, -5), 11),
+)
+#: Flesh around a metacarpal, below its axis: radius, heights of its ends; blend of all flesh [mm].
+PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
+#: From the elbow's end to the tip of the middle finger [mm].
+LENGTH = 341.0
+
+
+def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = False) -> Scene:
+    """A hand and forearm whose 24 bones close to a fist.
+
+    Parameters
+    ----------
+    cells : int
+        Cells from the elbow to the fingertips: 119 give 41,000, 60 give 6,000.
+    noise : float
+        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+    seed : int
+        Seed of the noise.
+    contact : bool
+        Whether parts of the surface that touch push each other apart.
+    """
+    skeleton, bones = rig()
+    cell = LENGTH * MM / cells
+    tables: dict[str, Any] = {
+        "name": "hand",
+        "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
+        "element": "Q1",
+        "steps": 10,
+        "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
+        "bone": skeleton.tables(bones, cell),
+        "petsc": SOLVER,
+        "load_name": "fist",
+    }
+    if contact:
+        tables["self_contact"] = {"method": "reference"}
+    if noise:
+        tables["rig"] = {"noise": {"amplitude": noise, "seed": seed}}
+    return Scene.model_validate(tables)
+
+
+def rig() -> tuple[Skeleton, list[Bone]]:
+    """Return the joints of the hand, and its bones [m]."""
+    wrist = Joint("wrist", None, (0.0, 0.0, 0.0))
+    joints = [wrist]
+    still = [(name, *bone) for name, bone in (FOREARM | CARPALS).items()]
+    bones = [Bone(n, wrist.name, _m(a), _m(b), r * MM) for n, a, b, r in still]
+    for name, finger in FINGERS.items():
+        ends = _m(finger.base), _m(finger.knuckle)
+        bones.append(_bone(f"{name}_metacarpal", wrist.name, *ends, METACARPAL_RADIUS))
+        names = [f"{name}_{phalanx}" for phalanx in PHALANGES]
+        points, lean = phalanges(finger), radians(finger.lean)
+        directions = [(cos(a), sin(a) * sin(lean), -sin(a) * cos(lean)) for a in map(radians, FIST)]
+        joints += limb(wrist, names, points, directions)
+        bones += _row(names, points, PHALANX_RADII)
+    names = [f"thumb_{bone}" for bone in ("metacarpal", "proximal", "distal")]
+    points = [_m(p) for p in THUMB]
+    joints += limb(wrist, names, points, np.diff(THUMB_IN_FIST, axis=0).tolist(), THUMB_BEGINS)
+    bones += _row(names, points, THUMB_BONE_RADII)
+    return Skeleton(joints), bones
+
+
+def flesh() -> dict[str, Any]:
+    """Return the table of the body's shape: a smooth union of capsules [m]."""
+    shapes = [capsule(_m(a), _m(b), r * MM) for a, b, r in FLESH]
+    for finger in FINGERS.values():
+        ends = zip((finger.base, finger.knuckle), PALM_HEIGHTS, strict=True)
+        a, b = (_m((x, y, z + height)) for (x, y, z), height in ends)
+        shapes += [capsule(a, b, PALM * MM), *_around(phalanges(finger), finger.radii)]
+    shapes += _around([_m(p) for p in THUMB], THUMB_RADII)
+    return {"smooth_union": {"shapes": shapes, "blend": BLEND * MM}}
+
+
+def phalanges(finger: Finger) -> list[tuple[float, float, float]]:
+    """Return the joints of a finger and its tip [m]."""
+    angle = radians(finger.splay)
+    along = np.cumsum([0, *finger.lengths])[:, None] * (cos(angle), sin(angle), 0.0)
+    return [_m(x) for x in np.asarray(finger.knuckle) + along]
+
+
+def _around(points: list[Any], radii: tuple[float, float, float]) -> list[dict[str, Any]]:
+    """Return capsules around the segments of a finger, the last of which ends at the tip."""
+    ends = _ends(points, radii[-1])
+    return [capsule(a, b, r * MM) for a, b, r in zip(points, ends, radii, strict=False)]
+
+
+def _row(names: list[str], points: list[Any], radii: tuple[float, ...]) -> list[Bone]:
+    """Return the bones between the joints of a finger, which have their names."""
+    rows = zip(names, points, _ends(points, FINGERTIP), radii, strict=False)
+    return [_bone(name, name, a, b, radius) for name, a, b, radius in rows]
+
+
+def _ends(points: list[Any], short: float) -> list[Any]:
+    """Return the ends of a finger's segments, the last of which is ``short`` of the tip [mm]."""
+    last = np.subtract(points[-1], points[-2])
+    return [*points[1:-1], points[-1] - short * MM * last / np.linalg.norm(last)]
+
+
+def _bone(name: str, joint: str, start: Any, end: Any, radius: float) -> Bone:
+    """Return a bone between two joints, with its radius in mm."""
+    return bone_between(name, joint, start, end, radius * MM, GAP * MM)
+
+
+def _m(x: Any) -> tuple[float, float, float]:
+    """Return a point in mm in metres."""
+    return point(MM * np.asarray(x, dtype=float))

@@ -1,0 +1,139 @@
+"""The torso of Smith et al. 2018, Figure 1: flesh on 13 bones, arms swung across the chest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fem_snh.scenes.schema import Scene
+from fem_snh.scenes.skeleton import (
+    SOLVER,
+    Bone,
+    Joint,
+    Skeleton,
+    bone_between,
+    capsule,
+    limb,
+    point,
+)
+
+#: x points to the body's left, y to its back, z up [m]. The tables hold the left side; the right
+#: one is its mirror image, except for the pose.
+#: Bones of the trunk, which stands still: ends and radius.
+TRUNK = {
+    "lumbar_spine": ((0, 0.03, -0.02), (0, 0.04, 0.18), 0.028),
+    "thorax": ((0, 0.01, 0.24), (0, 0.03, 0.42), 0.06),
+    "neck": ((0, 0.02, 0.5), (0, 0.005, 0.65), 0.022),
+}
+#: Joints of an arm from the sternum to the fingertips; its bones: radius, distance of their ends
+#: from the joints.
+ARM = ((0.02, -0.04, 0.475), (0.18, 0.01, 0.49), (0.42, 0.015, 0.38), (0.635, 0, 0.285),
+       (0.76, -0.005, 0.23))  # fmt: skip
+ARM_BONES = {
+    "clavicle": (0.011, 0.008),
+    "humerus": (0.018, 0.02),
+    "forearm": (0.017, 0.016),
+    "hand": (0.012, 0.03),
+}
+#: The shoulder blade, which moves with the clavicle.
+SCAPULA = ((0.07, 0.075, 0.35), (0.145, 0.045, 0.475), 0.014)
+#: Directions of an arm's bones across the chest: the left arm passes above the right one.
+SWUNG = {
+    "left": ((0.96, -0.25, 0), (-0.55, -0.8, -0.12), (-0.93, 0.25, 0.1), (-0.85, 0.45, 0.1)),
+    "right": ((0.96, -0.25, 0), (-0.5, -0.72, -0.6), (-0.93, 0.25, 0), (-0.85, 0.45, 0.05)),
+}
+#: Flesh of the left half: belly, chest, breast, shoulder; ends and radius.
+FLESH = (
+    ((0.065, 0, 0.02), (0.055, 0, 0.2), 0.095),
+    ((0.075, 0, 0.24), (0.08, 0.01, 0.41), 0.1),
+    ((0.03, -0.055, 0.37), (0.125, -0.04, 0.42), 0.052),
+    ((0.02, 0.015, 0.5), (0.17, 0.01, 0.49), 0.056),
+)
+#: Flesh in the middle: belly, chest, neck.
+MIDDLE = (
+    ((0, 0.01, 0.02), (0, 0.015, 0.2), 0.1),
+    ((0, 0.01, 0.22), (0, 0.015, 0.42), 0.1),
+    ((0, 0.01, 0.52), (0, -0.005, 0.64), 0.055),
+)
+#: Flesh of an arm: pieces between fractions of the way from one joint to the next, and their radii.
+ARM_FLESH = (
+    (1, 0.0, 0.5, 0.056), (1, 0.5, 1.0, 0.047), (2, 0.0, 0.45, 0.043), (2, 0.45, 1.0, 0.034),
+)  # fmt: skip
+#: The hand: radius of the flesh, distance of its two edges from the axis, of its end from the tip.
+HAND = (0.024, 0.016, 0.026)
+BLEND = 0.0083
+#: From fingertip to fingertip.
+SPAN = 1.51
+
+
+def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = True) -> Scene:
+    """A torso whose arms swing across the chest, driven by 13 bones.
+
+    Parameters
+    ----------
+    cells : int
+        Cells from fingertip to fingertip: 144 give 45,800, 60 give 4,000.
+    noise : float
+        Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
+    seed : int
+        Seed of the noise.
+    contact : bool
+        Whether parts of the surface that touch push each other apart.
+    """
+    skeleton, bones = rig()
+    cell = SPAN / cells
+    tables: dict[str, Any] = {
+        "name": "torso",
+        "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
+        "element": "Q1",
+        "steps": 10,
+        "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
+        "bone": skeleton.tables(bones, cell),
+        "petsc": SOLVER,
+        "load_name": "swing",
+    }
+    if contact:
+        tables["self_contact"] = {"method": "reference"}
+    if noise:
+        tables["rig"] = {"noise": {"amplitude": noise, "seed": seed}}
+    return Scene.model_validate(tables)
+
+
+def rig() -> tuple[Skeleton, list[Bone]]:
+    """Return the joints of the torso, and its bones [m]."""
+    trunk = Joint("trunk", None, (0.0, 0.0, 0.0))
+    joints = [trunk]
+    bones = [Bone(name, "trunk", point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
+    for side, sign in (("left", 1), ("right", -1)):
+        points = [_mirrored(p, sign) for p in ARM]
+        names = [f"{side}_{bone}" for bone in ARM_BONES]
+        joints += limb(trunk, names, points, [_mirrored(d, sign) for d in SWUNG[side]])
+        rows = zip(names, points, points[1:], ARM_BONES.values(), strict=False)
+        bones += [bone_between(name, name, a, b, radius, gap) for name, a, b, (radius, gap) in rows]
+        start, end, radius = SCAPULA
+        ends = _mirrored(start, sign), _mirrored(end, sign)
+        bones.append(Bone(f"{side}_scapula", names[0], *ends, radius))
+    return Skeleton(joints), bones
+
+
+def flesh() -> dict[str, Any]:
+    """Return the table of the body's shape: a smooth union of capsules [m]."""
+    shapes = [capsule(a, b, r) for a, b, r in MIDDLE]
+    for sign in (1, -1):
+        shapes += [capsule(_mirrored(a, sign), _mirrored(b, sign), r) for a, b, r in FLESH]
+        joints = np.array([_mirrored(p, sign) for p in ARM])
+        for k, begin, end, radius in ARM_FLESH:
+            a, b = (joints[k] + part * (joints[k + 1] - joints[k]) for part in (begin, end))
+            shapes.append(capsule(a, b, radius))
+        radius, edge, short = HAND
+        wrist, tip = joints[-2:]
+        tip = tip - short * (tip - wrist) / np.linalg.norm(tip - wrist)
+        for aside in (np.array([0, edge, 0]), np.array([0, -edge, 0])):
+            shapes.append(capsule(wrist + aside, tip + aside, radius))
+    return {"smooth_union": {"shapes": shapes, "blend": BLEND}}
+
+
+def _mirrored(x: Any, sign: int) -> tuple[float, float, float]:
+    """Return a point or a direction of the left side, or with sign -1 its mirror image."""
+    return point((sign * x[0], x[1], x[2]))

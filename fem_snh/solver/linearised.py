@@ -1,0 +1,83 @@
+"""One linearised step to the present load: the step of semi-implicit Euler."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from petsc4py import PETSc
+
+from fem_snh._petsc import factors_out_of_memory
+from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.outcome import Outcome
+from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.reasons import linear_failure
+from fem_snh.solver.step import Iteration, State
+
+_MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+#: Length of the central difference along the boundary's motion, relative to the body: about the
+#: cube root of the rounding error, where truncation and rounding are balanced.
+_DIFFERENCE = 1e-6
+
+
+def linearised_residual(problem: NonlinearProblem) -> PETSc.Vec:
+    """Return r + H_fc j at ``problem.x``, whose boundary values are those of another load.
+
+    r is the residual at the present load, j the jump of the boundary values, H_fc the block of
+    free rows and constrained columns. The assembled matrix has no such columns, so H_fc j is a
+    central difference of residuals along j. Collective.
+    """
+    x = problem.x
+    jump = x.copy()
+    problem.prescribe(jump)
+    jump.axpy(-1.0, x)
+    size = jump.norm(PETSc.NormType.INFINITY)
+    rhs, other, moved = (x.duplicate() for _ in range(3))
+    problem.residual(x, rhs)
+    if size > 0:
+        h = _DIFFERENCE * problem.length / size
+        for sign in (1, -1):
+            moved.waxpy(sign * h, jump, x)
+            problem.residual(moved, other)
+            rhs.axpy(sign / (2 * h), other)
+    return rhs
+
+
+class SemiImplicit:
+    """Semi-implicit Euler: one linearised step of backward Euler (Baraff & Witkin 1998).
+
+    Hessian and linear solver are those of the SNES, without forcing terms: the relative tolerance
+    of the linear solve is ``-ksp_rtol``. There is no line search.
+
+    Parameters
+    ----------
+    problem : NonlinearProblem
+    snes : SNES
+        The SNES of the problem, whose context is `ProjectedNewton`.
+    """
+
+    def __init__(self, problem: NonlinearProblem, snes: PETSc.SNES) -> None:
+        self._problem, self._snes = problem, snes
+
+    def solve(self) -> Outcome:
+        """Make the step from ``problem.x``, in place. Collective."""
+        problem, x = self._problem, self._problem.x
+        start, d = State(x, linearised_residual(problem)), x.duplicate()
+        # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
+        direction = self._snes.getPythonContext().direction(self._snes, ForcingTerm(0.0))
+        found = direction.compute(start, d)
+        norm = start.residual.norm()
+        iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
+        linear = self._snes.getKSP()
+        stopped = linear.getConvergedReason() == _MAX_IT
+        if norm > 0 and (found.slope is None or stopped):
+            reason, lack = linear_failure(linear), factors_out_of_memory(linear.getPC())
+            return Outcome(False, reason, norm, [iteration], lack)
+        x.axpy(1.0, d)
+        problem.prescribe(x)
+        if problem.has_energy and not isfinite(problem.energy(x)):
+            return Outcome(False, "DIVERGED_FUNCTION_DOMAIN", norm, [iteration])
+        problem.residual(x, start.residual)
+        norm = start.residual.norm()
+        if not isfinite(norm):
+            return Outcome(False, "DIVERGED_FNORM_NAN", norm, [iteration])
+        return Outcome(True, "CONVERGED_ITS", norm, [iteration])

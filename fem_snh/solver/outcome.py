@@ -1,0 +1,41 @@
+"""The outcome of the solve of a load step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from petsc4py import PETSc
+
+from fem_snh.solver.reasons import failure_reason, out_of_memory
+from fem_snh.solver.step import Iteration
+
+
+@dataclass
+class Outcome:
+    """The outcome of the solve of a load step, of one or of several solves.
+
+    Attributes
+    ----------
+    converged : bool
+    reason : str
+        PETSc's name for its end, followed by the cause of a failure.
+    residual : float
+        Norm of the last residual [N].
+    history : list of Iteration
+        The iterations of all solves.
+    out_of_memory : bool
+        Whether it failed for want of memory, so that a shorter step fails as well.
+    """
+
+    converged: bool = False
+    reason: str = ""
+    residual: float = 0.0
+    history: list[Iteration] = field(default_factory=list)
+    out_of_memory: bool = False
+
+    def add_solve(self, snes: PETSc.SNES) -> None:
+        """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""
+        self.converged = snes.getConvergedReason() > 0
+        self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
+        self.history += snes.getPythonContext().history
+        self.out_of_memory = out_of_memory(snes)

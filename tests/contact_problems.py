@@ -1,0 +1,126 @@
+"""Bodies and rigid obstacles for tests: their problems, at rest and in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh import solver
+from fem_snh.fem.create_problem import create_problem
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.motion.dynamics import Dynamics
+from fem_snh.fem.obstacles import Obstacle
+from fem_snh.fem.obstacles.moving import DisplacementMotion
+from fem_snh.fem.regions import Filling
+from fem_snh.fem.shapes import Plane
+from fem_snh.fem.terms.contact import Contact, ObstacleContact
+from fem_snh.fem.terms.gravity import Gravity
+from fem_snh.kernels.pointwise import material
+from fem_snh.runs.stepping import Stepper
+
+
+def translation(vector):
+    """A motion by ``vector`` at load 1."""
+    return DisplacementMotion(
+        lambda X, load: np.tile(load * np.asarray(vector, float), (len(X), 1))
+    )
+
+
+def plane(point=(0, 0, 0), normal=(0, 0, 1), motion=None):
+    return Obstacle(Plane(tuple(map(float, point)), tuple(map(float, normal))), motion)
+
+
+def constant(load):
+    return 1.0
+
+
+def contact_problem(
+    body: Any,
+    element: str,
+    contacts: list[Contact],
+    *,
+    E: float = 1.0,
+    nu: float = 0.3,
+    density: float | None = None,
+    gravity: Any = None,
+    amplitude: Any = float,
+    sideways: Any = None,
+    time: dict[str, Any] | None = None,
+    **conditions: Any,
+) -> tuple[Any, ObstacleContact, Dynamics | None]:
+    """Return a problem, its contact, and with ``time`` (arguments of Dynamics) its dynamics.
+
+    ``sideways`` is a second gravity with its amplitude.
+    """
+    made: dict[str, Any] = {"dynamics": None}
+
+    def terms(mesh, u, regions, dirichlet):
+        made["contact"] = ObstacleContact(u.function_space, regions, contacts)
+        found = [made["contact"]]
+        if gravity is not None:
+            found.append(Gravity(u.function_space, regions, gravity, amplitude))
+        if sideways is not None:
+            found.append(Gravity(u.function_space, regions, *sideways))
+        if time:
+            made["dynamics"] = Dynamics(u, regions, dirichlet, **time)
+            found += made["dynamics"].terms
+        return found
+
+    filling = Filling(material("stable_neo_hookean", E=E, nu=nu), None, density)
+    p = create_problem(body, ELEMENTS[element], [filling], loads=terms, **conditions)
+    return p, made["contact"], made["dynamics"]
+
+
+def accurate_snes(p, tolerance=1e-11):
+    options, key = PETSc.Options(solver.PREFIX), "snes_scaled_tol"
+    options[key] = tolerance
+    snes = solver.create(p)
+    options.delValue(key)
+    return snes
+
+
+def press(p, steps=1, tolerance=1e-11):
+    """Solve load steps and return the last row."""
+    stepper = Stepper(p, accurate_snes(p, tolerance), steps, "none")
+    rows = list(stepper)
+    assert stepper.done, stepper.failure_message()
+    return rows[-1]
+
+
+def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[str, Any]]:
+    """Solve time steps, or make linearised ones; yield the rows of the obstacles."""
+    snes = accurate_snes(p, tolerance)
+    linearised = dynamics.integrator.name == "semi_implicit"
+    one_step = solver.SemiImplicit(p, snes)
+    p.set_load(0.0)
+    dynamics.start(p, velocity)
+    for step in range(1, steps + 1):
+        u = partial(lambda p: p.split(p.x)[0], p)
+        p.history.begin_step(u())
+        dynamics.begin_step(p, step / steps)
+        p.set_load(step / steps)
+        if linearised:
+            assert one_step.solve().converged
+            p.history.update_lagged(u())
+        else:
+            p.prescribe(p.x)
+            again = True
+            while again:
+                snes.solve(None, p.x)
+                assert snes.getConvergedReason() > 0
+                again = p.history.update_lagged(u())
+        dynamics.end_step(p)
+        p.history.end_step(u())
+        yield p.history.record(u())["obstacles"]
+
+
+def nodes_mean(p):
+    """Return the mean displacement of the nodes, (3,). Collective."""
+    local = p.x.array_r[: 3 * len(p.coordinates)].reshape(-1, 3)
+    total, count = p.comm.allreduce(local.sum(axis=0)), p.comm.allreduce(len(local))
+    return total / count

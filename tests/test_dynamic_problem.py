@@ -1,0 +1,91 @@
+"""Motion in a dolfinx program: exact solutions, prescribed motion, failed steps, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx_programs import Press, unit_cube, vector_space
+
+import fem_snh
+from fem_snh.choices import INTEGRATORS
+from fem_snh.errors import BadInput
+
+pytestmark = pytest.mark.mpi
+TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}
+
+
+def snh():
+    return fem_snh.material("stable_neo_hookean", E=1.0, nu=0.45)
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "semi_implicit"])
+def test_a_weight_that_changes_in_time(comm, integrator):
+    """Free fall under g(t) = t, as the integrators approximate u = -t^3 / 6."""
+    domain = unit_cube(comm, 2)
+    u = fem.Function(vector_space(domain))
+    g = fem.Constant(domain, 0.0)
+    m = snh()
+
+    def set_time(t):
+        g.value = t
+
+    problem = fem_snh.DynamicProblem(
+        u, {m: ufl.dx}, {m: 3.0}, integrator, duration=1.0, set_time=set_time,
+        terms=[3.0 * g * u[2] * ufl.dx], petsc_options=TIGHT,
+    )  # fmt: skip
+    h, n = 0.05, 10
+    for _ in range(n):
+        assert problem.step(h)
+    assert problem.time == pytest.approx(0.5, rel=1e-14)
+    t = h * np.arange(1, n + 1)
+    if integrator == "newmark":  # trapezoidal sums of the acceleration -t
+        v = np.cumsum(-h * (t - h / 2))
+        z = sum(h * w + h**2 / 4 * (-2 * s + h) for s, w in zip(t, [0, *v[:-1]], strict=True))
+    else:
+        z = np.cumsum(np.cumsum(-h * t))[-1] * h
+    assert abs(u.x.array.reshape(-1, 3) - [0, 0, z]).max() <= 1e-8
+    energies = problem.energies()
+    assert energies["momentum"][2] == pytest.approx(3 * problem.v.x.array[2], rel=1e-6)
+    if integrator == "newmark":
+        assert energies["work"] == pytest.approx(-(0.5**4) / 8, rel=0.03)
+        assert energies["numerical_dissipation"] == pytest.approx(0, abs=1e-12)
+
+
+def test_prescribed_motion_and_a_failed_step(comm):
+    """Velocity and acceleration are those of the motion; a failed step leaves the state."""
+    program, m = Press(unit_cube(comm, 2), height=0.0), snh()
+
+    def set_time(t):
+        program.top.x.array[2::3] = -0.5 * t**2
+
+    problem = fem_snh.DynamicProblem(
+        program.u, {m: ufl.dx}, {m: 1.0}, duration=1.0, set_time=set_time, bcs=program.bcs,
+        petsc_options=TIGHT,
+    )  # fmt: skip
+    for _ in range(4):
+        assert problem.step(0.1)
+    top = program.dofs(2, 1.0)
+    values = [f.x.array.reshape(-1, 3)[top] for f in (problem.u, problem.v, problem.a)]
+    for found, exact, error in zip(values, (-0.08, -0.4, -1.0), (1e-14, 1e-11, 1e-9), strict=True):
+        assert abs(found - [0, 0, exact]).max(initial=0) <= error
+    state = [f.x.array.copy() for f in (problem.u, problem.v, problem.a)]
+    problem.solver.setTolerances(max_it=0)
+    assert not problem.step(0.1)
+    for kept, f in zip(state, (problem.u, problem.v, problem.a), strict=True):
+        assert np.array_equal(kept, f.x.array)
+    problem.solver.setTolerances(max_it=50)
+    assert problem.step(0.05)
+    assert problem.time == pytest.approx(0.45)
+
+
+def test_bad_input(comm):
+    domain = unit_cube(comm, 1)
+    u, m = fem.Function(vector_space(domain)), snh()
+    with pytest.raises(BadInput, match=r"missing key 'material.density' of stable_neo_hookean"):
+        fem_snh.DynamicProblem(u, {m: ufl.dx}, {}, duration=1.0)
+    with pytest.raises(BadInput, match=r"materials = {}: expected a material"):
+        fem_snh.DynamicProblem(u, {}, {}, duration=1.0)
+    with pytest.raises(BadInput, match=r"time.integrator = 'euler'.*" + INTEGRATORS[0]):
+        fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1.0}, "euler", duration=1.0)

@@ -1,0 +1,76 @@
+"""``fem-snh extremes``: the families with obstacles, their criteria and a study of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from fem_snh.studies.extremes import drop, press
+from fem_snh.studies.extremes.outcomes import ends_clearly
+from fem_snh.studies.extremes.study import extremes
+
+DONE: dict[str, Any] = {"converged": True, "status": "converged", "steps": 1}
+#: A run that stopped half-way, and a fall with its energies.
+REASON = "stopped at load 0.5: a step of 1/64 of the nominal one still fails (DIVERGED_MAX_IT)"
+STOPPED: dict[str, Any] = {"converged": False, "status": REASON, "steps": 1}
+HALF: dict[str, Any] = {"steps": [{"load": 0.5, "converged": True, "energy": 2.0}]}
+
+
+def fall(energy: float) -> dict[str, Any]:
+    """Return the record of a fall with an energy at its start."""
+    return HALF | {"time": {"start": {"energy": energy}}}
+
+
+def plate(force: float) -> dict[str, Any]:
+    """Return the record of a plate that exerts a force in z."""
+    return {"steps": [{"obstacles": {"plate": {"force": [0.0, 0.0, force]}}}]}
+
+
+def gap(depth: float) -> dict[str, Any]:
+    """Return the record of a plate that a point has passed by some depth."""
+    return {"steps": [{"obstacles": {"plate": {"penetration": depth}}}]}
+
+
+@pytest.mark.parametrize(
+    ("check", "record", "row", "message"),
+    [
+        (ends_clearly, HALF, DONE, ""),
+        (ends_clearly, HALF, STOPPED, ""),
+        (ends_clearly, {"steps": [{"load": 0.25, "converged": True}]}, STOPPED, REASON),
+        (ends_clearly, {"steps": []}, STOPPED, "no reason"),
+        (ends_clearly, HALF, STOPPED | {"status": "exit code 1: killed"}, "exit code 1: killed"),
+        (drop._no_growth, fall(2.0), DONE, ""),
+        (drop._no_growth, fall(1.99), DONE, "its energy grows to 2 J"),
+        (drop._no_growth, fall(2.0), STOPPED, ""),
+        (press._lets_through, plate(-3.9999), DONE, ""),
+        (press._lets_through, plate(-2.0), DONE, "the force is 2 N instead of 4 N"),
+        (press._lets_through, plate(-3.9999), STOPPED, "stopped"),
+        (press._flattens, gap(2.4e-4), DONE, ""),
+        (press._flattens, gap(2.6e-4), DONE, "the penetration is 0.00026 m"),
+        (press._flattens, gap(2.4e-4), STOPPED, "stopped"),
+    ],
+)
+def test_a_verdict(check: Any, record: Any, row: Any, message: str) -> None:
+    why = check(record, row)
+    assert why.startswith(message) and bool(why) == bool(message)
+
+
+def test_the_impact_is_that_of_100_diameters() -> None:
+    """By the conservation of energy: v^2/2 = g h."""
+    assert drop.SPEED**2 / 2 == pytest.approx(9.81 * 100 * 2 * 0.5)
+    (case,) = (c for c in drop.cases(True, 1) if c.name == "drop-soft-nu0.4-P1-newmark")
+    assert case.point.scene.start.velocity == (0, 0, -drop.SPEED)
+
+
+def test_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The soft penalty lets the plate through; its augmented Lagrangian flattens the cube."""
+    some = [case for case in press.cases(True, 1) if "-soft" in case.name]
+    monkeypatch.setattr(press, "cases", lambda quick, seeds, material: some)
+    outcome = extremes(tmp_path, only=["press"], quick=True, jobs=2)
+    assert outcome.failures == {} and len(some) == 2
+    rows = pd.read_csv(tmp_path / "extremes.csv")
+    assert set(rows["status"]) == {"converged"}
+    assert "2 of the 2 cases that are expected to pass do" in (tmp_path / "extremes.md").read_text()

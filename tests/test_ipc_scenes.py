@@ -1,0 +1,176 @@
+"""The table [self_contact] with method = "ipc": runs, skins, mistakes."""
+
+from __future__ import annotations
+
+import sys
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from barrier_problems import needs_ipctk
+from bodies import cube
+from scipy.sparse import random as random_matrix
+
+import fem_snh
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput
+from fem_snh.fem.contact.embedded_surface import EmbeddedSurface
+from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
+from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
+from fem_snh.scenes import Scene, validate
+
+#: A clip whose arms are pressed together: one body that touches itself.
+CLIP = {
+    "name": "clip",
+    "mesh": {"source": "clip", "parameters": {"gap": 0.3, "arm": 2}},
+    "cells": 1,
+    "element": "P1",
+    "steps": 6,
+    "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.4},
+    "hold": [{"group": "bottom"}],
+    "move": [{"group": "upper_tip", "translate": [0, 0, -0.6]}],
+    "self_contact": {"method": "ipc"},
+}
+#: The same in time.
+IN_TIME = CLIP | {
+    "steps": 1,
+    "material": CLIP["material"] | {"density": 1.0},
+    "time": {"duration": 2.0, "steps": 10, "integrator": "newmark"},
+}
+
+
+def scene(table: dict, **changes) -> Scene:
+    return validate(table | changes, "scene")
+
+
+@needs_ipctk
+def test_a_body_touches_itself(tmp_path):
+    result = fem_snh.run(scene(CLIP), out=tmp_path / "clip")
+    assert result.converged
+    last = result.record["steps"][-1]["self_contact"]
+    assert last["pairs"] > 0 and last["force"] > 0.01 and 0 < last["distance"] < last["activation"]
+    np.testing.assert_allclose(last["bodies"], 0, atol=1e-6 * last["force"])
+    assert "self_contact" in result.record["terms"]
+    header = (tmp_path / "clip" / "steps.csv").read_text().splitlines()[0]
+    assert "self_contact_pairs" in header and "self_contact_bodies" not in header
+
+
+@needs_ipctk
+def test_a_body_touches_itself_in_time(tmp_path):
+    """The potential energy has the barrier's; a scene goes on from its checkpoint."""
+    result = fem_snh.run(scene(IN_TIME), out=tmp_path / "clip")
+    rows = result.record["steps"]
+    assert result.converged and rows[-1]["self_contact"]["pairs"] > 0
+    assert rows[0]["potential"] == 0 and rows[-1]["potential"] > 0
+
+
+@needs_ipctk
+def test_matrix_of_a_skin():
+    """Points with weights: the blocks between nodes are those of W^T H W."""
+    V = _dolfinx.function_space(cube(MPI.COMM_SELF, "hexahedron", 1).domain, 1, (3,))
+    rng = np.random.default_rng(2)
+    n, m = 5, 8
+    nodes = np.array([rng.choice(m, 4, replace=False) for _ in range(n)])
+    weights = rng.random((n, 4))
+    surface = EmbeddedSurface(
+        V, rng.random((n, 3)), np.array([[0, 1, 2], [2, 3, 4]]), nodes, weights
+    )
+    W = np.zeros((n, m))
+    np.put_along_axis(W, nodes, weights, axis=1)
+    W = np.kron(W[:, surface.support.nodes], np.eye(3))
+    H = random_matrix(3 * n, 3 * n, 0.5, "csc", random_state=3)
+    matrix = SurfaceMatrix(surface)
+    blocks = matrix.blocks(H)
+    found = np.zeros((W.shape[1],) * 2).reshape(-1, 3, W.shape[1] // 3, 3)
+    found[blocks.rows, :, blocks.columns] = blocks.values
+    np.testing.assert_allclose(found.reshape(W.shape[1], -1), W.T @ H @ W, atol=1e-14)
+    forces = rng.random((n, 3))
+    np.testing.assert_allclose(matrix.nodal(forces).ravel(), W.T @ forces.ravel(), atol=1e-14)
+    assert not matrix.contains(blocks)
+    matrix.replace(blocks)
+    assert matrix.contains(blocks) and len(matrix.pairs) == len(blocks.rows)
+
+
+@needs_ipctk
+@pytest.mark.parametrize(
+    ("gap", "message"),
+    [(-0.1, "neither intersects nor touches itself in the mesh; it does near"), (0.0, "touches")],
+)
+def test_mesh_that_intersects_itself(gap, message):
+    mesh = {"source": "two_blocks", "parameters": {"gap": gap, "upper_width": 0.6, "shift": 0.2}}
+    table = CLIP | {"mesh": mesh, "move": [], "element": "Q1"}
+    with pytest.raises(BadInput, match=message):
+        fem_snh.run(validate(table, "scene"))
+
+
+@needs_ipctk
+def test_start_that_intersects_itself():
+    """The displacement of a start, not the mesh, carries one block into the other."""
+    triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    points = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, 1], [0.3, 0.2, 2], [0.2, 0.3, 2]]
+    )
+    surface = CollisionSurface(points, triangles)
+    surface.check(points, "in the mesh")
+    moved = points - np.outer(np.arange(6) > 2, [0, 0, 1.5])
+    with pytest.raises(BadInput, match=r"at the start; it does near \(0\.\d+, 0\.\d+, "):
+        surface.check(moved, "at the start")
+    close = points - np.outer(np.arange(6) > 2, [0, 0, 1 - 1e-6])
+    with pytest.raises(BadInput, match="smallest distance of parts without a common node is 1e-06"):
+        surface.check(close, "at the start")
+
+
+def test_without_ipctk(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipctk", None)
+    with pytest.raises(
+        BadInput, match=r"needs the package ipctk: pip install 'fem_snh\[contact\]'"
+    ):
+        fem_snh.run(scene(CLIP))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"self_contact": {"method": "ipk"}}, "method = 'ipk': .*did you mean 'ipc'"),
+        ({"self_contact": {"method": "ipc", "distance": 0}}, "distance = 0: .* number > 0"),
+        ({"self_contact": {"method": "ipc", "friction": -1}}, "friction = -1: .* number >= 0"),
+    ],
+)
+def test_mistakes(changes, message):
+    with pytest.raises(BadInput, match=message):
+        scene(CLIP, **changes)
+
+
+def test_not_semi_implicit():
+    time = {"duration": 1.0, "steps": 4, "integrator": "semi_implicit"}
+    with pytest.raises(BadInput, match=r"time\.integrator = 'semi_implicit': .*line search"):
+        scene(IN_TIME, time=time)
+
+
+@needs_ipctk
+def test_skins_of_a_lattice(tmp_path):
+    """Two crossed rods of one lattice touch: the forces on their bones are those of contact."""
+    low = {"capsule": {"from": [0, 0, 0], "to": [0.6, 0, 0], "radius": 0.2}}
+    high = {"capsule": {"from": [0.3, -0.3, 0.5], "to": [0.3, 0.3, 0.5], "radius": 0.2}}
+    bones = [
+        {"name": name, "shape": {"capsule": rod["capsule"] | {"radius": 0.09}}, "translate": motion}
+        for name, rod, motion in (("low", low, [0, 0, 0]), ("high", high, [0, 0, -0.16]))
+    ]
+    table = {
+        "name": "rods",
+        "mesh": {"lattice": {"union": [low, high]}, "cell": 0.1},
+        "element": "Q1",
+        "steps": 2,
+        "material": CLIP["material"],
+        "bone": bones,
+        "self_contact": {"method": "ipc"},
+    }
+    result = fem_snh.run(validate(table, "scene"), out=tmp_path / "rods")
+    assert result.converged
+    last = result.record["steps"][-1]
+    forces = np.array(last["self_contact"]["bodies"])
+    np.testing.assert_allclose(forces.sum(axis=0), 0, atol=1e-12)
+    held = [last["bones"][name]["force"] for name in ("low", "high")]
+    np.testing.assert_allclose(held, -forces, atol=1e-4 * abs(forces).max())
+    assert abs(forces).max() > 1e-3

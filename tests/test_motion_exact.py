@@ -1,0 +1,146 @@
+"""Motions with an exact solution: free fall, one linear mode, prescribed motion."""
+
+from __future__ import annotations
+
+from math import atan, pi
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold
+from motions import advance, displacement, equal_steps, moving, run
+
+from fem_snh.choices import INTEGRATORS, MASSES
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.regions import Filling
+from fem_snh.kernels.pointwise import material
+
+mpi = pytest.mark.mpi
+G, STEP, STEPS = 9.81, 0.01, 20
+FALL = {"gravity": (0, 0, -G), "duration": STEPS * STEP}
+
+
+def fallen(integrator: str) -> float:
+    """Return the height after STEPS steps of STEP, started at rest."""
+    n, h = STEPS, STEP
+    if integrator in ("backward_euler", "semi_implicit"):
+        return -G * h**2 * n * (n + 1) / 2
+    if integrator == "bdf2":  # its recursion; the first step is backward Euler
+        v, z = [0.0, -G * h], [0.0, -G * h**2]
+        for _ in range(n - 1):
+            v.append((4 * v[-1] - v[-2] - 2 * h * G) / 3)
+            z.append((4 * z[-1] - z[-2] + 2 * h * v[-1]) / 3)
+        return z[-1]
+    return -G * (n * h) ** 2 / 2
+
+
+FALLS = [(integrator, "Q1") for integrator in INTEGRATORS]
+FALLS += [("backward_euler", "P1"), ("newmark", "P2P1"), ("semi_implicit", "P2P1")]
+ON_RANKS = [("generalized_alpha", "P2P1"), ("bdf2", "P1")]
+
+
+@pytest.mark.parametrize(
+    "integrator, element", [*FALLS, *(pytest.param(*pair, marks=mpi) for pair in ON_RANKS)]
+)
+def test_free_fall(integrator, element):
+    """Backward Euler: -g h^2 n (n + 1) / 2; Newmark: the parabola; both to 1e-8."""
+    p, d = moving(integrator, element, **FALL)
+    d.start(p)
+    run(p, d, STEPS)
+    z = displacement(p) - [0, 0, fallen(integrator)]
+    assert abs(z).max(initial=0) <= 1e-8
+    assert abs(d.a.x.array.reshape(-1, 3) - [0, 0, -G]).max(initial=0) <= 1e-6
+    if integrator == "newmark":
+        assert abs(d.v.x.array.reshape(-1, 3)[:, 2] + G * STEPS * STEP).max(initial=0) <= 1e-8
+
+
+@mpi
+@pytest.mark.parametrize("damping", [(0, 0), (0, 0.01)], ids=["undamped", "stiffness"])
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("element", ["Q1P0", "P2"])
+def test_bodies_of_two_densities_fall_without_deformation(element, mass, damping):
+    """The two fall alike; weight and mass matrix fit together, and rigid motion has no damping."""
+    body = mesh.generate(MPI.COMM_WORLD, "bar", ELEMENTS[element].cell, cells=2)
+    m = material("stable_neo_hookean", E=1.0, nu=0.45)
+    fillings = [Filling(m, "first", 5.0), Filling(m, "second", 0.5)]
+    p, d = moving("newmark", element, body=body, fillings=fillings, mass=mass, damping=damping,
+                  **FALL)  # fmt: skip
+    d.start(p)
+    run(p, d, 3)
+    z = displacement(p) - [0, 0, fallen("newmark")]
+    assert abs(z).max(initial=0) <= 1e-8
+    volume = p.length**3
+    assert d.mass.total == pytest.approx(2.75 * volume, rel=1e-12)
+    assert d.energies(p)["momentum"][2] == pytest.approx(-d.mass.total * G * d._duration, rel=1e-9)
+    assert d.dissipated == pytest.approx(0, abs=1e-12)
+
+
+def linear_mode(integrator: str, mass: str, steps: int = 40):
+    """Return (position, velocity / omega) of one mode after steps of omega h = 2 pi/40.
+
+    One cell that is confined to move along z: its stress is linear in the stretch. The mass of the
+    moving face is a third of the cell's (consistent) or a half (lumped).
+    """
+    E, nu, rho, amplitude = 3.0, 0.45, 2.0, 0.2
+    modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    omega = np.sqrt(modulus / (rho * {"consistent": 1 / 3, "lumped": 1 / 2}[mass]))
+    hold = [Hold("body", ("x", "y")), Hold("bottom")]
+    fillings = [Filling(material("stable_neo_hookean", E=E, nu=nu), None, rho)]
+    p, d = moving(integrator, fillings=fillings, hold=hold, mass=mass,
+                  duration=steps * 2 * pi / 40 / omega)  # fmt: skip
+    top = p.coordinates[:, 2] > 0.5
+    p.x.array[: p.coordinates.size].reshape(-1, 3)[top, 2] = amplitude
+    d.start(p)
+    run(p, d, steps)
+    v = d.v.x.array.reshape(-1, 3)[: len(top)]
+    found = p.comm.allgather(np.column_stack([displacement(p)[top, 2], v[top, 2] / omega]))
+    values = np.concatenate(found) / amplitude
+    assert np.ptp(values, axis=0).max() <= 1e-7
+    return values.mean(axis=0)
+
+
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_one_linear_mode(integrator, mass):
+    """Amplitude and phase after 40 steps; backward Euler 0.614165724, Newmark 1 and 6.270314."""
+    position, velocity = linear_mode(integrator, mass)
+    amplitude, phase = np.hypot(position, velocity), np.arctan2(-velocity, position) % (2 * pi)
+    if integrator in ("backward_euler", "semi_implicit"):
+        assert amplitude == pytest.approx((1 + (pi / 20) ** 2) ** -20, abs=1e-6)
+        assert amplitude == pytest.approx(0.614165724, abs=1e-6)
+        assert phase == pytest.approx(40 * atan(pi / 20), abs=1e-5)
+    elif integrator == "newmark":
+        assert amplitude == pytest.approx(1, abs=1e-6)
+        assert phase == pytest.approx(80 * atan(pi / 40), abs=1e-5)
+        assert phase == pytest.approx(6.270314, abs=1e-5)
+    else:
+        assert 0.97 < amplitude < 1
+        assert phase == pytest.approx(2 * pi, abs=0.1)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("element", [pytest.param("P1", marks=mpi), "P2P1"])
+def test_prescribed_nodes_move_as_prescribed(element, integrator):
+    """Positions to 1e-14, velocities and accelerations of the motion: t^3, then rest, in m."""
+    duration, kink = 2.0, 0.75
+
+    def path(X, load):
+        t = duration * min(load, kink)
+        return np.outer(np.ones(len(X)), [0.05 * t**3, 0, 0.1 * t**2])
+
+    p, d = moving(integrator, element, hold=[Hold("bottom")], move=[Condition("top", path)],
+                  duration=duration)  # fmt: skip
+    d.start(p)
+    nodes = p.V.tabulate_dof_coordinates()
+    top = abs(nodes[:, 2] - 1) < 1e-12
+    own = top[: len(p.coordinates)]
+    assert abs(d.a.x.array.reshape(-1, 3)[top] - [0, 0, 0.2]).max(initial=0) <= 1e-5
+    for load in advance(p, d, equal_steps(8)):
+        t, moves = duration * min(load, kink), load <= kink
+        exact = path(nodes[: len(own)][own], load)
+        assert abs(displacement(p)[own] - exact).max(initial=0) <= 1e-14
+        v, a = d.v.x.array.reshape(-1, 3)[top], d.a.x.array.reshape(-1, 3)[top]
+        assert abs(v - moves * np.array([0.15 * t**2, 0, 0.2 * t])).max(initial=0) <= 1e-11
+        assert abs(a - moves * np.array([0.3 * t, 0, 0.2])).max(initial=0) <= 1e-9

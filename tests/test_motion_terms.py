@@ -1,0 +1,207 @@
+"""The terms of inertia and damping: mass matrices, derivatives, constrained rows and columns."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from bodies import Condition, Hold, dense, wave
+from motions import advance, equal_steps, moving, run
+
+from fem_snh import _dolfinx
+from fem_snh.choices import INTEGRATORS, MASSES
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.ghosted_vectors import add_ghosts, local_values, update_ghosts, writable_values
+from fem_snh.fem.nodal_mass import NodalMass
+from fem_snh.fem.regions import Filling, cell_constant, regions_of_groups
+from fem_snh.fem.terms import mass_matrix
+from fem_snh.kernels.pointwise import material
+
+pytestmark = pytest.mark.mpi
+MATERIAL = material("stable_neo_hookean", E=1.0, nu=0.45)
+DENSITIES = (5.0, 0.5)
+
+
+def slide(X, load):
+    return np.outer(np.ones(len(X)), [0.2 * load, -0.1 * load**2, 0.1 * load])
+
+
+def two_densities(element):
+    """Return space and regions of a bar of two densities, distorted."""
+    bar = mesh.generate(MPI.COMM_WORLD, "bar", ELEMENTS[element].cell, cells=2)
+    x = _dolfinx.geometry_x(bar.domain)
+    x += 0.03 * np.sin(x @ np.array([[1.0, 5, 2], [4, 2, 3], [3, 1, 7]]))
+    V = _dolfinx.function_space(bar.domain, ELEMENTS[element].degree, (3,))
+    fillings = [Filling(MATERIAL, g, rho) for g, rho in zip(("first", "second"), DENSITIES)]
+    return V, regions_of_groups(bar, fillings)
+
+
+def applied(V, mass, values):
+    """Return M v on all local nodes for a function of coordinates."""
+    out = _dolfinx.create_vector(V)
+    writable_values(out)[:] = mass.apply(values(V.tabulate_dof_coordinates()).ravel())
+    add_ghosts(out)
+    update_ghosts(out)
+    return out
+
+
+@pytest.mark.parametrize("element", ["P1", "P2", "Q1", "Q2"])
+def test_consistent_mass_is_that_of_the_form(element):
+    """Against dolfinx's assembly of the bilinear form."""
+    V, regions = two_densities(element)
+    M = mass_matrix(V, cell_constant(V.mesh, regions, DENSITIES))
+    v, expected = (_dolfinx.create_vector(V) for _ in range(2))
+    values = wave(1.0)
+    writable_values(v)[:] = values(V.tabulate_dof_coordinates()).ravel()
+    M.mult(v, expected)
+    found = applied(V, NodalMass(V, regions), values)
+    np.testing.assert_allclose(found.array_r, expected.array_r, rtol=0,
+                               atol=1e-12 * expected.norm())  # fmt: skip
+
+
+@pytest.mark.parametrize("element", ["P1", "P2", "Q1", "Q2"])
+def test_lumped_mass(element):
+    """Diagonal and positive, of the same total; of degree 1 the sums of the consistent rows."""
+    V, regions = two_densities(element)
+    consistent, lumped = (NodalMass(V, regions, kind) for kind in MASSES)
+    assert lumped.total == pytest.approx(consistent.total, rel=1e-13)
+    assert (lumped.matrix - lumped.matrix.multiply(np.eye(lumped.matrix.shape[0]))).nnz == 0
+    ones = applied(V, lumped, np.ones_like)
+    assert local_values(ones).min(initial=1) > 0
+    if ELEMENTS[element].degree == 1:
+        sums = applied(V, consistent, np.ones_like)
+        np.testing.assert_allclose(ones.array_r, sums.array_r, rtol=1e-12)
+
+
+def test_density_is_required():
+    with pytest.raises(BadInput, match=r"missing key 'material.density' of stable_neo_hookean"):
+        moving("newmark", fillings=[Filling(MATERIAL)], duration=1.0)
+    for key, bad in {"mass": "lump", "duration": 0.0, "damping": (0.0, -1.0)}.items():
+        with pytest.raises(BadInput, match=f"time.{key}.*expected"):
+            moving("newmark", **{"duration": 1.0, key: bad})
+
+
+def in_motion(element, integrator="generalized_alpha", started=True, **options):
+    """Return a problem in its second step, at a state off the solution, and its dynamics.
+
+    Without ``started``: before its start.
+    """
+    p, d = moving(integrator, element, hold=[Hold("bottom", ("x", "z"))],
+                  move=[Condition("left", slide)], duration=0.5, cells=2,
+                  damping=(0.3, 0.2), **options)  # fmt: skip
+    if not started:
+        return p, d
+    d.start(p, lambda X: 0.1 * X)
+    for load in advance(p, d, equal_steps(4)[:1]):
+        d.begin_step(p, load + 0.25)
+    p.set_load(0.5)
+    p.prescribe(p.x)
+    return p, d
+
+
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_the_hessian_gets_mass_and_damping_without_constrained_dofs(element, mass):
+    """The difference with and without the terms is c M + c_v (alpha M + beta K), free dofs only."""
+    p, d = in_motion(element, mass=mass)
+    K = p.matrix.without_constraints()
+    u0 = d._step.state.u
+    start = p.x.duplicate()
+    start.array[:] = p.x.array_r
+    start.array[: d.mass.num_owned] = u0[: d.mass.num_owned]
+    u, pressure = p.split(start)
+    with K.adding():
+        p.elastic.add_hessian(u, pressure, "clamp", K)
+    p.jacobian(p.x, "exact")
+    with_terms, free = dense(p.A), np.ones(p.A.getSize()[0], dtype=bool)
+    first = p.A.getOwnershipRange()[0]
+    free[np.concatenate(p.comm.allgather(first + p.constrained_dofs))] = False
+    M = p.matrix.without_constraints()
+    with M.adding():
+        d.mass.add_to(M, 1.0)
+    with d._balance._without_terms():
+        p.jacobian(p.x, "exact")
+    found = with_terms - dense(p.A)
+    is_u = np.zeros(p.x.getLocalSize(), dtype=bool)
+    is_u[: d.mass.num_owned] = True
+    keep = free & np.concatenate(p.comm.allgather(is_u))
+    rate, velocity = d._balance.inertia.acceleration.rate, d._step.formulas.velocity.rate
+    expected = (rate + 0.3 * velocity) * dense(M.mat) + 0.2 * velocity * dense(K.mat)
+    expected *= np.outer(keep, keep)
+    assert abs(expected).max() > 1e-3
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * abs(expected).max())
+
+
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_the_residual_is_the_derivative_of_the_energy(element):
+    """Central differences along a direction, constrained rows included."""
+    p, _ = in_motion(element)
+    direction, r, x = p.x.duplicate(), p.x.duplicate(), p.x.duplicate()
+    direction.set(0.0)
+    values = wave(1.0)(p.coordinates).ravel()
+    direction.array[: len(values)] = values
+    p.gradient(p.x, r)
+    slope, energies, h = float(r.dot(direction)), [], 1e-5
+    for sign in (1, -1):
+        x.waxpy(sign * h, direction, p.x)
+        energies.append(p.energy(x))
+    assert slope == pytest.approx((energies[0] - energies[1]) / (2 * h), rel=1e-7)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_history_continues_a_motion(integrator):
+    """Another problem that is given state and history at half time ends with the same numbers."""
+    ends = []
+    for interrupted in (False, True):
+        p, d = in_motion("Q1", integrator, started=False)
+        d.start(p, lambda X: 0.1 * X)
+        list(advance(p, d, equal_steps(4)[:2]))
+        if interrupted:
+            x, (values, scalars) = p.x.copy(), d.history()
+            p, d = in_motion("Q1", integrator, started=False)
+            x.copy(p.x)
+            p.set_load(0.5)
+            d.set_history(values, scalars)
+        list(advance(p, d, equal_steps(4)[2:]))
+        ends.append((p.x.array.copy(), *(f.x.array.copy() for f in (d.v, d.a)), d.energies(p)))
+    for one, other in zip(*ends, strict=True):
+        if isinstance(one, dict):
+            assert one["work"] == pytest.approx(other["work"], rel=1e-12)
+            assert one["numerical_dissipation"] == pytest.approx(
+                other["numerical_dissipation"], abs=1e-14
+            )
+        else:
+            assert abs(one - other).max(initial=0) <= 1e-13
+
+
+def test_work_and_dissipation_balance():
+    """Newmark, prescribed motion and a changing load: what is lost falls faster than the step."""
+    lost = []
+    for steps in (20, 40):
+        p, d = moving(
+            "newmark", cells=2, hold=[Hold("bottom")], move=[Condition("top", slide)], duration=5.0,
+            damping=(0.3, 0.0), gravity=(0, 0.1, 0), amplitude=lambda load: load**2,
+        )  # fmt: skip
+        d.start(p)
+        run(p, d, steps)
+        found = d.energies(p)
+        lost.append(abs(found["numerical_dissipation"]))
+        assert found["dissipated"] > 1e-3
+        assert abs(found["work"]) > 1e-3
+    assert lost[1] < 1e-3 * found["kinetic"]
+    assert lost[1] < 0.4 * lost[0]
+
+
+def test_a_pattern_that_contact_extends():
+    """Mass and damping are added to the same entries after the matrix has further blocks."""
+    p, _ = in_motion("Q1")
+    p.jacobian(p.x, "exact")
+    before, total = dense(p.A), p.comm.allreduce(len(p.coordinates))
+    for other in (total - 1, total - 2):
+        pair = np.array([[0, other], [other, 0]])
+        p.matrix.couple([pair])
+        p.jacobian(p.x, "exact")
+        np.testing.assert_allclose(dense(p.A), before, rtol=0, atol=1e-12 * abs(before).max())

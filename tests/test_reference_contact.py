@@ -1,0 +1,212 @@
+"""Self-contact by the map to the reference configuration: forces, derivatives, ranks, scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import two_bodies
+from bodies import Condition, Hold, dense
+
+import fem_snh
+from fem_snh import scenes, solver
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.create_problem import create_problem
+from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.self_contact.reference import ReferenceContact
+from fem_snh.kernels.pointwise import material
+from fem_snh.runs.stepping import Stepper
+
+COMM = MPI.COMM_WORLD
+mpi = pytest.mark.mpi
+#: Two blocks, the upper one smaller, with meshes that do not match.
+BLOCKS = {"cells": 2, "upper_cells": 3, "upper_width": 0.7, "shift": 0.13}
+CLIP: dict[str, Any] = {
+    "name": "clip",
+    "mesh": {"source": "clip", "parameters": {"gap": 0.3}},
+    "cells": 2,
+    "element": "Q1",
+    "steps": 2,
+    "material": {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45},
+    "move": [
+        {"group": "bottom", "translate": [0, 0, 0.25]},
+        {"group": "top", "translate": [0, 0, -0.25]},
+    ],
+    "self_contact": {"method": "reference"},
+}
+
+
+def blocks(
+    comm: MPI.Comm = COMM, element: str = "Q1", press: float = 0.1, k: Any = None, **of: float
+) -> Any:
+    """Return the problem of two blocks that are pressed together, and its last row."""
+    chosen = ELEMENTS[element]
+    body = mesh.generate(comm, "two_blocks", chosen.cell, **(BLOCKS | of))
+    p = create_problem(
+        body,
+        chosen,
+        material("stable_neo_hookean", two_bodies.E, two_bodies.NU),
+        hold=[Hold("bottom")],
+        move=[Condition("top", lambda X, load: 0 * X - [0, 0, press * load])],
+        loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body, regions, k)],
+    )
+    snes = solver.create(p)
+    snes.getPythonContext().options["snes_scaled_tol"] = 1e-8
+    rows = list(Stepper(p, snes, 1, "none"))
+    assert rows[-1]["converged"], rows[-1]["reason"]
+    return p, rows[-1]
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P1", "P2", "Q1P0", "Q2Q1"])
+def test_force_is_that_of_contact_between_surfaces(element: str) -> None:
+    """The oracle is contact between two named surfaces, with its own search and quadrature."""
+    args = {name: value for name, value in BLOCKS.items() if "cells" not in name}
+    two = two_bodies.TwoBlocks(
+        COMM, element, (2, 3), 20.0, press=0.1, hold=[Hold("bottom")], components=("x", "y", "z"),
+        **args,
+    )  # fmt: skip
+    expected = -two.solve()["contacts"]["blocks"]["force"][2]
+    row = blocks(element=element, k=20.0)[1]["self_contact"]
+    assert row["force"] == pytest.approx(expected, rel=0.05)
+    assert row["stiffness"] == pytest.approx(20.0) and row["rounds"] <= 5
+    assert 0 < row["penetration"] < 0.05  # a tenth of a cell; the edges press most
+
+
+@mpi
+def test_derivatives_and_sums() -> None:
+    """Forces and Hessian against differences of the energy; forces sum to zero, with reactions."""
+    p, row = blocks(press=0.15)
+    term, rng = p.terms[1], np.random.default_rng(COMM.rank)
+    start, d = p.x.copy(), p.x.duplicate()
+    d.array[:] = 1e-3 * rng.standard_normal(len(d.array))
+
+    def at(t: float) -> tuple[float, np.ndarray, Any]:
+        x, r = start.copy(), start.duplicate()
+        x.axpy(t, d)
+        p.gradient(x, r, [term])
+        u = p.split(x)[0]
+        return term.energy(u), r.array.copy(), r
+
+    (_, g0, r0), (e1, g1, _), (e2, g2, _) = at(0.0), at(1e-3), at(-1e-3)
+    slope = r0.dot(d)
+    assert (e1 - e2) / 2e-3 == pytest.approx(slope, rel=1e-5)
+    u = p.split(start)[0]
+    p.matrix.couple([term.couplings(u)])
+    with p.matrix.adding():
+        assert term.add_hessian(u, None, "exact", p.matrix) == 0
+    product = start.duplicate()
+    free = start.duplicate()
+    d.copy(free)
+    free.array[p.constrained_dofs] = 0.0
+    p.matrix.mat.mult(free, product)
+    keep = np.setdiff1d(np.arange(len(g0)), p.constrained_dofs)
+    d.array[p.constrained_dofs] = 0.0
+    (_, g1, _), (_, g2, _) = at(1e-3), at(-1e-3)
+    scale = COMM.allreduce(float(np.abs(product.array).max(initial=0.0)), op=MPI.MAX)
+    np.testing.assert_allclose(((g1 - g2) / 2e-3)[keep], product.array[keep], atol=1e-6 * scale)
+    values = np.linalg.eigvalsh(dense(p.matrix.mat))
+    assert values.min() > -1e-10 * values.max()
+
+    total = COMM.allreduce(g0.reshape(-1, 3).sum(axis=0))
+    largest = COMM.allreduce(float(np.abs(g0).max(initial=0.0)), op=MPI.MAX)
+    assert largest > 0 and np.abs(total).max() < 1e-12 * row["self_contact"]["force"]
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_ranks_agree(element: str) -> None:
+    rows = [blocks(comm, element)[1] for comm in (COMM, MPI.COMM_SELF)]
+    contacts = [row["self_contact"] for row in rows]
+    assert contacts[0]["pairs"] == contacts[1]["pairs"] > 0
+    assert rows[0]["energy"] == pytest.approx(rows[1]["energy"], rel=1e-6)
+    for key in ("force", "penetration"):
+        assert contacts[0][key] == pytest.approx(contacts[1][key], rel=1e-5)
+
+
+@mpi
+def test_bodies_that_intersect_in_the_mesh_part() -> None:
+    """The upper block begins 0.08 deep in the lower one; the springs push it out in one step."""
+    _, row = blocks(press=0.0, gap=-0.08)
+    _, pressed = blocks(press=0.08)
+    found, expected = row["self_contact"], pressed["self_contact"]
+    assert found["penetration"] < 0.04
+    # The upper block is that much longer, so the force differs a little.
+    assert found["force"] == pytest.approx(expected["force"], rel=0.1)
+
+
+@mpi
+def test_bodies_apart_have_no_pairs() -> None:
+    p, row = blocks(gap=0.5)
+    assert row["self_contact"] == row["self_contact"] | {"pairs": 0, "penetration": 0, "force": 0}
+    assert not len(p.terms[1].pairs) and not len(p.terms[1].couplings(p.split(p.x)[0]))
+
+
+@mpi
+def test_a_clip_whose_arms_are_pressed_together() -> None:
+    """A run of a scene on all ranks and on one: rows, columns, the same numbers."""
+    scene = scenes.validate(CLIP, "clip")
+    runs = [fem_snh.run(scene, progress=False, comm=comm) for comm in (COMM, MPI.COMM_SELF)]
+    last = [run.steps[-1]["self_contact"] for run in runs]
+    assert runs[0].converged and runs[0].record["terms"] == ["elastic", "self_contact"]
+    assert last[0]["pairs"] == last[1]["pairs"] > 100
+    assert last[0]["force"] == pytest.approx(last[1]["force"], rel=1e-3)
+    assert last[0]["penetration"] < 0.05 * 0.5 and last[0]["rounds"] <= 5
+    without = scenes.validate({k: v for k, v in CLIP.items() if k != "self_contact"}, "clip")
+    through = fem_snh.run(without, progress=False)
+    assert through.record["terms"] == ["elastic"]
+    assert through.steps[-1]["energy"] < 0.97 * runs[0].steps[-1]["energy"]
+
+
+@mpi
+def test_a_block_falls_on_another() -> None:
+    """It falls freely by the gap, and bounces."""
+    scene = scenes.validate(
+        CLIP
+        | {
+            "mesh": {"source": "two_blocks", "parameters": {"gap": 0.05, "upper_width": 0.7}},
+            "cells": 1,
+            "material": CLIP["material"] | {"E": 1e6, "density": 1000},
+            "move": [],
+            "hold": [{"group": "bottom"}],
+            "steps": 1,
+            "time": {"duration": 0.24, "steps": 60, "integrator": "generalized_alpha"},
+            "gravity": {"vector": [0, 0, -9.81]},
+            "probe": [{"name": "top", "point": [0.35, 0.35, 1.7]}],
+        },
+        "fall",
+    )
+    result = fem_snh.run(scene, progress=False)
+    assert result.converged
+    z = np.array([row["probes"]["top"][2] for row in result.steps])
+    t = np.array([row["time"] for row in result.steps])
+    contacts = [row["self_contact"] for row in result.steps]
+    free = t < 0.1  # sqrt(2 gap / g)
+    np.testing.assert_allclose(z[free], -9.81 / 2 * t[free] ** 2, rtol=1e-5)
+    assert not any(row["force"] for row in contacts[: free.sum()])
+    assert z[-1] > z.min() + 0.04 and contacts[-1]["force"] == 0
+    assert 0 < max(row["penetration"] for row in contacts) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({}, "self_contact: missing key 'method': expected one of"),
+        ({"method": "refrence"}, "self_contact.method = 'refrence': expected one of .*reference"),
+        ({"method": "reference", "stiffness": 0}, "self_contact.stiffness = 0: expected a number"),
+        (
+            {"method": "reference", "friction": 0.1},
+            "contact.friction = 0.1: expected no value",
+        ),
+        ({"method": "reference", "distance": 1}, "self_contact.distance = 1.*: expected no value"),
+    ],
+    ids=str,
+)
+def test_mistake_in_one_line(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput, match=message) as caught:
+        scenes.validate(CLIP | {"self_contact": table}, "clip")
+    assert "\n" not in str(caught.value)

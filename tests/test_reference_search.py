@@ -1,0 +1,119 @@
+"""The search of self-contact: points in deformed cells, closest points, neighbours, bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodies import cube, wave
+from scipy.spatial.transform import Rotation
+from test_dolfinx_shim import ELEMENTS
+
+from fem_snh import _dolfinx
+from fem_snh.fem import mesh
+from fem_snh.fem.contact.embedded_surface import embedded_surface
+from fem_snh.fem.self_contact.deformed_cells import DeformedCells
+from fem_snh.fem.self_contact.neighbourhood import Neighbourhood, body_numbers
+from fem_snh.fem.self_contact.reference_surface import ReferenceSurface
+
+pytestmark = pytest.mark.mpi
+each_element = pytest.mark.parametrize("cell, degree", ELEMENTS, ids=["Q1", "P1", "Q2", "P2"])
+#: A rotation by a radian and a translation.
+R, T = Rotation.from_rotvec([0.6, -0.5, 0.6]).as_matrix(), np.array([0.3, -1.0, 2.0])
+
+
+def nothing(point, cell):
+    return np.zeros(len(point), bool)
+
+
+@each_element
+def test_points_are_found_where_they_came_from(comm, cell, degree):
+    """Points of each cell, moved by its shape functions, are in it, and keep their coordinates."""
+    body = cube(comm, cell, 2, bend=0.05)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    X, nodes = V.tabulate_dof_coordinates(), _dolfinx.node_dofs(V)
+    u = X @ (R - np.eye(3)).T + T + wave(0.02)(X)
+    inner = 0.8 * _dolfinx.reference_corners(cell) + 0.2 * 0.25
+    basis = _dolfinx.tabulate_values(V, inner)
+    here, there = (np.einsum("pk,cki->cpi", basis, v[nodes]) for v in (X, X + u))
+    hits = DeformedCells(V).find(u, there.reshape(-1, 3), nothing)
+    own = hits.cell == hits.point // len(inner)
+    assert np.array_equal(np.sort(hits.point[own]), np.arange(here.shape[0] * len(inner)))
+    np.testing.assert_allclose(hits.X[own], here.reshape(-1, 3)[hits.point[own]], atol=1e-8)
+    assert hits.outside[own].max() < 1e-6
+    # Neighbours of a cell are found within a margin, the others not.
+    assert hits.outside[~own].min(initial=0.1) >= -1e-6 and hits.outside.max() <= 0.1
+
+
+@each_element
+def test_inverted_and_flat_cells_contain_nothing(comm, cell, degree):
+    body = cube(comm, cell, 2)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    X = V.tabulate_dof_coordinates()
+    cells, points = DeformedCells(V), np.random.default_rng(1).random((200, 3))
+    mirrored, flat = (X * (np.array([s, 1.0, 1.0]) - 1.0) for s in (-1.0, 0.0))
+    assert not len(cells.find(mirrored, points * [-1, 1, 1], nothing).point)
+    assert not len(cells.find(flat, points * [0, 1, 1], nothing).point)
+    assert comm.allreduce(len(cells.find(0 * X, points, nothing).point)) >= 200
+
+
+def test_closest_points_are_those_of_all_triangles(comm):
+    """Against a search of all triangles; inside and outside of a bent cube."""
+    body = cube(comm, "tetrahedron", 4, bend=0.1)
+    V = _dolfinx.function_space(body.domain, 1, (3,))
+    surface = embedded_surface(V, body)
+    triangles = surface.triangles
+    search = ReferenceSurface(surface.points, triangles, np.zeros(len(triangles), int))
+    p = np.random.default_rng(2).random((150, 3)) * 1.4 - 0.2
+    none = np.zeros((len(triangles), 3))
+    found = search.closest(p, np.zeros(len(p), int), 0 * p, none)
+    inside = ((p > 0) & (p < 1)).all(axis=1)  # the bend leaves the boundary where it is
+    expected = np.where(
+        inside,
+        np.minimum(p, 1 - p).min(axis=1),
+        -np.linalg.norm(p - np.clip(p, 0, 1), axis=1),
+    )
+    np.testing.assert_allclose(found.depth, expected, atol=1e-12)
+    x = np.einsum("nk,nki->ni", found.coordinates, surface.points[triangles[found.triangle]])
+    np.testing.assert_allclose(np.linalg.norm(x - p, axis=1), np.abs(expected), atol=1e-12)
+
+
+def test_faces_that_are_opposed_are_preferred(comm):
+    """A point near an edge of a cube has the face that it has passed through as its target."""
+    body = cube(comm, "hexahedron", 2)
+    V = _dolfinx.function_space(body.domain, 1, (3,))
+    surface = embedded_surface(V, body)
+    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
+    outward = np.cross(b - a, c - a)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    search = ReferenceSurface(surface.points, surface.triangles, np.zeros(len(a), int))
+    p = np.array([[0.04, 0.4, 0.95]])
+    for normal, face in (([0.0, 0, -1], [0.0, 0, 1]), ([1.0, 0, 0], [-1.0, 0, 0])):
+        found = search.closest(p, np.zeros(1, int), np.array([normal]), outward)
+        np.testing.assert_allclose(outward[found.triangle[0]], face, atol=1e-12)
+        assert found.depth[0] == pytest.approx(0.04)
+
+
+@each_element
+def test_neighbours_and_bodies(comm, cell, degree):
+    """Cells share a vertex with the triangles of their own facets; two blocks are two bodies."""
+    body = mesh.generate(comm, "two_blocks", cell, cells=3, gap=0.5)
+    V = _dolfinx.function_space(body.domain, degree, (3,))
+    surface = embedded_surface(V, body)
+    near = Neighbourhood(V, surface)
+    assert near.triangles.shape[1] == (3 if cell == "tetrahedron" else 4 if degree == 2 else 3)
+    X, nodes = V.tabulate_dof_coordinates(), _dolfinx.node_dofs(V)
+    middles = surface.points[surface.triangles].mean(axis=1)
+    low, high = X[nodes].min(axis=1), X[nodes].max(axis=1)
+    triangle, local = (i.ravel() for i in np.indices((len(middles), len(nodes))))
+    below = middles[triangle] >= low[local] - 1e-9
+    inside = (below & (middles[triangle] <= high[local] + 1e-9)).all(axis=1)
+    shares = near.share(triangle, local)
+    if cell == "hexahedron":
+        assert shares[inside].all()
+    apart = np.linalg.norm(middles[triangle] - (low + high)[local] / 2, axis=1)
+    assert not shares[apart > 0.8].any()
+
+    numbers = body_numbers(V)
+    upper = X[:, 2] > 1.25
+    both = [set(np.concatenate(comm.allgather(numbers[part]))) for part in (upper, ~upper)]
+    assert len(both[0]) == len(both[1]) == 1 and both[0] != both[1]

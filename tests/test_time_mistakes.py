@@ -1,0 +1,123 @@
+"""Mistakes in the tables of scenes in time: one line with the key and what is accepted."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+import pytest
+from time_scenes import DOWN, SOFT
+
+from fem_snh import scenes
+from fem_snh.errors import BadInput
+
+TIME = {"duration": 1.0, "steps": 4}
+CUBE: dict[str, Any] = {
+    "name": "cube",
+    "mesh": {"source": "cube"},
+    "cells": 2,
+    "element": "Q1",
+    "material": SOFT.model_dump(),
+}
+
+MISTAKES: list[tuple[dict[str, Any], str]] = [
+    ({"time": {"steps": 4}}, "time: missing key 'duration': expected a number > 0"),
+    ({"time": {"duration": 1.0}}, "time: missing key 'steps': expected a whole number from 1"),
+    ({"time": 2.0}, "time = 2.0: expected .*table"),
+    ({"time": TIME | {"duration": 0.0}}, "time.duration = 0.0: expected a number > 0"),
+    ({"time": TIME | {"duration": -1}}, "time.duration = -1: expected a number > 0"),
+    ({"time": TIME | {"duration": "2 s"}}, "time.duration = '2 s': expected a number > 0"),
+    ({"time": TIME | {"steps": 0}}, "time.steps = 0: expected a whole number from 1"),
+    ({"time": TIME | {"steps": 2.5}}, "time.steps = 2.5: expected a whole number"),
+    (
+        {"time": TIME | {"integrator": "newmrk"}},
+        "time.integrator = 'newmrk': expected one of .* .did you mean 'newmark'",
+    ),
+    ({"time": TIME | {"integrater": "bdf2"}}, "unknown key 'integrater': .*mean 'integrator'"),
+    ({"time": TIME | {"mass": "lump"}}, "time.mass = 'lump': expected one of consistent, lumped"),
+    ({"time": TIME | {"damping": 0.1}}, "time.damping = 0.1: expected .*table"),
+    (
+        {"time": TIME | {"damping": {"stiffness": -1}}},
+        "time.damping.stiffness = -1: expected a number >= 0",
+    ),
+    (
+        {"time": TIME | {"damping": {"stifness": 1}}},
+        "time.damping: unknown key 'stifness': .*mean 'stiffness'",
+    ),
+    (
+        {"time": TIME | {"rho_infinity": 0.5}},
+        "time.rho_infinity = 0.5: expected no value, as the integrator is not generalized_alpha",
+    ),
+    (
+        {"time": TIME | {"integrator": "generalized_alpha", "rho_infinity": 1.5}},
+        "time.rho_infinity = 1.5: expected a number from 0 to 1",
+    ),
+    ({"time": TIME | {"tolerance": 0}}, "time.tolerance = 0: expected a number > 0"),
+    ({"time": TIME | {"output_every": 0}}, "time.output_every = 0: expected a whole number from 1"),
+    ({"time": TIME, "steps_": 1}, "unknown parameter 'steps_'"),
+    ({"time": TIME, "modes": {"count": 2}}, "'time' and 'modes' exclude each other"),
+    (
+        {"time": TIME, "nu_continuation": [0.3]},
+        "'time' and 'nu_continuation' exclude each other",
+    ),
+    (
+        {"time": TIME, "material.density": None},
+        "missing key 'material.density' of stable_neo_hookean: expected a number > 0, for .time.",
+    ),
+    (
+        {"start": {"velocity": [1, 0, 0]}},
+        r"start.velocity = \[1.0, 0.0, 0.0\]: expected no value, as the scene has no table .time.",
+    ),
+    ({"start": {"angular_velocity": [1, 0, 0]}}, "start.angular_velocity = .*: expected no value"),
+    ({"time": TIME, "start": {"velocity": 1.0}}, "start.velocity = 1.0: expected three finite"),
+    ({"time": TIME, "start": {"through": [0, 0, 0]}}, "start: missing key 'map'.*angular_velocity"),
+    (
+        {"fields": ["velocity"]},
+        "fields = 'velocity': expected another field, as .* no table",
+    ),
+    ({"time": TIME, "fields": ["velocty"]}, "fields = 'velocty': .* .did you mean 'velocity'"),
+]
+
+
+@pytest.mark.parametrize(("keys", "message"), MISTAKES)
+def test_a_mistake_is_one_line(keys: dict[str, Any], message: str) -> None:
+    before = deepcopy(CUBE)
+    with pytest.raises(BadInput, match=message) as found:
+        scenes.validate(CUBE, "cube", keys)
+    assert before == CUBE  # the caller's tables remain as they are
+    assert "\n" not in str(found.value) and str(found.value).startswith("cube: ")
+
+
+def test_a_scene_has_one_number_of_steps() -> None:
+    """``steps`` of the scene is for load steps; as an option it means the time steps."""
+    with pytest.raises(BadInput, match=r"steps = 3: expected no value, as \[time\] has its own"):
+        scenes.validate(CUBE | {"time": TIME, "steps": 3}, "cube")
+    scene = scenes.validate(CUBE | {"time": TIME}, "cube")
+    for keys, steps in (({"steps": 7}, 7), ({"time.steps": 9}, 9)):
+        time = scenes.load(scene, **keys).time
+        assert time is not None and time.steps == steps
+    assert scenes.load(scene, steps=7).steps == 1
+
+
+def test_amplitudes_are_in_time() -> None:
+    """Of forces 1 without a table; of motions and fluids the fraction of the duration."""
+    table = [{"name": "t", "points": [[0, 0], [4, 8]]}]
+    move = {"group": "left", "translate": [1, 0, 0]}
+    tables = {
+        "time": TIME | {"duration": 2.0},
+        "table": table,
+        "gravity": DOWN.model_dump(),
+        "pressure": [{"group": "top", "value": 1.0, "table": "t"}],
+        "cavity": [{"group": "top", "volume": 1.0}],
+        "move": [move, {"group": "right", "translate": [1, 0, 0], "table": "t"}],
+    }
+    scene = scenes.validate(CUBE | tables, "cube")
+    assert scene.gravity is not None and scene.duration == 2.0
+    (gravity,) = scene.amplitudes([scene.gravity])
+    (pressure,) = scene.amplitudes(scene.pressure)
+    (fluid,) = scene.amplitudes(scene.cavity)
+    assert [gravity(load) for load in (0.0, 0.5)] == [1.0, 1.0]
+    assert [pressure(load) for load in (0.0, 0.5, 1.0)] == [0.0, 2.0, 4.0]
+    assert fluid(0.25) == 0.25
+    assert [m.amplitude(0.25) for m in scene.motions] == [0.25, 1.0]
+    assert scene.amplitudes(scene.pressure) == [pressure]
