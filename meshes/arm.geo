@@ -8,13 +8,13 @@
 //   cells = 40    about 11,700 tetrahedra
 SetFactory("OpenCASCADE");
 DefineConstant[
-  cells = {40, Min 4, Step 1, Name "cells"}
+  cells = {40, Min 12, Step 1, Name "cells"}
   biceps = {0.006, Min 0, Max 0.03, Name "biceps"}
   thickness = {1, Min 0.9, Max 1.5, Name "thickness"}
   tets = {1, Choices{0, 1}, Name "tets"}   // 1: there are no hexahedra
 ];
-If (!(cells >= 4))
-  Error("cells = %g: expected a number of at least 4", cells);
+If (!(cells >= 12))
+  Error("cells = %g: expected a number of at least 12, as larger cells would cut the bones", cells);
 EndIf
 If (!(biceps >= 0 && biceps <= 0.03))
   Error("biceps = %g: expected a number from 0 to 0.03", biceps);

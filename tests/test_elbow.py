@@ -35,7 +35,7 @@ def test_arm_is_flesh_around_two_bones(comm):
 
 
 @pytest.mark.parametrize(("key", "value", "text"), [
-    ("cells", 3, "at least 4"), ("biceps", 0.04, "from 0 to 0.03"),
+    ("cells", 11, "at least 12"), ("biceps", 0.04, "from 0 to 0.03"),
     ("thickness", 2.0, "from 0.9 to 1.5"),
 ])  # fmt: skip
 def test_arm_rejects(comm, key, value, text):

@@ -142,7 +142,7 @@ def test_each_region_has_the_stress_of_its_material(comm, element, other):
     def solved(regions):
         V = _dolfinx.function_space(whole.domain, ELEMENTS[element].degree, (3,))
         unknowns = create_unknowns(_dolfinx.function(V, "u"), ELEMENTS[element])
-        p = Problem(unknowns, ELEMENTS[element], regions, whole._dirichlet)
+        p = Problem(unknowns, ELEMENTS[element], regions, whole.dirichlet)
         whole.x.copy(p.x)
         return FieldValues(p).evaluate(["pk1_stress"], "points")["pk1_stress"]
 
