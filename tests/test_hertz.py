@@ -1,4 +1,4 @@
-"""An elastic ball on a rigid plane, against Hertz (Johnson 1985, chapter 4)."""
+"""A ball on a rigid plane and a half-space under a rigid ball, against Hertz (Johnson 1985)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from contact_problems import contact_problem, plane, press, translation
 
 from benchmarks.pressed_ball import force_ratio
 from fem_snh.fem import mesh
+from fem_snh.fem.obstacles import Obstacle
+from fem_snh.fem.shapes import Sphere
 from fem_snh.fem.terms.contact import Contact
 from fem_snh.fem.terms.contact_output import ContactFields
 
@@ -17,26 +19,32 @@ E, NU, R = 2e4, 0.3, 50.0
 MODULUS = E / (1 - NU**2)
 
 
-def indented(comm, depth, cells, element="P2", tolerance=None):
-    """An octant of the ball, the plane moved into it by ``depth``: force, radius, peak pressure.
+def indented(comm, depth, cells, tolerance=None, half_space=False):
+    """An octant of the body, indented by ``depth``: force, radius, peak pressure.
 
-    They are relative to those of Hertz.
+    They are relative to those of Hertz. The half-space is a half ball of 40 R, fixed there.
     """
-    radius = np.sqrt(R * depth)
-    body = mesh.generate(comm, "indenter", "tetrahedron", cells=cells, zone=1.25 * radius, order=2)
-    floor = plane((0, 0, -R), motion=translation((0, 0, depth)))
-    support = Contact("plane", floor, tolerance=tolerance, augmented=tolerance is not None)
-    hold = [Hold(f"{c} = 0", (c,)) for c in "xyz"]
-    p, contact, _ = contact_problem(body, element, [support], E=E, nu=NU, hold=hold)
-    row = press(p, tolerance=1e-9)["obstacles"]["plane"]
+    radius, size = np.sqrt(R * depth), 40 if half_space else 1
+    geometry = {"zone": 1.25 * radius, "order": 2, "radius": size * R, "flat": int(half_space)}
+    body = mesh.generate(comm, "indenter", "tetrahedron", cells=cells, **geometry)
+    hold = [Hold("x = 0", ("x",)), Hold("y = 0", ("y",))]
+    if half_space:
+        obstacle = Obstacle(Sphere((0, 0, R), R), translation((0, 0, -depth)))
+        hold.append(Hold("surface"))
+    else:
+        obstacle = plane((0, 0, -R), motion=translation((0, 0, depth)))
+        hold.append(Hold("z = 0", ("z",)))
+    support = Contact("other", obstacle, tolerance=tolerance, augmented=tolerance is not None)
+    p, contact, _ = contact_problem(body, "P2", [support], E=E, nu=NU, hold=hold)
+    row = press(p, tolerance=1e-9 / size**2)["obstacles"]["other"]
     u = p.split(p.x)[0]
     at = contact.pairs[0].points(u.array_r.reshape(-1, 3))
     area = 4 * contact.surface.weights[at.which][at.pressure > 0].sum()
     peak = ContactFields(p.V, p.terms).evaluate("contact_pressure", u).max()
-    assert row["penetration"] < 0.02 * depth
+    assert row["penetration"] < (tolerance or 0.02 * depth)
     hertz = 4 / 3 * MODULUS * np.sqrt(R) * depth**1.5
     return (
-        4 * row["force"][2] / hertz,
+        4 * abs(row["force"][2]) / hertz,
         np.sqrt(area / np.pi) / radius,
         peak / (2 * MODULUS * radius / (np.pi * R)),
     )
@@ -47,6 +55,16 @@ def test_force_and_radius(comm, depth, known, error):
     assert 4 / 3 * MODULUS * np.sqrt(R) * depth**1.5 == pytest.approx(known, rel=1e-4)
     force, radius, _ = indented(comm, depth, 6)
     assert force == pytest.approx(1, abs=error)
+    assert radius == pytest.approx(1, abs=0.07)
+
+
+@pytest.mark.parametrize("depth", [0.2, 0.5])
+@pytest.mark.parametrize("augmented", [False, True], ids=["penalty", "augmented"])
+def test_a_half_space(comm, depth, augmented):
+    """The body of Hertz's theory: both methods have its force and radius."""
+    tolerance = 1e-3 * depth if augmented else None
+    force, radius, _ = indented(comm, depth, 6, tolerance, half_space=True)
+    assert force == pytest.approx(1, abs=0.01)
     assert radius == pytest.approx(1, abs=0.07)
 
 
