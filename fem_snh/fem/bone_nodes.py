@@ -15,9 +15,14 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.fem.bones.bone import Bone
 from fem_snh.fem.bones.motions import check_determinant
 from fem_snh.fem.boundary_conditions import group_nodes
-from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
+from fem_snh.fem.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    update_ghosts,
+    writable_values,
+)
 from fem_snh.fem.mesh import Mesh
-from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.fem.shapes import ClosedSurface, Shape
 
 Array = npt.NDArray[Any]
 
@@ -98,7 +103,8 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
 
     Of several bones that hold a node, the one in which it is deepest has it: whose signed distance
     is smallest. A bone that is a group of the mesh precedes all shapes. Of bones in which a node is
-    equally deep, the first by name has it.
+    equally deep, the first by name has it. A shape holds no `NodeCopies` of a lattice: the body is
+    not there with the part to which they belong.
 
     Parameters
     ----------
@@ -119,7 +125,8 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     low, high = _bounding_box(comm, X)
     tolerance = _ROUNDING * float(np.linalg.norm(high - low))
     order = sorted(bones, key=lambda bone: bone.name)
-    depths = np.stack([_depths(V, mesh, bone, X[:owned]) for bone in order])
+    copies = _copies(V, mesh)
+    depths = np.stack([_depths(V, mesh, bone, X[:owned], copies) for bone in order])
     deepest = depths.max(axis=0)
     inside = deepest >= -tolerance
     # argmax: the first of those that are equally deep.
@@ -146,25 +153,51 @@ def _bounding_box(comm: MPI.Intracomm, X: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _depths(V: Any, mesh: Mesh | None, bone: Bone, X: Array) -> Array:
+def _copies(V: Any, mesh: Mesh | None) -> Array:
+    """Return which of this rank's own nodes are `NodeCopies` of the mesh, (n,). Collective."""
+    owned = _dolfinx.num_nodes(V)[0]
+    if mesh is None or mesh.copies is None or not len(mesh.copies.cells):
+        return np.zeros(owned, bool)
+    nodes, copies = _dolfinx.node_dofs(V), mesh.copies
+    row_of = np.full(mesh.num_cells, -1)
+    row_of[copies.cells] = np.arange(len(copies.cells))
+    row = row_of[_dolfinx.input_cells(V.mesh)[: len(nodes)]]
+    xi = _dolfinx.reference_nodes("hexahedron", _dolfinx.degree(V))
+    columns = np.round(2 * xi).astype(int) @ [9, 3, 1]
+    chosen = row >= 0
+    vector = _dolfinx.create_vector(V)
+    values = writable_values(vector).reshape(-1, 3)
+    values[:] = 0
+    # All cells of a node agree.
+    values[nodes[chosen].ravel(), 0] = copies.copied[row[chosen]][:, columns].ravel()
+    add_ghosts(vector)
+    return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
+
+
+def _depths(V: Any, mesh: Mesh | None, bone: Bone, X: Array, copies: Array) -> Array:
     """Return the depth of points X (n, 3) [length]: infinite in a group, negative outside."""
-    if isinstance(bone.shape, ClosedSurface):
-        # Its distance costs 10 us a point; that from its bounding box is a bound of it.
-        low, high = bone.shape.bounds
-        depths: Array = -np.linalg.norm(np.maximum(0.0, np.maximum(low - X, X - high)), axis=1)
-        near = np.flatnonzero(depths > -_ROUNDING * bone.shape.diagonal)
-        depths[near] = -bone.shape.distance(X[near])
-        return depths
     if bone.shape is not None:
-        return -bone.shape.distance(X)
+        return np.asarray(np.where(copies, -np.inf, _depths_in(bone.shape, X)))
     if mesh is None or bone.group is None:
         raise bad_value("bone.group", bone.group, "no value, as the mesh has no groups")
     group = mesh.group(bone.group)
     if group.dim != 3:
         raise bad_value("bone.group", bone.group, f"a group of volumes, not a {group.label}")
-    depths = np.full(len(X), -np.inf)
+    depths: Array = np.full(len(X), -np.inf)
     nodes = group_nodes(V, mesh, bone.group)
     depths[nodes[nodes < len(X)]] = np.inf
+    return depths
+
+
+def _depths_in(shape: Shape, X: Array) -> Array:
+    """Return the depth of points X (n, 3) [length] in a shape, negative outside."""
+    if not isinstance(shape, ClosedSurface):
+        return -shape.distance(X)
+    # Its distance costs 10 us a point; that from its bounding box is a bound of it.
+    low, high = shape.bounds
+    depths: Array = -np.linalg.norm(np.maximum(0.0, np.maximum(low - X, X - high)), axis=1)
+    near = np.flatnonzero(depths > -_ROUNDING * shape.diagonal)
+    depths[near] = -shape.distance(X[near])
     return depths
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, bad_value, choose, unknown_name
-from fem_snh.fem.skin import Skin
+from fem_snh.fem.skin import NodeCopies, Skin
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
@@ -67,6 +67,8 @@ class MeshData(NamedTuple):
         Of a lattice, the part of each cell's volume that the body fills.
     skin : Skin or None
         Of a lattice, the surface of the body.
+    copies : NodeCopies or None
+        Of a lattice, nodes at which other parts of the body lie than those of their cells.
     """
 
     cells: np.ndarray
@@ -76,6 +78,7 @@ class MeshData(NamedTuple):
     groups: list[PhysicalGroup]
     fractions: np.ndarray | None = None
     skin: Skin | None = None
+    copies: NodeCopies | None = None
 
 
 @contextmanager

@@ -18,14 +18,13 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, choose, nearest, on_root
 from fem_snh.fem import gmsh_input
-from fem_snh.fem.skin import Skin
+from fem_snh.fem.skin import NodeCopies, Skin
 
 #: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
 #: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
 _VOLUME_DEGREE = 5
-#: Scaled Jacobian below which a cell counts as degenerate: far above rounding, far below any cell
-#: that can be computed on.
+#: Scaled Jacobian below which a cell is degenerate: far above rounding, far below any usable cell.
 _MIN_SCALED_JACOBIAN = 1e-10
 #: Cells per batch when scaled Jacobians are computed, which bounds the memory.
 _BATCH = 10_000
@@ -46,7 +45,7 @@ class Group:
     entities : (n,) int32
         Sorted local numbers of the group's mesh entities on this rank, ghosts included.
     count : int
-        Number of the group's entities on all ranks, each counted once.
+        Number of its entities on all ranks, each counted once.
     """
 
     name: str
@@ -69,7 +68,6 @@ class Mesh:
     ----------
     domain : dolfinx Mesh
     cell : {"hexahedron", "tetrahedron"}
-        Kind of its cells.
     groups : tuple of Group
     num_cells : int
         Number of cells on all ranks.
@@ -77,6 +75,8 @@ class Mesh:
         Of a lattice, the part of each cell that the body fills, ghosts included; None: all of it.
     skin : Skin or None
         Of a lattice, the surface of the body, which its cells carry.
+    copies : NodeCopies or None
+        Of a lattice, nodes at which other parts of the body lie than those of their cells.
     """
 
     domain: Any
@@ -85,6 +85,7 @@ class Mesh:
     num_cells: int
     fractions: np.ndarray | None = None
     skin: Skin | None = None
+    copies: NodeCopies | None = None
 
     def group(self, key: str | int) -> Group:
         """Return the physical group with this name, number or label.
@@ -216,9 +217,8 @@ def distribute(
         kept.append(data)
         return data._replace(cells=data.cells[:0], x=data.x[:0]), len(data.cells)
 
-    # All ranks get the groups, only rank 0 the cells.
     common, num_cells = on_root(comm, make_on_root)
-    data = kept[0] if kept else common
+    data = kept[0] if kept else common  # all ranks get the groups, only rank 0 the cells
     domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
     bad = comm.allreduce(int((scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN).sum()))
     if bad:
@@ -226,7 +226,7 @@ def distribute(
     groups = tuple(_locate(domain, group) for group in common.groups)
     fractions = common.fractions
     fractions = None if fractions is None else fractions[_dolfinx.input_cells(domain)]
-    return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin)
+    return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin, common.copies)
 
 
 def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:

@@ -1,4 +1,4 @@
-"""The surface of a body that the cells of a lattice carry."""
+"""The surface of a body that the cells of a lattice carry, and nodes of a lattice in one place."""
 
 from __future__ import annotations
 
@@ -28,3 +28,23 @@ class Skin:
     points: Array
     triangles: Array
     cells: Array
+
+
+@dataclass(frozen=True)
+class NodeCopies:
+    """Nodes of a lattice that are not at the part of the body to which their cells belong.
+
+    Parts of a body that pass through one cube of a lattice have cells of their own there, with
+    nodes with the same coordinates. One of these is at its own part of the body, the others are
+    copies.
+
+    Attributes
+    ----------
+    cells : (n,) int array
+        Cells with such nodes, by their rows in the mesh's input.
+    copied : (n, 27) bool array
+        Which of a cell's nodes of degree 2 are copies, sorted by their reference coordinates.
+    """
+
+    cells: Array
+    copied: Array

@@ -12,6 +12,7 @@ from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.fem.gmsh_input import MeshData, PhysicalGroup
 from fem_snh.fem.lattice.carriers import carry, cover
+from fem_snh.fem.lattice.copies import node_copies
 from fem_snh.fem.lattice.crossings import sample_surface
 from fem_snh.fem.lattice.grid import Grid
 from fem_snh.fem.lattice.parts import Parts, joined, separate, without_fragments
@@ -99,7 +100,8 @@ def lattice(
     skin = carry(grid, found, parts, points, triangles)
     fractions = parts.fractions if weighted else None
     x = grid.origin + grid.size * parts.corners
-    return MeshData(parts.nodes, x, "hexahedron", 1, _groups(parts), fractions, skin)
+    copies = node_copies(grid, found.cells, parts)
+    return MeshData(parts.nodes, x, "hexahedron", 1, _groups(parts), fractions, skin, copies)
 
 
 def _groups(parts: Parts) -> list[PhysicalGroup]:

@@ -29,7 +29,7 @@ _SETTLED = 1e-2
 #: After the first number of searches of a step a sample keeps a target that would move by less than
 #: this part of a cell, after the second number any: where two triangles of different normals are
 #: close, it would change from one to the other and back for ever.
-_FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 5, 0.25
+_FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 2, 0.25
 #: Solves of a step after which pairs that still change make it fail.
 MAX_ROUNDS = 15
 
@@ -131,9 +131,8 @@ class ReferenceContact:
         return {"self_contact": row}
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Search the targets at the last accepted step. Collective."""
+        """Search the targets at the next evaluation: that of the predicted displacement."""
         self.rounds, self._stepped, self._stale = 0, True, True
-        self._positions(u)
 
     def update_lagged(self, u: PETSc.Vec) -> bool:
         """Search again; return whether to solve again. Collective.

@@ -74,11 +74,13 @@ FLESH = (
 )
 #: Flesh around a metacarpal, below its axis: radius, heights of its ends; blend of all flesh [mm].
 PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
+#: Load steps: a fist closes in a second of film.
+FRAMES = 24
 #: From the elbow's end to the tip of the middle finger [mm].
 LENGTH = 341.0
 
 
-def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = False) -> Scene:
+def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = True) -> Scene:
     """A hand and forearm whose 24 bones close to a fist.
 
     Parameters
@@ -98,9 +100,10 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = F
         "name": "hand",
         "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
         "element": "Q1",
-        "steps": 10,
+        "steps": FRAMES,
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
+        "predictor": "bones",
         "petsc": SOLVER,
         "load_name": "fist",
     }

@@ -90,6 +90,7 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
         "steps": 10,
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
+        "predictor": "bones",
         "petsc": SOLVER,
         "load_name": "swing",
     }
