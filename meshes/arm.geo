@@ -2,14 +2,16 @@
 // the humerus and the ulna (which stands for ulna and radius). The volumes `flesh`, `humerus` and `ulna`
 // share the nodes between them. The elbow turns about the y axis. Lengths are in metres. `cells` is the
 // number of cells along the arm; `biceps` is the height of the biceps, which the flesh bulges over;
-// `thickness` scales the sections of the flesh, not those of the bones.
+// `hollow` is the depth of the hollow in front of the elbow; `thickness` scales the sections of the
+// flesh, not those of the bones.
 //
 //   cells = 12    about  1,100 tetrahedra
-//   cells = 40    about 11,700 tetrahedra
+//   cells = 40    about 11,200 tetrahedra
 SetFactory("OpenCASCADE");
 DefineConstant[
   cells = {40, Min 12, Step 1, Name "cells"}
   biceps = {0.006, Min 0, Max 0.03, Name "biceps"}
+  hollow = {0.01, Min 0, Max 0.01, Name "hollow"}
   thickness = {1, Min 0.9, Max 1.5, Name "thickness"}
   tets = {1, Choices{0, 1}, Name "tets"}   // 1: there are no hexahedra
 ];
@@ -18,6 +20,9 @@ If (!(cells >= 12))
 EndIf
 If (!(biceps >= 0 && biceps <= 0.03))
   Error("biceps = %g: expected a number from 0 to 0.03", biceps);
+EndIf
+If (!(hollow >= 0 && hollow <= 0.01))
+  Error("hollow = %g: expected a number from 0 to 0.01", hollow);
 EndIf
 If (!(thickness >= 0.9 && thickness <= 1.5))
   Error("thickness = %g: expected a number from 0.9 to 1.5", thickness);
@@ -34,12 +39,13 @@ front[] = { 0.044,  0.044,  0.043,  0.042,  0.039,  0.0320, 0.025, 0.0305, 0.036
 back[]  = { 0.044,  0.046,  0.047,  0.046,  0.043,  0.0400, 0.038, 0.0370, 0.035, 0.030, 0.024};
 side[]  = { 0.041,  0.042,  0.042,  0.041,  0.039,  0.0390, 0.041, 0.0430, 0.040, 0.034, 0.028};
 bulge[] = { 0,      0.1,    0.6,    1,      0.6,    0.1,    0,     0,      0,     0,     0    };
+dip[]   = { 0,      0,      0,      0.1,    0.4,    0.9,    1,     0.85,   0.4,   0,     0    };
 around = 12;   // points of a section
 For k In {0:#x[] - 1}
   ring[] = {};
   For i In {0:around - 1}
     a = 2 * Pi * i / around;
-    height = Sin(a) > 0 ? front[k] + bulge[k] * biceps : back[k];
+    height = Sin(a) > 0 ? front[k] + bulge[k] * biceps - dip[k] * hollow : back[k];
     p = newp;
     Point(p) = {x[k], thickness * side[k] * Cos(a), middle + thickness * height * Sin(a)};
     ring[] += p;

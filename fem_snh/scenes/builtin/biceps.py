@@ -18,8 +18,8 @@ def biceps(cells: int = 30, angle: PositiveFloat = 120.0) -> Scene:
     angle : float
         Flexion at load 1 [degrees]; the arm is straight at rest.
     """
-    scene = elbow(cells, angle, biceps=0.02, thickness=1.25)
+    scene = elbow(cells, angle, biceps=0.02, hollow=0.0, thickness=1.25)
     # StVK has no volume term of J alone, of which an element could take the mean. A Hessian that is
     # named has a line search, the paper's method.
     changes = {"name": "biceps", "element": "P2", "steps": 4, "hessian": "adaptive"}
-    return scene.model_copy(update=changes)
+    return scene.model_copy(update=changes | {"predictor": "tangent"})  # a line search's better one
