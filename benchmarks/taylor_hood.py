@@ -14,10 +14,11 @@ from fem_snh.runs import run
 SCENES: dict[str, tuple[list[int], dict[str, Any]]] = {
     "cook": ([8, 16, 32], {"steps": 1, "force": 25.0}),
     "block": ([4, 8], {}),
-    "stretch": ([4, 6], {"steps": 1, "stretch": 1.3}),
+    "stretch": ([6, 10, 14], {"steps": 1, "stretch": 1.2}),
 }
-#: Limit on the ratio of the iterations at the largest nu to those at the smallest.
-LIMIT = 1.5
+#: Limit on the linear iterations per Newton iteration, and on the ratio of those at the largest nu
+#: to those at the smallest.
+LIMIT, GROWTH_LIMIT = 12, 2.0
 
 
 def rows(
@@ -60,4 +61,5 @@ def rows(
                     good &= result.converged
                 few = list(row["linear"].values())
                 row["growth"] = round(few[-1] / few[0], 2)
-                yield row | {"limit": LIMIT, "ok": good and row["growth"] <= LIMIT}
+                good &= max(few) <= LIMIT and row["growth"] <= GROWTH_LIMIT
+                yield row | {"limits": [LIMIT, GROWTH_LIMIT], "ok": good}

@@ -86,7 +86,9 @@ def test_advice_is_a_table_to_choose_from(tmp_path: Path) -> None:
         accuracy.choose("hand", 0.3, 1e-9, path)
     with pytest.raises(BadInput, match=r"cells = 9 contradicts --accuracy, .*cells = 2"):
         chosen.values({"cells": 9})
-    assert chosen.values({"cells": 2, "nu": 0.2})["petsc.fieldsplit_u_pc_type"] == "hypre"
+    assert chosen.choice.solver == "fgmres+ssor"
+    slower = Choice("Q2Q1", 2, solver="minres+hypre").values()
+    assert slower["petsc.ksp_type"] == "minres" and slower["petsc.fieldsplit_u_pc_type"] == "hypre"
 
 
 @pytest.mark.parametrize("text, number", [("1%", 0.01), ("5 %", 0.05), ("0.01", 0.01), (0.2, 0.2)])

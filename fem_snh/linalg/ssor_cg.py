@@ -87,8 +87,8 @@ class EisenstatCG:
             self._system = SSORSystem(A, self._coordinates, self._subdomains)
             self._pattern, self._state = pattern, -1
         if self._state != A.stateGet() or force:
-            self._state = A.stateGet()
             self._failure = self._system.update(A)
+            self._state = A.stateGet()  # access to the matrix's arrays raises it
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b from x = 0, whatever ``x`` holds."""

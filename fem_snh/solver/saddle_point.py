@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
 from typing import Any
@@ -11,48 +11,131 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.protocol import Array, SaddlePoint
 from fem_snh.solver.step import State, Step
 
-#: Defaults of the blocks' PETSc options. BoomerAMG's smoothers converge for every positive definite
-#: matrix. GAMG's polynomial smoother needs an estimate of the largest eigenvalue; where it is too
-#: low, the preconditioner is indefinite.
-BLOCK_OPTIONS = {
+#: Iterations after which the approximate solution is used as a search direction. A solve takes 3 to
+#: 12 (docs/results/elements_taylor_hood.md); MINRES with its diagonal preconditioner up to 30.
+MAX_IT = 100
+#: Relative tolerance of the inner solves with the block "u". A smaller one saves no outer iteration
+#: that would pay for it (docs/results/elements_taylor_hood.md).
+INNER_RTOL = 0.1
+#: Iterations of an inner solve. It needs about 4; the limit is for singular and indefinite blocks.
+_INNER_MAX_IT = 50
+#: Outer solvers that admit a preconditioner which differs from one application to the next.
+_FLEXIBLE = ("fgmres", "gcr")
+#: Outer solvers that require a symmetric positive definite preconditioner.
+_SYMMETRIC = ("minres", "symmlq")
+#: Options of the block "p", and those of the block "u" where the inner solver is not `EisenstatCG`.
+#: BoomerAMG's smoothers converge for every positive definite matrix. GAMG's polynomial smoother
+#: needs an estimate of the largest eigenvalue; where it is too low, the preconditioner is
+#: indefinite.
+_P_OPTIONS = {"fieldsplit_p_ksp_type": "preonly", "fieldsplit_p_pc_type": "bjacobi"}
+_U_OPTIONS = {
     "fieldsplit_u_ksp_type": "preonly",
     "fieldsplit_u_pc_type": "hypre",
     "fieldsplit_u_pc_hypre_boomeramg_strong_threshold": "0.7",
-    "fieldsplit_p_ksp_type": "preonly",
-    "fieldsplit_p_pc_type": "bjacobi",
 }
-#: Iterations of MINRES after which its approximate solution is used as a search direction.
-MAX_IT = 500
 
 
-def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint) -> None:
-    """Make ``ksp`` MINRES with a block-diagonal PETSc fieldsplit. Collective.
+def configure(
+    ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: str = ""
+) -> None:
+    r"""Make ``ksp`` flexible GMRES with a block-triangular PETSc fieldsplit. Collective.
+
+    The preconditioner is
+
+    .. math::
+
+        \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1} .
 
     The block "u" is the filtered Hessian. The block "p" replaces the Schur complement
     -(B H^-1 B^T + C) by the pressure's mass matrix divided by the moduli: by the inf-sup condition
     the two are spectrally equivalent, with bounds that depend neither on nu nor on the mesh
-    (Elman, Silvester & Wathen 2014, section 4.2).
+    (Elman, Silvester & Wathen 2014, section 4.2). With exact blocks the preconditioned matrix has
+    the eigenvalue 1 and those of :math:`\tilde S^{-1} S`, which are positive (Benzi, Golub & Liesen
+    2005, section 10.1.2).
+
+    With the option ``ksp_type minres`` the preconditioner is block-diagonal and definite.
     """
-    ksp.setType(PETSc.KSP.Type.MINRES)
+    ksp.setType(PETSc.KSP.Type.FGMRES)
     ksp.setTolerances(max_it=MAX_IT)
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
     pc.setFieldSplitIS(*saddle_point.index_sets.items())
     pc.setFieldSplitType(PETSc.PC.CompositeType.SCHUR)
-    pc.setFieldSplitSchurFactType(PETSc.PC.SchurFactType.DIAG)
+    kinds = PETSc.PC.SchurFactType
+    diagonal = _outer_solver(prefix) in _SYMMETRIC
+    pc.setFieldSplitSchurFactType(kinds.DIAG if diagonal else kinds.UPPER)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle_point.schur_approximation)
     ksp.setOperators(A)
 
 
+def block_options(prefix: str) -> dict[str, str]:
+    """Return the defaults of the blocks' PETSc options, given the user's under ``prefix``."""
+    return _P_OPTIONS if _has_inner_iteration(prefix) else _P_OPTIONS | _U_OPTIONS
+
+
+def set_up_blocks(pc: PETSc.PC, coordinates: Array, prefix: str) -> None:
+    """Set up the fieldsplit; its blocks read their options now, and only now. Collective.
+
+    The block "u" is solved by `EisenstatCG` to the relative tolerance `INNER_RTOL`, unless an
+    option sets another solver or preconditioner for it, or an outer solver that requires the same
+    preconditioner in every iteration.
+
+    Parameters
+    ----------
+    pc : PC
+        The fieldsplit of `configure`.
+    coordinates : (rows, 3)
+        Reference coordinates [m] of this rank's nodes.
+    prefix : str
+        Prefix of the PETSc options.
+    """
+    pc.setUp()
+    if _has_inner_iteration(prefix):
+        inner = pc.getFieldSplitSubKSP()[0]
+        inner.setTolerances(rtol=INNER_RTOL, atol=0.0, max_it=_INNER_MAX_IT)
+        inner.setType(PETSc.KSP.Type.PYTHON)
+        inner.setPythonContext(EisenstatCG(coordinates))
+        inner.getPC().setType(PETSc.PC.Type.NONE)
+        inner.setFromOptions()  # tolerances and the number of deflation subdomains
+
+
+def _outer_solver(prefix: str) -> str:
+    """Return the type of the outer solver that the options name, or the default."""
+    return str(PETSc.Options(prefix).getString("ksp_type", PETSc.KSP.Type.FGMRES))
+
+
+def _has_inner_iteration(prefix: str) -> bool:
+    """Return whether the options leave the block "u" to `EisenstatCG`."""
+    given = PETSc.Options(prefix)
+    chosen = any(given.hasName(f"fieldsplit_u_{key}") for key in ("ksp_type", "pc_type"))
+    return _outer_solver(prefix) in _FLEXIBLE and not chosen
+
+
 @contextmanager
-def frozen_preconditioner(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> Iterator[None]:
-    """Set up the preconditioner of A and keep it within a ``with`` block. Collective."""
+def frozen_preconditioner(
+    ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat, assemble: Callable[[], Any] | None = None
+) -> Iterator[None]:
+    """Set up the preconditioner of A and keep it within a ``with`` block. Collective.
+
+    Parameters
+    ----------
+    ksp : KSP
+    A, P : Mat
+        The operator and the matrix that the preconditioner is made of.
+    assemble : callable, optional
+        Assembles another operator into the same matrices. SNESComputeJacobian, which it may call,
+        lets the SNES's own preconditioner follow the matrix again, so the preconditioner is kept
+        only from here on.
+    """
     ksp.setOperators(A, P)
     ksp.setUp()
+    if assemble is not None:
+        assemble()
     ksp.getPC().setReusePreconditioner(True)
     try:
         yield

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from functools import cached_property
+from functools import cached_property, partial
 
 from petsc4py import PETSc
 
@@ -81,8 +81,8 @@ class SearchDirection:
         A, P = self.snes.getJacobian()[:2]
         ksp = self.snes.getKSP()
         for direction.filter in self._filters(norm):
-            # MINRES admits an indefinite matrix but no indefinite preconditioner: the blocks of a
-            # saddle-point problem come from the clamped Hessian, whatever the operator is.
+            # The inner CG and MINRES require a definite preconditioner: the blocks of a saddle-point
+            # problem come from the clamped Hessian, whatever the operator is.
             split = (
                 self._saddle_point if ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT else None
             )
@@ -94,9 +94,8 @@ class SearchDirection:
                 split.update_schur_approximation(P)
             if direction.filter == "exact" and not direction.filtered_points:
                 direction.filter = "none needed"
-            with frozen_preconditioner(ksp, A, P) if clamped else nullcontext():
-                if clamped and direction.filtered_points:
-                    self.assemble(start.x, direction.filter)
+            exact = partial(self.assemble, start.x, "exact") if direction.filtered_points else None
+            with frozen_preconditioner(ksp, A, P, exact) if clamped else nullcontext():
                 direction.slope = self._solve(A, P, start.residual, d, direction)
             if direction.slope is not None:
                 return direction

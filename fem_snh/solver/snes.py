@@ -16,8 +16,8 @@ from fem_snh.solver.protocol import NonlinearProblem
 #: Prefix of the solver's options in PETSc's database.
 PREFIX = "snh_"
 
-#: Largest numbers of Newton iterations and of iterations of a linear solve (MINRES has its own:
-#: `saddle_point.MAX_IT`).
+#: Largest numbers of Newton iterations and of iterations of a linear solve (a saddle-point problem
+#: has its own: `saddle_point.MAX_IT`).
 _MAX_IT, _LINEAR_MAX_IT = 200, 20000
 #: Relative tolerance of a linear solve near the solution; see `forcing.ForcingTerm`.
 _LINEAR_RTOL = 1e-3
@@ -52,8 +52,8 @@ def create(
 
     Notes
     -----
-    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, MINRES with a
-    block fieldsplit. Setting ``-ksp_type`` or ``-pc_type`` replaces it by PETSc's; the default is
+    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible
+    GMRES with a block-triangular fieldsplit and `EisenstatCG` in its displacement block. Setting ``-ksp_type`` or ``-pc_type`` replaces it by PETSc's; the default is
     then CG with Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of
     each rank's block, with options under ``-trust_``. The relative tolerance of linear solves is
     between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist), the
@@ -85,12 +85,12 @@ def create(
     ksp = snes.getKSP()
     _configure_linear_solver(ksp, problem, prefix)
     region = globalization == "trust_region"
-    built_in = saddle_point.BLOCK_OPTIONS if saddle else trust_region.LINEAR_OPTIONS
+    built_in = saddle_point.block_options(prefix) if saddle else trust_region.LINEAR_OPTIONS
     try:
         with callback_errors(), default_options(prefix, built_in if saddle or region else {}):
             snes.setFromOptions()
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
-                ksp.getPC().setUp()  # the blocks read their options now, and only now
+                saddle_point.set_up_blocks(ksp.getPC(), problem.coordinates, prefix)
             if region:
                 context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
     except PETSc.Error as error:
@@ -118,7 +118,7 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: NonlinearProblem, prefix: 
     database = PETSc.Options(prefix)
     ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
     if problem.saddle_point:
-        saddle_point.configure(ksp, problem.A, problem.saddle_point)
+        saddle_point.configure(ksp, problem.A, problem.saddle_point, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
         # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import isfinite, isnan
 from typing import NamedTuple
 
@@ -160,9 +161,8 @@ class TrustRegion:
         step = Step(filtered_points=assemble(start.x, "clamp"))
         step.filter = "exact" if step.filtered_points else "none needed"
         with self.direction.forcing.applied(ksp):
-            with frozen_preconditioner(ksp, A, P):
-                if step.filtered_points:
-                    assemble(start.x, "exact")
+            exact = partial(assemble, start.x, "exact") if step.filtered_points else None
+            with frozen_preconditioner(ksp, A, P, exact):
                 if self._minimise_model(start, d, trial, step):
                     return self.quasi_newton.continue_from(step, start.residual.norm())
             if step.filtered_points:

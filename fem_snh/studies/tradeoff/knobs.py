@@ -18,6 +18,7 @@ from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
 #: Incomplete Cholesky factors of the diagonal block of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
+_MINRES = {"ksp_type": "minres"}
 _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
 
 #: Linear solvers with their preconditioners, for displacement elements (False) and for saddle-point
@@ -31,9 +32,10 @@ SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
         "direct": DIRECT_SOLVER,
     },
     True: {
-        "minres+hypre": {"fieldsplit_u_pc_type": "hypre"},
-        "minres+gamg": {"fieldsplit_u_pc_type": "gamg"},
-        "minres+icc": _U_ICC,
+        "fgmres+ssor": {},  # inner CG in single precision, fem_snh.solver.saddle_point
+        "minres+hypre": _MINRES | {"fieldsplit_u_pc_type": "hypre"},
+        "minres+gamg": _MINRES | {"fieldsplit_u_pc_type": "gamg"},
+        "minres+icc": _MINRES | _U_ICC,
         "direct": DIRECT_SOLVER,
     },
 }
