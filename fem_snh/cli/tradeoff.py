@@ -14,7 +14,8 @@ from fem_snh.errors import BadInput
 TIMEOUT, MEMORY = 120.0, 4.0
 _DEFAULTS = {
     "hessian": "exact, clamp, abs or adaptive",
-    "solver": "cg+ssor, +jacobi, +icc, +gamg, direct; Taylor-Hood: fgmres+ssor, minres+hypre, +gamg, +icc",
+    "solver": "cg+ssor, +jacobi, +icc, +gamg, direct; Taylor-Hood: fgmres+ssor, "
+    "minres+hypre, +gamg, +icc",
     "forcing": "largest relative tolerance of a linear solve",
     "tolerance": "of the residual, relative to E V^(2/3)",
     "eigensolver": "cubic or jacobi",

@@ -30,10 +30,9 @@ from fem_snh.fem.regions import cell_constant
 from fem_snh.fem.terms.elastic import Part
 from fem_snh.fem.unknowns import DisplacementPressure
 
-
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
-#: right; modes at free boundaries have larger Schur complements. Between 1 and 2 the iterations
-#: differ by less than 10 % (docs/results/elements_taylor_hood.md).
+#: right, but at clamped boundaries and large strains it is too small, which costs more iterations
+#: than an approximation that is too large (docs/results/elements_taylor_hood.md).
 _SCALE = 1.5
 
 

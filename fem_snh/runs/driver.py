@@ -107,6 +107,7 @@ def run(
             stored.restore(setup.stepper)
             printed.resumed(stored.load, stored.finished, scene.duration)
             if stored.finished:
+                setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
         recorder = _recorder(comm, about, scene, setup, folder, stored, start)
         _solve(comm, scene, setup, recorder, printed)
@@ -115,6 +116,7 @@ def run(
         comm.barrier()  # the files are complete before any rank returns
         path = folder.path if folder else None
         printed.end(recorder.record, path, unused())
+        setup.destroy()
     return setup.result(setup.stepper.done, status, recorder.record, path)
 
 

@@ -67,3 +67,8 @@ class PoissonContinuation:
             problem.seconds["assemble"] += stage.seconds["assemble"] - assembling
             problem.nonfinite += stage.nonfinite - nonfinite
         return history
+
+    def destroy(self) -> None:
+        """Destroy the solvers. Collective."""
+        for _, snes in self._stages:
+            solver.destroy(snes)

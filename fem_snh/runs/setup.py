@@ -67,6 +67,12 @@ class Setup:
         motion = transient.dynamics if transient else None
         return Result(converged, status, record, self.problem, out, motion)
 
+    def destroy(self) -> None:
+        """Destroy the solvers; the problem remains. Collective."""
+        solver.destroy(self.snes)
+        if self.stepper.continuation:
+            self.stepper.continuation.destroy()
+
 
 def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     """Return a scene's problem, solver and load stepping. Collective.

@@ -13,12 +13,18 @@ from fem_snh.solver.predictor import Predictor
 from fem_snh.solver.protocol import NonlinearProblem, SaddlePoint
 from fem_snh.solver.reasons import converged_reason, failure_reason, out_of_memory
 from fem_snh.solver.search_direction import SearchDirection
-from fem_snh.solver.snes import PREFIX, create, default_globalization, linear_solver_name
+from fem_snh.solver.snes import (
+    PREFIX,
+    create,
+    default_globalization,
+    destroy,
+    linear_solver_name,
+)
 from fem_snh.solver.step import Direction, Iteration, State, Step
 
 __all__ = [
     "PREFIX", "Direction", "EisenstatCG", "Iteration", "NonlinearProblem", "Outcome", "Predictor",
     "ProjectedNewton", "SaddlePoint", "SearchDirection", "SemiImplicit", "State", "Step",
-    "callback_errors", "converged_reason", "create", "default_globalization", "failure_reason",
-    "linear_solver_name", "out_of_memory", "petsc_failures",
+    "callback_errors", "converged_reason", "create", "default_globalization", "destroy",
+    "failure_reason", "linear_solver_name", "out_of_memory", "petsc_failures",
 ]  # fmt: skip

@@ -159,7 +159,9 @@ class ProjectedNewton:
             step.end.copy_to(state)
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
-            PETSc.garbage_cleanup(x.comm)  # petsc4py 3.18 frees dropped objects only when told to
+            # petsc4py frees dropped objects only when told to, for each communicator.
+            for vector_or_matrix in (x, snes.getJacobian()[1]):
+                PETSc.garbage_cleanup(vector_or_matrix.comm)
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- the parts of an iteration ---------------------------------------------------------------

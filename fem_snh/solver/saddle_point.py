@@ -19,8 +19,8 @@ from fem_snh.solver.step import State, Step
 #: Iterations after which the approximate solution is used as a search direction. A solve takes 3 to
 #: 12 (docs/results/elements_taylor_hood.md); MINRES with its diagonal preconditioner up to 30.
 MAX_IT = 100
-#: Relative tolerance of the inner solves with the block "u". A smaller one saves no outer iteration
-#: that would pay for it (docs/results/elements_taylor_hood.md).
+#: Relative tolerance of the inner solves with the block "u". A smaller one saves fewer outer
+#: iterations than it costs inner ones (docs/results/elements_taylor_hood.md).
 INNER_RTOL = 0.1
 #: Iterations of an inner solve. It needs about 4; the limit is for singular and indefinite blocks.
 _INNER_MAX_IT = 50
@@ -40,9 +40,7 @@ _U_OPTIONS = {
 }
 
 
-def configure(
-    ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: str = ""
-) -> None:
+def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: str = "") -> None:
     r"""Make ``ksp`` flexible GMRES with a block-triangular PETSc fieldsplit. Collective.
 
     The preconditioner is

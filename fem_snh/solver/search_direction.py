@@ -81,8 +81,8 @@ class SearchDirection:
         A, P = self.snes.getJacobian()[:2]
         ksp = self.snes.getKSP()
         for direction.filter in self._filters(norm):
-            # The inner CG and MINRES require a definite preconditioner: the blocks of a saddle-point
-            # problem come from the clamped Hessian, whatever the operator is.
+            # The inner CG and MINRES require a definite preconditioner: the blocks of the
+            # fieldsplit come from the clamped Hessian, whatever the operator is.
             split = (
                 self._saddle_point if ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT else None
             )

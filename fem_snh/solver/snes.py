@@ -8,7 +8,7 @@ from fem_snh._petsc import default_options
 from fem_snh.choices import DEFAULT_GLOBALIZATIONS
 from fem_snh.errors import BadInput
 from fem_snh.linalg.ssor_cg import EisenstatCG
-from fem_snh.solver import options, saddle_point, trust_region
+from fem_snh.solver import garbage, options, saddle_point, trust_region
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import NonlinearProblem
@@ -52,14 +52,16 @@ def create(
 
     Notes
     -----
-    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible
-    GMRES with a block-triangular fieldsplit and `EisenstatCG` in its displacement block. Setting ``-ksp_type`` or ``-pc_type`` replaces it by PETSc's; the default is
-    then CG with Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of
-    each rank's block, with options under ``-trust_``. The relative tolerance of linear solves is
-    between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist), the
-    path of inexact solves depends on rounding, and so on the number of ranks;
-    ``-snes_forcing_max 5e-3`` makes it repeatable.
+    The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible GMRES
+    with a block-triangular fieldsplit and `EisenstatCG` in its displacement block. Setting
+    ``-ksp_type`` or ``-pc_type`` replaces `EisenstatCG` by PETSc's; the default is then CG with
+    Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of each rank's
+    block, with options under ``-trust_``. The relative tolerance of linear solves is between 1e-3
+    and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist), the path of
+    inexact solves depends on rounding, and so on the number of ranks; ``-snes_forcing_max 5e-3``
+    makes it repeatable.
     """
+    garbage.free_unused(problem.comm)
     saddle = problem.saddle_point
     hessian, chosen = options.read_choices(prefix, hessian, globalization, problem.comm.rank == 0)
     globalization = chosen or default_globalization(problem)
@@ -95,7 +97,17 @@ def create(
                 context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
     except PETSc.Error as error:
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
+    objects = [problem.x, problem.A, snes, *([saddle.schur_approximation] if saddle else ())]
+    garbage.record(problem, *objects)
     return snes
+
+
+def destroy(snes: PETSc.SNES) -> None:
+    """Destroy a SNES of `create` with its linear solvers. Collective."""
+    context = snes.getPythonContext()
+    if context.trust_ksp is not None:
+        context.trust_ksp.destroy()
+    snes.destroy()
 
 
 def default_globalization(problem: NonlinearProblem) -> str:
