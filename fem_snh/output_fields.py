@@ -83,11 +83,12 @@ IN_TIME = {
         "acceleration", "m/s^2", VECTOR, "acceleration of the nodes; with [time]"
     ),
 }
-#: Those that only a scene with obstacles may name.
+#: Those that only a scene with obstacles may name; the first one also with self-contact.
 AT_OBSTACLES = {
     "contact_pressure": OutputField(
         "contact pressure", "Pa", (),
-        "normal force per reference area of the surface; with [[obstacle]]",
+        "force per reference area of the surface: normal force with [[obstacle]], magnitude with "
+        "[self_contact]",
     ),
     "gap": OutputField(
         "gap", "m", (), "signed distance from the closest obstacle; with [[obstacle]]"

@@ -17,6 +17,7 @@ from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
 from fem_snh.fem.contact.embedded_surface import EmbeddedSurface
 from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
+from fem_snh.export.states import States
 from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
 from fem_snh.scenes import Scene, validate
 
@@ -46,9 +47,12 @@ def scene(table: dict, **changes) -> Scene:
 
 @needs_ipctk
 def test_a_body_touches_itself(tmp_path):
-    result = fem_snh.run(scene(CLIP), out=tmp_path / "clip")
+    result = fem_snh.run(scene(CLIP, fields=["contact_pressure"]), out=tmp_path / "clip")
     assert result.converged
     last = result.record["steps"][-1]["self_contact"]
+    states = States(tmp_path / "clip" / "fields.pvd")
+    first, final = (states.read(k).point_data["contact_pressure"] for k in (0, len(states) - 1))
+    assert not first.any() and final.max() > last["force"] > 0
     assert last["pairs"] > 0 and last["force"] > 0.01 and 0 < last["distance"] < last["activation"]
     np.testing.assert_allclose(last["bodies"], 0, atol=1e-6 * last["force"])
     assert "self_contact" in result.record["terms"]

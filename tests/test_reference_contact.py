@@ -17,6 +17,7 @@ from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.self_contact.pressure import SelfContactPressure
 from fem_snh.fem.self_contact.reference import ReferenceContact
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs.stepping import Stepper
@@ -137,6 +138,18 @@ def test_bodies_that_intersect_in_the_mesh_part() -> None:
     assert found["penetration"] < 0.04
     # The upper block is that much longer, so the force differs a little.
     assert found["force"] == pytest.approx(expected["force"], rel=0.1)
+
+
+@mpi
+def test_pressure_is_the_force_over_the_area() -> None:
+    """Two blocks of the same width, 1, are compressed as one; far from the gap there is none."""
+    p, row = blocks(shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
+    found = SelfContactPressure(p.V, p.terms[1]).evaluate(p.split(p.x)[0])
+    X = p.V.tabulate_dof_coordinates()
+    middle = np.linalg.norm(X - [0.5, 0.5, 1.0], axis=1) < 1e-9
+    pressure = COMM.allreduce(float(found[middle].max(initial=0.0)), op=MPI.MAX)
+    assert pressure == pytest.approx(row["self_contact"]["force"], rel=0.1)
+    assert not COMM.allreduce(float(found[X[:, 2] < 0.6].max(initial=0.0)), op=MPI.MAX)
 
 
 @mpi

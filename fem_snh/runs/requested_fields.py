@@ -35,10 +35,18 @@ class RequestedFields:
         self._values = FieldValues(problem)
         self._values.prepare(self._computed)
         self._contact: Any = None
+        self._self_contact: Any = None
         if set(names) & set(AT_OBSTACLES):
-            from fem_snh.fem.terms.contact_output import ContactFields
+            kinds = [term.name for term in problem.terms]
+            if "obstacle" in kinds:
+                from fem_snh.fem.terms.contact_output import ContactFields
 
-            self._contact = ContactFields(problem.V, problem.terms)
+                self._contact = ContactFields(problem.V, problem.terms)
+            if "self_contact" in kinds:
+                from fem_snh.fem.self_contact.pressure import SelfContactPressure
+
+                term = problem.terms[kinds.index("self_contact")]
+                self._self_contact = SelfContactPressure(problem.V, term)
 
     def arrays(self) -> tuple[list[DataArray], list[DataArray]]:
         """Return the arrays at the cells and at the nodes of the present state. Collective."""
@@ -47,10 +55,17 @@ class RequestedFields:
         self._problem.seconds["assemble"] = seconds  # a reaction is output, not part of the solve
         for name in self._names:
             if name in AT_OBSTACLES:
-                u = self._problem.split(self._problem.x)[0]
-                found[name] = self._contact.evaluate(name, u)
+                found[name] = self._at_contact(name)
             elif name not in found:
                 found[name] = self._functions[name].x.array.reshape(-1, 3).copy()
         arrays = [DataArray(name, found[name], NAMED[name].components) for name in self._names]
         nodal = [array for array in arrays if self._at == "nodes" or array.name in NODAL]
         return [array for array in arrays if array not in nodal], nodal
+
+    def _at_contact(self, name: str) -> Any:
+        """Return a field of `fem_snh.output_fields.AT_OBSTACLES`, (local nodes,). Collective."""
+        u = self._problem.split(self._problem.x)[0]
+        found: Any = self._contact.evaluate(name, u) if self._contact else 0.0
+        if self._self_contact and name == "contact_pressure":
+            found = found + self._self_contact.evaluate(u)
+        return found

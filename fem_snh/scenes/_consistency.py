@@ -40,7 +40,7 @@ def check_consistency(scene: Scene) -> None:
     check_pairs(scene.contact)
     check_self_contact(scene)
     for name in () if scene.obstacle else scene.fields:
-        if name in AT_OBSTACLES:
+        if name in AT_OBSTACLES and not (name == "contact_pressure" and scene.self_contact):
             raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
     _check_mesh(scene)
     if scene.time:
