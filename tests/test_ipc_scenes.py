@@ -15,9 +15,9 @@ from scipy.sparse import random as random_matrix
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
+from fem_snh.export.states import States
 from fem_snh.fem.contact.embedded_surface import EmbeddedSurface
 from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
-from fem_snh.export.states import States
 from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
 from fem_snh.scenes import Scene, validate
 
