@@ -10,13 +10,12 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import cffi
 import numpy as np
 
+from fem_snh import c_declarations
 from fem_snh.errors import BadInput
 
-ffi = cffi.FFI()
-ffi.cdef("""
+ffi = c_declarations.parse("""
 int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghosts);
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);

@@ -12,7 +12,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -21,9 +20,9 @@ from fem_snh.errors import BadInput
 
 SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
 #: Packages that a solve imports; pictures and sweeps import theirs when they need them.
-NEEDED = "numpy scipy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
-#: Packages of Python alone that only some solves import: sympy if a kernel is generated.
-FOUND = "sympy rich".split()
+NEEDED = "numpy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
+#: Packages that only some solves import: sympy if a kernel is generated, scipy for contact.
+FOUND = "scipy sympy".split()
 #: Packages that pip installs (pyproject.toml), besides pyvista, which has its own row.
 PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
 
@@ -212,6 +211,8 @@ def _rows() -> list[Callable[[], Finding]]:
 
 def examine() -> list[Finding]:
     """Return a Finding for each row of the table."""
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(max_workers=4) as pool:
         return list(pool.map(lambda find: find(), _rows()))
 

@@ -49,10 +49,8 @@ def test_a_source_is_compiled_once_and_kept_beside_its_library(cache_folder, mon
     path = build.library(SOURCE)
     _, lib = build.load(path, "int answer(void);")
     assert lib.answer() == 42
-    assert set(cache_folder.iterdir()) == {
-        path,
-        path.with_suffix(".c"),
-    }  # no other file
+    others = set(cache_folder.iterdir()) - {path, path.with_suffix(".c")}
+    assert {p.suffix for p in others} <= {".py"}  # the declarations that `load` has parsed
     assert path.with_suffix(".c").read_text() == SOURCE
     before = path.stat().st_mtime_ns
     monkeypatch.setattr(build.subprocess, "run", None)  # the compiler is not called again
@@ -99,7 +97,7 @@ def test_concurrent_processes_share_the_cache(cache_folder):
     ended = [(*p.communicate(timeout=120), p.returncode) for p in running]
     assert {code for *_, code in ended} == {0}, ended
     assert {out for out, *_ in ended} == {"300\n"}
-    assert sorted(p.suffix for p in cache_folder.iterdir()) == [".c", ".so"]
+    assert sorted(p.suffix for p in cache_folder.iterdir()) == [".c", ".py", ".so"]
 
 
 def test_a_missing_compiler_is_bad_input(monkeypatch, tmp_path):
@@ -165,3 +163,18 @@ def test_cache_folder_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache.folder() == tmp_path / ".cache" / "fem_snh"
+
+
+@pytest.mark.parametrize("content", ["", "ffi = (", None])
+def test_declarations_are_read_from_the_cache_or_parsed_again(cache_folder, content):
+    path = build.library(SOURCE)
+    declarations = f"int answer(void); /* {content} */"
+    build.load(path, declarations)
+    (stored,) = cache_folder.glob("*.py")
+    if content is not None:
+        stored.write_text(content)
+    build.load.cache_clear()
+    ffi, lib = build.load(path, declarations)
+    assert lib.answer() == 42 and ffi.new("int[2]", [1, 2])[1] == 2
+    assert "answer" in stored.read_text()
+    assert type(ffi).__module__ == ("_cffi_backend" if content is None else "cffi.api")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-import cffi
 import numpy as np
 from dolfinx import cpp, fem
 
-_ffi = cffi.FFI()
 _TYPES = fem.IntegralType if hasattr(fem, "IntegralType") else cpp.fem.IntegralType
 #: Kinds of integrals that have element matrices of one cell.
 _KINDS = ("cell", "exterior_facet")
@@ -44,7 +43,7 @@ def integrals(compiled: Any) -> list[Integral]:
             # By subdomain id up to 0.9, by index since 0.10.
             which = number if hasattr(form, "integral_ids") else i
             entities = np.ascontiguousarray(form.domains(kind, which), np.int32)
-            kernel = int(_ffi.cast("uintptr_t", integral.tabulate_tensor_float64))
+            kernel = int(_ffi().cast("uintptr_t", integral.tabulate_tensor_float64))
             if len(entities):
                 found.append(Integral(kernel, entities, (kind, which)))
     return found
@@ -55,7 +54,7 @@ def kernel_arguments(compiled: Any) -> int:
     for name in _KINDS:
         kind = getattr(_TYPES, name)
         for _, integral in _ufcx_integrals(compiled.ufcx_form, kind.value):
-            return len(_ffi.typeof(integral.tabulate_tensor_float64).args)
+            return len(_ffi().typeof(integral.tabulate_tensor_float64).args)
     return 0
 
 
@@ -68,6 +67,13 @@ def pack(compiled: Any) -> tuple[np.ndarray, dict[tuple[Any, int], np.ndarray]]:
     constants = np.ascontiguousarray(cpp.fem.pack_constants(form))
     packed = cpp.fem.pack_coefficients(form)
     return constants, {key: np.ascontiguousarray(rows) for key, rows in packed.items()}
+
+
+@lru_cache
+def _ffi() -> Any:
+    import cffi  # slow to import, and only forms that FFCx compiles need it
+
+    return cffi.FFI()
 
 
 def _cpp(compiled: Any) -> Any:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -61,8 +60,7 @@ def insert_arrays(
         for array in arrays:
             values = np.ascontiguousarray(array.values, dtype=np.float64)
             attributes = array.attributes() | {"format": "appended", "offset": str(offset)}
-            words = (f"{name}={quoteattr(value)}" for name, value in attributes.items())
-            tags.append(f"<DataArray {' '.join(words)} />".encode())
+            tags.append(ET.tostring(ET.Element("DataArray", attributes)))
             appended += [np.uint64(values.nbytes).tobytes(), values.data]
             offset += np.uint64(0).nbytes + values.nbytes
         inserted.append((content.rindex(end), tags))

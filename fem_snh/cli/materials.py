@@ -25,7 +25,7 @@ fem-snh materials gent.py:gent --report            a function gent in a file of 
 def materials_parser() -> Parser:
     """Return the parser of ``fem-snh materials``."""
     parser = Parser(
-        "materials", "List the materials, describe one, or report how it behaves.", EPILOG
+        "materials", "List the materials, describe one, or report how it behaves.", lambda: EPILOG
     )
     parser.add_argument(
         "names", metavar="NAME", nargs="*", help="a material, or FILE.py:FUNCTION of your own"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tomllib
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from fem_snh.choices import (
@@ -45,16 +46,30 @@ SCENE_OPTIONS = (
 
 
 class Parser(argparse.ArgumentParser):
-    """An argparse parser without abbreviations that raises `BadInput` instead of exiting."""
+    """An argparse parser without abbreviations that raises `BadInput` instead of exiting.
 
-    def __init__(self, command: str, description: str, epilog: str = "") -> None:
+    Parameters
+    ----------
+    command, description : str
+        The command, and what it does.
+    epilog : callable, optional
+        Returns the text after the options. It is called for the help only: it may be slow.
+    """
+
+    def __init__(
+        self, command: str, description: str, epilog: Callable[[], str] = lambda: ""
+    ) -> None:
         super().__init__(
             prog=f"fem-snh {command}",
             description=description,
-            epilog=epilog,
             allow_abbrev=False,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
+        self._make_epilog = epilog
+
+    def format_help(self) -> str:
+        self.epilog = self._make_epilog()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         raise BadInput(f"{self.prog.split()[-1]}: {message.removeprefix('argument ')}")

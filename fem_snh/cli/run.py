@@ -15,7 +15,7 @@ from fem_snh.errors import BadInput, on_root
 
 def run_parser() -> Parser:
     """Return the parser of ``fem-snh run``."""
-    parser = Parser("run", "Solve a scene by load steps.", scene_list())
+    parser = Parser("run", "Solve a scene by load steps.", scene_list)
     parser.add_argument(
         "scene", metavar="SCENE", nargs="?", help="a name, FILE.toml or FILE.py:FUNCTION"
     )

@@ -14,7 +14,7 @@ from fem_snh.errors import BadInput
 
 def parser(command: str, description: str) -> Parser:
     """Return a parser with the options of a scene as comma lists, and the limits."""
-    made = Parser(command, description, scene_list())
+    made = Parser(command, description, scene_list)
     made.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
     for key, placeholder, help in SCENE_OPTIONS:
         made.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)

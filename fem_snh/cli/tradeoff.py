@@ -31,7 +31,7 @@ def tradeoff_parser() -> Parser:
         "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each in its own\n"
         "process. Errors are relative to a reference solution computed from the finest meshes. An\n"
         "interrupted study continues; with more --nu, --elements or --cells only new points run.",
-        scene_list(),
+        scene_list,
     )
     parser.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the study's folder")

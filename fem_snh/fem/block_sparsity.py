@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
+
+from fem_snh.kernels.block_pattern import BlockPattern
 
 Array = npt.NDArray[Any]
 
@@ -34,11 +35,8 @@ class BlockSparsity:
     """
 
     def __init__(self, rows: Array, columns: Array, row_sizes: Array, column_sizes: Array) -> None:
-        shape = (len(row_sizes), len(column_sizes))
-        self._csr = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=shape)
-        self._csr.sum_duplicates()
-        self._csr.data = np.arange(self._csr.nnz, dtype=np.int64)
-        self.indptr, self.indices = self._csr.indptr, self._csr.indices
+        self._pattern = BlockPattern(rows, columns, len(row_sizes), len(column_sizes))
+        self.indptr, self.indices = self._pattern.indptr, self._pattern.indices
         self.row_sizes = row_sizes
         before = np.concatenate([[0], np.cumsum(column_sizes[self.indices], dtype=np.int64)])
         row_start = before[self.indptr[:-1]]
@@ -52,9 +50,7 @@ class BlockSparsity:
 
     def offsets(self, rows: Array, columns: Array) -> Array:
         """Return the offset of the first value of each of these blocks in the value array."""
-        if not len(rows):
-            return np.empty(0, np.int64)
-        block = np.asarray(self._csr[rows, columns]).ravel()
+        block = self._pattern.find(rows, columns)
         return self.row_offsets[rows] + self._offset_in_row[block]
 
 

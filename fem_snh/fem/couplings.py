@@ -16,7 +16,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
 
 from fem_snh.fem.numbering import MixedDofMap
 
@@ -116,6 +115,8 @@ class Couplings:
             np.concatenate(column) for column in zip(*self._added, strict=True)
         )
         self._added = []
+        from scipy.sparse import coo_matrix  # slow to import, and only contact adds couplings
+
         shape = (self._own_dofs[1] - self._own_dofs[0], self._num_dofs)
         # The conversion sums the values of one position.
         total = coo_matrix((values, (rows, columns)), shape=shape).tocsr()

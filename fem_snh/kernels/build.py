@@ -7,6 +7,7 @@ library.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import platform
@@ -18,9 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import cffi
-
-from fem_snh import cache
+from fem_snh import c_declarations, cache
 from fem_snh.errors import BadInput
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
@@ -123,8 +122,9 @@ def library(source: str) -> Path:
     return target
 
 
-def load(path: Path, declarations: str) -> tuple[cffi.FFI, Any]:
-    """Open a compiled library.
+@functools.cache
+def load(path: Path, declarations: str) -> tuple[Any, Any]:
+    """Open a compiled library. It stays open: its functions may outlive the caller's objects.
 
     Parameters
     ----------
@@ -135,15 +135,15 @@ def load(path: Path, declarations: str) -> tuple[cffi.FFI, Any]:
 
     Returns
     -------
-    (cffi.FFI, library)
+    (ffi, library)
+        See `fem_snh.c_declarations.parse`.
 
     Raises
     ------
     BadInput
         If the system cannot open the library.
     """
-    ffi = cffi.FFI()
-    ffi.cdef(declarations)
+    ffi = c_declarations.parse(declarations)
     try:
         return ffi, ffi.dlopen(str(path))
     except OSError as error:

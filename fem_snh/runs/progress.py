@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
+#: ANSI codes of the styles (ECMA-48, section 8.3.117). Importing rich, which has them, takes a
+#: tenth of a small run.
+_STYLES = {"bold": 1, "red": 31, "green": 32, "yellow": 33}
 #: Largest number of frequencies in the last line; modes.csv has them all.
 _FREQUENCIES = 10
 
@@ -26,13 +29,18 @@ class Progress:
 
     def __init__(self, comm: Any, enabled: bool, expected: str | None = None) -> None:
         self._expected = expected
-        self._console = Console(
-            quiet=not enabled or comm.rank > 0,
-            highlight=False,
-            soft_wrap=True,
-            # mpirun gives its processes a terminal even when its output goes to a file.
-            color_system="auto" if comm.size == 1 else None,
-        )
+        self._enabled = enabled and comm.rank == 0
+        # mpirun gives its processes a terminal even when its output goes to a file.
+        self._styled = comm.size == 1 and _shows_styles()
+
+    def _print(self, text: str) -> None:
+        """Print a line if printing is enabled."""
+        if self._enabled:
+            print(text, flush=True)
+
+    def _style(self, text: str, style: str) -> str:
+        """Return the text in a style of ``_STYLES``, where the terminal shows it."""
+        return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if self._styled else text
 
     def start(self, record: dict[str, Any]) -> None:
         """Print the scene, the material, the discretisation and the solver."""
@@ -44,29 +52,29 @@ class Progress:
         method = f"{record['hessian']} Hessian"
         if "globalization" in record:
             method += f", {record['globalization']}"
-        self._console.print(
-            f"[bold]{record['scene']}[/]: {materials}; "
+        self._print(
+            f"{self._style(record['scene'], 'bold')}: {materials}; "
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{method}; {record['ranks']} rank(s)"
         )
         for note in record.get("notes", []):
-            self._console.print(f"  [yellow]note[/]: {note}")
+            self._print(f"  {self._style('note', 'yellow')}: {note}")
         if self._expected:
-            self._console.print(f"  expected to fail: {self._expected}")
+            self._print(f"  expected to fail: {self._expected}")
 
     def resumed(self, load: float, finished: bool, duration: float | None = None) -> None:
         """Print the load, or the time, from which a resumed run continues."""
         at = f"load {load:.6g}" if duration is None else f"time {load * duration:.6g} s"
-        self._console.print(
-            "  finished already: nothing to do" if finished else f"  resumed from {at}"
-        )
+        self._print("  finished already: nothing to do" if finished else f"  resumed from {at}")
 
     def step(self, row: dict[str, Any]) -> None:
         """Print a load step."""
-        colour = "yellow" if self._expected else "red"
-        mark = "[green]ok[/]  " if row["converged"] else f"[{colour}]fail[/]"
+        if row["converged"]:
+            mark = self._style("ok  ", "green")
+        else:
+            mark = self._style("fail", "yellow" if self._expected else "red")
         at = f"time {row['time']:.4g} s" if "time" in row else f"load {row['load']:.4f}"
-        self._console.print(
+        self._print(
             f"  {at} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, "
             f"residual {row['residual']:.1e}, "
@@ -80,15 +88,20 @@ class Progress:
         if modes := record.get("modes"):
             listed = ", ".join(f"{f:.4g}" for f in modes["frequencies"][:_FREQUENCIES])
             listed += ", ..." if len(modes["frequencies"]) > _FREQUENCIES else ""
-            self._console.print(f"  frequencies [Hz]: {listed}")
+            self._print(f"  frequencies [Hz]: {listed}")
             files += ", modes.csv, modes.pvd"
         where = f"; {out}/{files}" if out else ""
         status = record["status"]
         if self._expected:
             outcome = "converged, not as expected" if record["converged"] else "failed as expected"
             status = f"{outcome}: {status}"
-        self._console.print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
+        self._print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
         if unused:
-            self._console.print(
-                f"  [yellow]note[/]: nothing used the PETSc option(s) {', '.join(unused)}"
-            )
+            note = self._style("note", "yellow")
+            self._print(f"  {note}: nothing used the PETSc option(s) {', '.join(unused)}")
+
+
+def _shows_styles() -> bool:
+    """Return whether standard output is a terminal whose user has not turned colours off."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return sys.stdout.isatty() and not plain

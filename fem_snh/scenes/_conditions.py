@@ -115,12 +115,11 @@ def rigid_displacement(
     """
     u = np.zeros_like(X, dtype=float)
     if rotate is not None:
-        from scipy.spatial.transform import Rotation
-
+        # Rodrigues' formula: importing scipy.spatial takes longer than a small solve.
         axis = np.asarray(rotate.axis) / np.linalg.norm(rotate.axis)
-        arm = X - np.asarray(rotate.through)
         angle = (amplitude if turn is None else turn) * rotate.angle
-        u += Rotation.from_rotvec(angle * axis).apply(arm) - arm
+        across = np.cross(axis, X - np.asarray(rotate.through))
+        u += np.sin(angle) * across + 2 * np.sin(angle / 2) ** 2 * np.cross(axis, across)
     if translate is not None:
         u += amplitude * np.asarray(translate)
     return u

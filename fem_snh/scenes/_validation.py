@@ -65,7 +65,7 @@ class Whole(Expect):
 class Table(BaseModel):
     """A table with known keys; messages name unknown and missing ones."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -1,0 +1,64 @@
+/* The CSR pattern of pairs (row, column) that may repeat, and the index of each pair in it. */
+#include <stdlib.h>
+#include <string.h>
+
+/* Write the pattern: indptr (num_rows + 1), and columns in ascending order in the first
+   indptr[num_rows] entries of indices (n). Two counting sorts, by column and then by row, take
+   linear time. Return 1 if memory is exhausted, else 0. */
+int block_pattern(long n, const int *rows, const int *columns, long num_rows, long num_columns,
+                  long *indptr, int *indices)
+{
+    int *by_column = malloc((n + 1) * sizeof *by_column);
+    long *column_end = calloc(num_columns + 1, sizeof *column_end);
+    long *row_end = calloc(num_rows + 1, sizeof *row_end);
+    int failed = !by_column || !column_end || !row_end;
+    if (!failed) {
+        for (long k = 0; k < n; k++) column_end[columns[k] + 1]++;
+        for (long c = 0; c < num_columns; c++) column_end[c + 1] += column_end[c];
+        /* From the start of each column to its end. */
+        for (long k = 0; k < n; k++) by_column[column_end[columns[k]]++] = rows[k];
+
+        memset(indptr, 0, (num_rows + 1) * sizeof *indptr);
+        for (long k = 0; k < n; k++) indptr[rows[k] + 1]++;
+        for (long r = 0; r < num_rows; r++) indptr[r + 1] += indptr[r];
+        memcpy(row_end, indptr, (num_rows + 1) * sizeof *indptr);
+        for (long c = 0, k = 0; c < num_columns; c++)
+            for (; k < column_end[c]; k++) {
+                long r = by_column[k];
+                if (row_end[r] == indptr[r] || indices[row_end[r] - 1] != c)
+                    indices[row_end[r]++] = (int)c;
+            }
+
+        /* Close the gaps that repeated pairs leave. */
+        long size = 0;
+        for (long r = 0; r < num_rows; r++) {
+            long start = indptr[r];
+            indptr[r] = size;
+            for (long k = start; k < row_end[r]; k++) indices[size++] = indices[k];
+        }
+        indptr[num_rows] = size;
+    }
+    free(by_column);
+    free(column_end);
+    free(row_end);
+    return failed;
+}
+
+/* Write the index of each pair in the pattern, by bisection; return the number of pairs that are
+   not in it. */
+long block_indices(long n, const int *rows, const int *columns, const long *indptr,
+                   const int *indices, long *found)
+{
+    long missing = 0;
+    for (long k = 0; k < n; k++) {
+        long low = indptr[rows[k]], end = indptr[rows[k] + 1], high = end;
+        while (low < high) {
+            long middle = low + (high - low) / 2;
+            if (indices[middle] < columns[k]) low = middle + 1;
+            else high = middle;
+        }
+        missing += low == end || indices[low] != columns[k];
+        found[k] = low;
+    }
+    return missing;
+}

@@ -1,0 +1,36 @@
+"""The pattern of a matrix of blocks, against scipy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+
+from fem_snh.fem.block_sparsity import BlockSparsity
+from fem_snh.kernels.block_pattern import BlockPattern
+
+
+@pytest.mark.parametrize("n", [0, 1, 3000])
+def test_pattern_of_repeated_pairs(n):
+    random = np.random.default_rng(n)
+    rows, columns = random.integers(0, 60, n), random.integers(0, 40, n)
+    pattern = BlockPattern(rows, columns, 70, 50)
+    expected = coo_matrix((np.ones(n), (rows, columns)), shape=(70, 50)).tocsr()
+    assert np.array_equal(pattern.indptr, expected.indptr)
+    assert np.array_equal(pattern.indices, expected.indices)
+    assert np.array_equal(pattern.indices[pattern.find(rows, columns)], columns)
+
+
+def test_a_pair_that_is_not_there():
+    pattern = BlockPattern(np.array([0, 1]), np.array([1, 0]), 2, 2)
+    with pytest.raises(KeyError, match="1 blocks"):
+        pattern.find(np.array([0, 0]), np.array([1, 0]))
+
+
+def test_offsets_of_blocks_of_several_sizes():
+    """Rows of 3 and 1 unknowns, the values of each row of unknowns contiguous, as in AIJ."""
+    sizes = np.array([3, 3, 1])
+    sparsity = BlockSparsity(np.array([0, 0, 2, 1]), np.array([2, 0, 2, 1]), sizes, sizes)
+    assert sparsity.row_lengths.tolist() == [4, 3, 1]
+    offsets = sparsity.offsets(np.array([0, 0, 1, 2]), np.array([0, 2, 1, 2]))
+    assert offsets.tolist() == [0, 3, 12, 21]
