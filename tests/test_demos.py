@@ -26,6 +26,8 @@ SMALLER = {
     "tutorial_beam": ["--cells", "4,1,1"],
     "foundation": ["--cells", "4"],
     "inflation": ["--cells", "2", "--steps", "12"],
+    "elbow": ["--cells", "14", "--nus", "0", "0.499", "--steps", "2"],
+    "biceps": ["--cells", "14"],
     "squash": ["--cells", "20", "--seconds", "0"],
 }
 #: What each leaves behind, besides its run folders.
@@ -42,6 +44,8 @@ PICTURES = {
     "tutorial_beam": ["tutorial_beam/tutorial_beam.png"],
     "foundation": ["foundation/foundation.png"],
     "inflation": ["inflation/inflation.png"],
+    "elbow": ["elbow/bodies.png", "elbow/sweep.png"],
+    "biceps": ["biceps/biceps.png"],
     "squash": ["squash/squash.png"],
     "swing": ["swing/swing.png"],
 }
