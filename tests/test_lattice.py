@@ -167,6 +167,18 @@ def test_parts_in_one_cell_move_on_their_own(parts):
 
 
 @pytest.mark.mpi
+def test_slits_that_end_at_a_face():
+    """Two slits at different heights: all four parts are connected by the face between them."""
+    heights = [(0, 0, 0.53), (0, 0.75, 1), (1, 0, 0.14), (1, 0.36, 1)]
+    boxes = [
+        {"box": {"center": [x + 0.5, 0.5, (a + b) / 2], "size": [1, 1, b - a]}}
+        for x, a, b in heights
+    ]
+    body = from_record({"union": boxes})
+    assert lattice.create(COMM, lambda: body, 1.0, samples=8, skin=8).num_cells == 2
+
+
+@pytest.mark.mpi
 def test_the_number_of_ranks_does_not_matter():
     """Cells that meet at one face, three of them, are distributed like others."""
     body = lattice.create(COMM, lambda: from_record({"union": FINGERS}), 2 * GAP)

@@ -15,17 +15,13 @@ from fem_snh.fem.lattice.carriers import carry, cover
 from fem_snh.fem.lattice.copies import node_copies
 from fem_snh.fem.lattice.crossings import sample_surface
 from fem_snh.fem.lattice.grid import Grid
-from fem_snh.fem.lattice.parts import Parts, joined, separate, without_fragments
+from fem_snh.fem.lattice.parts import FACES, Parts, joined, separate, without_fragments
 from fem_snh.fem.lattice.refine import refine
 from fem_snh.fem.lattice.samples import sample_shape
 from fem_snh.fem.lattice.surface_nets import triangulate
 from fem_snh.fem.mesh import Mesh, distribute
 from fem_snh.fem.shapes import ClosedSurface, Shape
 
-#: Corners of the faces of a cell in dolfinx's order.
-_FACES = np.array(
-    [[0, 2, 4, 6], [1, 3, 5, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 1, 2, 3], [4, 5, 6, 7]]
-)
 _SIDES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 
 
@@ -106,7 +102,7 @@ def lattice(
 
 def _groups(parts: Parts) -> list[PhysicalGroup]:
     """Return the groups of cells and of faces."""
-    faces = parts.nodes[:, _FACES].reshape(-1, 4)
+    faces = parts.nodes[:, FACES].reshape(-1, 4)
     _, first, count = np.unique(
         np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
     )

@@ -17,6 +17,12 @@ Labels = npt.NDArray[np.int32]
 
 #: Corners of a cell in dolfinx's order, (8, 3).
 CORNERS = np.array([[v & 1, v >> 1 & 1, v >> 2] for v in range(8)])
+#: Corners of the faces of a cell, in the same order.
+FACES = np.array(
+    [[0, 2, 4, 6], [1, 3, 5, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 1, 2, 3], [4, 5, 6, 7]]
+)
+#: Largest number of cells that share a face.
+_CELLS_AT_A_FACE = 3
 #: Steps to the six cells around: down and up along each axis.
 _STEPS = np.repeat(np.eye(3, dtype=np.int64), 2, axis=0) * np.array([-1, 1] * 3)[:, None]
 #: A cube counts as inside of the solid if more than this part of it is filled: its centre is.
@@ -76,9 +82,20 @@ def separate(grid: Grid, samples: Samples) -> Parts:
     along_cells = np.zeros((3, 3, 3, 3), dtype=bool)
     along_cells[1] = ndimage.generate_binary_structure(3, 1)  # cubes of one cell, by their faces
     labels, n = ndimage.label(inside, along_cells, output=np.int32)
+    while True:
+        parts = _connected(grid, samples, labels, n)
+        joined = _around_a_face(parts)
+        if joined is None:
+            return parts
+        n, number = joined
+        labels = np.concatenate([[0], number + 1]).astype(np.int32)[labels]
+
+
+def _connected(grid: Grid, samples: Samples, labels: Labels, n: int) -> Parts:
+    """Return the n parts of these labels, whose cells share nodes with those that they touch."""
     part = np.flatnonzero(labels.ravel())
     owner = np.zeros(n, dtype=np.int64)
-    owner[labels.ravel()[part] - 1] = part // inside[0].size
+    owner[labels.ravel()[part] - 1] = part // labels[0].size
     fractions = _fractions(samples, labels, owner, n)
 
     pairs = np.concatenate([_touching(grid, samples, labels), _nearest(grid, samples, labels)])
@@ -88,6 +105,28 @@ def separate(grid: Grid, samples: Samples) -> Parts:
     corners = np.empty((count, 3), dtype=np.int64)
     corners[node] = (samples.cells[owner][:, None] + CORNERS).reshape(-1, 3)
     return Parts(labels, owner, fractions, node.reshape(n, 8).astype(np.int64), corners)
+
+
+def _around_a_face(parts: Parts) -> tuple[int, Integers] | None:
+    """Return new numbers of parts, of which some are joined, and their count; None for no change.
+
+    Where two parts on either side of a face all have its nodes, those on each side are connected
+    just beyond the face. dolfinx has no mesh with four cells at a face.
+    """
+    n, faces = len(parts.nodes), np.sort(parts.nodes[:, FACES].reshape(-1, 4), axis=1)
+    _, face, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+    crowded = np.flatnonzero(count[face.ravel()] > _CELLS_AT_A_FACE)
+    if not len(crowded):
+        return None
+    cell, face = crowded // 6, face.ravel()[crowded]
+    # Parts are joined with the others of their cube at the same face.
+    _, group = np.unique(np.stack([face, parts.owner[cell]], axis=1), axis=0, return_inverse=True)
+    joined = coo_matrix(
+        (np.ones(len(cell), dtype=np.int8), (cell, n + group.ravel())), shape=(n + len(cell),) * 2
+    )
+    number = connected_components(joined, directed=False)[1][:n]
+    kept, number = np.unique(number, return_inverse=True)
+    return len(kept), number
 
 
 def _inside(samples: Samples) -> npt.NDArray[np.bool_]:
