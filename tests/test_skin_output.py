@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import pyvista as pv
 from running import solve
+from usd_files import needs_usd, read_usd
 
 from fem_snh import export, render, scenes
 from fem_snh.errors import BadInput, on_root
+from fem_snh.render import stored_loads
+from fem_snh.render.surfaces import read_grid
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
 BALL = {"sphere": {"center": [0.1, 0.2, 0.3], "radius": 0.5}}
@@ -29,7 +32,13 @@ def stretched(load: float) -> np.ndarray:
 def folder(tmp_path_factory, comm=MPI.COMM_WORLD):
     """Return the folder of a run on all ranks, the same on each."""
     path = on_root(comm, lambda: tmp_path_factory.mktemp("skin"))
-    scene = scenes.Scene(
+    solve(ball(), comm, out=path / "run")
+    return path / "run"
+
+
+def ball() -> scenes.Scene:
+    """Return the scene of the ball."""
+    return scenes.Scene(
         name="ball",
         mesh=scenes.Lattice(lattice=BALL, cell=0.24),
         element="Q1",
@@ -39,8 +48,6 @@ def folder(tmp_path_factory, comm=MPI.COMM_WORLD):
             "sphere": {"center": [0, 0, 0], "radius": 9.0}}}],
         fields=["von_mises"],
     )  # fmt: skip
-    solve(scene, comm, out=path / "run")
-    return path / "run"
 
 
 def moved(points: np.ndarray, load: float) -> np.ndarray:
@@ -65,6 +72,22 @@ def test_the_series_of_the_skin(folder):
         assert {"energy_density", "min_eigenvalue", "von_mises"} < set(grid.point_data.keys())
 
 
+@pytest.mark.mpi
+def test_the_skin_has_the_pressure_unknown(comm, tmp_path_factory):
+    """It is that of the lattice's cells at the points that they carry."""
+    path = on_root(comm, lambda: tmp_path_factory.mktemp("pressure"))
+    core = ball().bone[0].model_dump() | {"shape": {"sphere": {"center": [0, 0, 0], "radius": 0.3}}}
+    scene = scenes.load(ball(), element="Q2Q1", steps=1, bone=[core])
+    solve(scene, comm, out=path / "run")
+    if comm.rank == 0:
+        skin = pv.read(path / "run" / "skin000001.vtu")
+        (files,) = (f for t, f in stored_loads(path / "run" / "fields.pvd").items() if t == 1)
+        expected = skin.sample(read_grid([str(file) for file in files], "pressure"))
+        inside = expected["vtkValidPointMask"] == 1
+        assert inside.mean() > 0.9 and np.ptp(skin["pressure"]) > 0.05
+        assert np.abs(skin["pressure"] - expected["pressure"])[inside].max() < 1e-6
+
+
 def test_pictures_and_exports_show_the_skin(folder, tmp_path):
     skin = pv.read(folder / "skin000002.vtu")
     assert render.main(folder, tmp_path / "a.png").stat().st_size > 10_000
@@ -80,30 +103,49 @@ def test_pictures_and_exports_show_the_skin(folder, tmp_path):
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])
 def test_usd(folder, tmp_path, suffix):
-    pytest.importorskip("pxr")
-    from pxr import Usd, UsdGeom
-
+    needs_usd()
     (path,) = export.main(folder, tmp_path / f"a{suffix}")
-    stage = Usd.Stage.Open(str(path))
-    mesh = UsdGeom.Mesh(stage.GetDefaultPrim())
+    usd = read_usd(path)
     skin = pv.read(folder / "skin000002.vtu")
-    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, 48.0)
-    assert mesh.GetPointsAttr().GetTimeSamples() == [0.0, 24.0, 48.0]
-    assert len(mesh.GetFaceVertexCountsAttr().Get()) == skin.n_cells
-    rest = np.array(mesh.GetPointsAttr().Get(0.0))
-    faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+    assert (usd["start"], usd["end"]) == (0.0, 48.0)
+    assert list(usd["times"]) == [0.0, 24.0, 48.0]
+    assert len(usd["counts"]) == skin.n_cells
+    rest, faces = usd["points"][0], usd["faces"].reshape(-1, 3)
     a, b, c = (rest[faces[:, i]] for i in range(3))
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(np.pi / 6, rel=0.05)
-    for load in LOADS:
-        time = Usd.TimeCode(48 * load)
-        x = np.array(mesh.GetPointsAttr().Get(time))
+    assert np.array_equal(usd["extents"], usd["computed_extents"])
+    for load, x, box, J in zip(LOADS, usd["points"], usd["extents"], usd["J"], strict=True):
         assert np.abs(x - moved(rest, load)).max() < 1e-6
-        box = np.array(mesh.GetExtentAttr().Get(time))
         assert np.array_equal(box, [x.min(axis=0), x.max(axis=0)])
-        assert np.array_equal(box, mesh.ComputeExtent(mesh.GetPointsAttr().Get(time)))
-        J = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("J")
-        assert J.GetInterpolation() == "vertex" and len(J.Get(time)) == len(x)
-        assert np.allclose(J.Get(time), 1 + 0.2 * load)
+        assert len(J) == len(x) and np.allclose(J, 1 + 0.2 * load)
+
+
+def test_colours_show_a_field_and_cells_give_means(tmp_path):
+    """A block that its bone stretches: J is 1.2 at the end, which the colours show."""
+    needs_usd()
+    scene = scenes.Scene(
+        name="block",
+        mesh=scenes.Geometry(source="block", parameters={}),
+        cells=2,
+        element="Q1",
+        steps=1,
+        material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
+        bone=[{"name": "all", "shape": {"sphere": {"center": [0, 0, 0], "radius": 99.0}},
+               "motion": stretched}],
+    )  # fmt: skip
+    solve(scene, MPI.COMM_SELF, out=tmp_path / "run")
+    (usd,) = export.main(tmp_path / "run", tmp_path / "a.usda", field="J")
+    found = read_usd(usd)
+    assert np.allclose(found["J"][-1], 1.2, rtol=1e-6)
+    at_rest, red = found["displayColor"]
+    assert len(red) == len(found["points"][-1])
+    # coolwarm is grey at 1, and red at the end of its range.
+    assert np.ptp(at_rest, axis=1).max() < 0.05 and (red[:, 0] > 4 * red[:, 2]).all()
+    paths = export.main(tmp_path / "run", tmp_path / "a.obj", 3, field="J")
+    rows = [np.loadtxt(path, skiprows=1, usecols=range(1, 7), max_rows=len(red)) for path in paths]
+    assert [row[0, 3] > row[0, 5] + 0.01 for row in rows] == [False, True, True]
+    with pytest.raises(BadInput, match="expected one of J, displacement, energy_density"):
+        export.main(tmp_path / "run", tmp_path / "a.obj", field="stress")
 
 
 def test_usd_without_the_package(folder, tmp_path, monkeypatch):

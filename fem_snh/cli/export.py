@@ -29,6 +29,9 @@ def export_parser() -> Parser:
         type=int,
         help="number of OBJ files, interpolated evenly over the load; default: the stored loads",
     )
+    parser.add_argument(
+        "--field", metavar="NAME", help="field that colours the vertices of OBJ and USD files"
+    )
     return parser
 
 
@@ -39,6 +42,6 @@ def export(argv: list[str]) -> int:
     from fem_snh.export import main
 
     with progress_bar("writing") as report:
-        paths = main(args.folder, args.out, args.frames, report)
+        paths = main(args.folder, args.out, args.frames, report, args.field)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0

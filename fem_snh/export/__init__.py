@@ -11,6 +11,7 @@ from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.render import read_record, series, stored_loads
+from fem_snh.render.fields import check_field
 from fem_snh.render.records import duration
 from fem_snh.render.worker import require, run_elsewhere
 
@@ -35,6 +36,7 @@ def main(
     out: Path,
     frames: int | None = None,
     report: Callable[[int, int], None] | None = None,
+    field: str | None = None,
 ) -> list[Path]:
     """Export the states of a run and return the paths of the files.
 
@@ -52,6 +54,8 @@ def main(
         is interpolated by monotone cubic polynomials (PCHIP). Default: one for each stored load.
     report : callable, optional
         Called with the numbers of states written and of all states.
+    field : str, optional
+        A field or component that colours the vertices of OBJ and USD files, as in pictures.
 
     Raises
     ------
@@ -66,34 +70,39 @@ def main(
         raise bad_value("--frames", frames, "a file .obj beside it")
     if frames is not None and not MIN_FRAMES <= frames <= MAX_FRAMES:
         raise bad_value("--frames", frames, f"a number from {MIN_FRAMES} to {MAX_FRAMES}")
-    require("export", ("pyvista",))
+    if field is not None and kind == ".vtkhdf":
+        raise bad_value("--field", field, "a file .obj or .usd beside it")
+    require("export", ("pyvista",) if field is None else ("pyvista", "matplotlib"))
     for package in TYPES[kind]:
         require(f"a file {kind}", (package,), _EXTRAS[package])
     record = read_record(folder)
 
     pvd = series(folder)
+    if field is not None:
+        check_field(pvd, field)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
+    job: dict[str, Any] = {"pvd": str(pvd), "out": str(out)}
     if kind == ".vtkhdf":
-        _write_vtkhdf(out, pvd, record, report)
+        _write_elsewhere("fem_snh.export.vtkhdf", job | {"record": record}, pvd, report)
+        return [out]
+    if kind != ".obj":
+        job |= {"duration": duration(record), "field": field}
+        _write_elsewhere("fem_snh.export.usd", job, pvd, report)
         return [out]
 
     from fem_snh.export.obj import write_sequence
     from fem_snh.export.states import States
 
-    if kind != ".obj":
-        from fem_snh.export.usd import write_usd
-
-        return [write_usd(out, States(pvd), duration(record), report)]
-    return write_sequence(out, States(pvd), frames, report)
+    return write_sequence(out, States(pvd), frames, report, field)
 
 
-def _write_vtkhdf(
-    out: Path, pvd: Path, record: dict[str, Any], report: Callable[[int, int], None] | None
+def _write_elsewhere(
+    program: str, job: dict[str, Any], pvd: Path, report: Callable[[int, int], None] | None
 ) -> None:
-    """Write the VTKHDF file in a process of its own."""
+    """Write a file in a process of its own, which prints how many states it has written."""
 
     def show(line: str) -> None:
         numbers = line.split()
@@ -101,5 +110,4 @@ def _write_vtkhdf(
             report(int(numbers[0]), int(numbers[1]))
 
     timeout = _STATE_TIMEOUT * (1 + len(stored_loads(pvd)))
-    job = {"pvd": str(pvd), "record": record, "out": str(out)}
-    run_elsewhere(job, "fem_snh.export.vtkhdf", show, timeout)
+    run_elsewhere(job, program, show, timeout)

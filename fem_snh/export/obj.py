@@ -14,6 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.export.states import States
+from fem_snh.export.surface_fields import Colours, SurfaceFields
 from fem_snh.render.surfaces import boundary
 
 #: Divides each face of a quadratic cell into the triangles between its nodes.
@@ -25,6 +26,7 @@ def write_sequence(
     states: States,
     frames: int | None = None,
     report: Callable[[int, int], None] | None = None,
+    field: str | None = None,
 ) -> list[Path]:
     """Write ``NAME_0000.obj``, ``NAME_0001.obj``, ... and return their paths.
 
@@ -41,6 +43,8 @@ def write_sequence(
         Number of files, evenly spaced over the load; default: one for each stored load.
     report : callable, optional
         Called with the numbers of files written and of all files.
+    field : str, optional
+        A field that colours the vertices: red, green and blue (sRGB, 0 to 1) after the coordinates.
 
     Raises
     ------
@@ -61,10 +65,22 @@ def write_sequence(
     faces = io.BytesIO()
     np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
     rest = states.mesh.points[nodes]
-    frame = _interpolated(states, nodes, frames) if frames else _stored(states, nodes)
-    for number, (path, (load, u)) in enumerate(zip(paths, frame, strict=True), 1):
+    fields = SurfaceFields(states, nodes) if field else None
+    colours = Colours(fields, str(field), len(states)) if fields else None
+    form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
+
+    def stored() -> Iterator[tuple[float, np.ndarray]]:
+        """Yield load and displacement at the nodes, and the field if any, for each state."""
+        for number, load in enumerate(states.loads):
+            u = states.displacement(number)[nodes]
+            yield load, np.column_stack([u, fields.scalar(number, str(field))]) if fields else u
+
+    frame = _interpolated(states.loads, stored(), frames) if frames else stored()
+    for number, (path, (load, values)) in enumerate(zip(paths, frame, strict=True), 1):
         text = io.BytesIO()
-        np.savetxt(text, rest + u, fmt="v %.10g %.10g %.10g", header=f"load {load:.10g}")
+        x = rest + values[:, :3]
+        rows = np.column_stack([x, colours.rgb(values[:, 3])]) if colours else x
+        np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
         if report:
             report(number, count)
@@ -90,20 +106,13 @@ def surface_of(mesh: pv.UnstructuredGrid) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(oriented["node"]), np.asarray(oriented.regular_faces)
 
 
-def _stored(states: States, nodes: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield load and displacement at the nodes for each state."""
-    for number, load in enumerate(states.loads):
-        yield load, states.displacement(number)[nodes]
-
-
 def _interpolated(
-    states: States, nodes: np.ndarray, frames: int
+    loads: list[float], stored: Iterator[tuple[float, np.ndarray]], frames: int
 ) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield load and displacement at the nodes, at evenly spaced loads."""
-    stored = np.array([u for _, u in _stored(states, nodes)])
-    displacement_at = PchipInterpolator(states.loads, stored)
-    for load in np.linspace(states.loads[0], states.loads[-1], frames):
-        yield float(load), displacement_at(load)
+    """Yield load and values at the nodes, at evenly spaced loads."""
+    values_at = PchipInterpolator(loads, np.array([values for _, values in stored]))
+    for load in np.linspace(loads[0], loads[-1], frames):
+        yield float(load), values_at(load)
 
 
 def _path(out: Path, number: int) -> Path:

@@ -1,5 +1,10 @@
 """The deformed surface of a run as one USD file: a mesh with points that depend on the time.
 
+``python -m fem_snh.export.usd`` reads {"pvd", "duration", "field", "out"} as JSON from standard
+input and prints the number of states written and of all. Exit codes: see `fem_snh.render.worker`.
+It is a process of its own because the libraries of usd-core carry symbols of the C++ library that
+gmsh would then call.
+
 Reference: OpenUSD, *UsdGeomMesh* and *UsdGeomPrimvar*, https://openusd.org/release/api.
 """
 
@@ -14,6 +19,8 @@ import numpy as np
 from fem_snh.errors import BadInput
 from fem_snh.export.obj import surface_of
 from fem_snh.export.states import States
+from fem_snh.export.surface_fields import Colours, SurfaceFields, linear_rgb
+from fem_snh.render.worker import serve
 
 #: Frames from load 0 to load 1 if the run is quasi-static: two seconds of a film.
 _FRAMES = 48.0
@@ -26,13 +33,15 @@ def write_usd(
     states: States,
     duration: float | None = None,
     report: Callable[[int, int], None] | None = None,
+    field: str | None = None,
 ) -> Path:
     """Write the surface at all stored loads and return the path.
 
     The mesh ``/body`` has the same triangles at all times, with normals outwards; its points
     [length] are sampled at the stored loads, between which viewers interpolate linearly. The fields
-    at the points are primvars of the same name: numbers, and vectors of three numbers. Of a scene
-    in time, 24 frames are a second; otherwise 48 frames lead from load 0 to load 1.
+    are primvars of the same name at the points: numbers, and vectors of three numbers; those of the
+    cells are means over the cells around a point. Of a scene in time, 24 frames are a second;
+    otherwise 48 frames lead from load 0 to load 1.
 
     Parameters
     ----------
@@ -44,6 +53,8 @@ def write_usd(
         The end of a run in time [s].
     report : callable, optional
         Called with the numbers of states written and of all states.
+    field : str, optional
+        A field that colours the surface (``displayColor``), as in pictures.
 
     Raises
     ------
@@ -53,6 +64,8 @@ def write_usd(
     from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
     nodes, triangles = surface_of(states.mesh)
+    fields = SurfaceFields(states, nodes)
+    colours = Colours(fields, field, len(states)) if field else None
     per_time = FRAMES_PER_SECOND if duration else _FRAMES
     hidden = out.with_name(f".{out.name}{out.suffix}")
     try:
@@ -73,8 +86,8 @@ def write_usd(
         kinds = {1: (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray)}
         kinds[3] = (Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray)
         for number, load in enumerate(states.loads):
-            data = states.read(number).point_data
-            x = np.asarray(states.mesh.points[nodes] + data["displacement"][nodes], np.float32)
+            data = fields.read(number)
+            x = np.asarray(states.mesh.points[nodes] + data["displacement"], np.float32)
             if not np.isfinite(x).all():
                 raise BadInput(f"the displacement at load {load:g} is not finite")
             time = Usd.TimeCode(per_time * load)
@@ -82,7 +95,7 @@ def write_usd(
             box = np.ascontiguousarray([x.min(axis=0), x.max(axis=0)])
             extent.Set(Vt.Vec3fArray.FromNumpy(box), time)
             for name, values in data.items():
-                rows = np.asarray(values[nodes], np.float32).reshape(len(nodes), -1)
+                rows = np.asarray(values, np.float32).reshape(len(nodes), -1)
                 if rows.shape[1] not in kinds:
                     continue
                 kind, array = kinds[rows.shape[1]]
@@ -91,6 +104,10 @@ def write_usd(
                     primvars[name] = api.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex)
                 found = rows[:, 0] if rows.shape[1] == 1 else rows
                 primvars[name].Set(array.FromNumpy(np.ascontiguousarray(found)), time)
+            if colours and field:
+                rgb = linear_rgb(colours.rgb(fields.scalar(number, field))).astype(np.float32)
+                shown = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
+                shown.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb)), time)
             if report:
                 report(number + 1, len(states))
         stage.GetRootLayer().Save()
@@ -102,3 +119,18 @@ def write_usd(
     finally:
         hidden.unlink(missing_ok=True)
     return out
+
+
+def _write(job: dict[str, Any]) -> None:
+    """Write the file that a request describes, and print the progress."""
+    write_usd(
+        Path(job["out"]),
+        States(Path(job["pvd"])),
+        job["duration"],
+        lambda written, count: print(written, count, flush=True),
+        job["field"],
+    )
+
+
+if __name__ == "__main__":
+    serve(_write)

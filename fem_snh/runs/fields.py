@@ -110,6 +110,10 @@ class Fields:
         self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
         if self._skin:
             cells, nodes = ({array.name: array.values for array in found} for found in further)
+            if problem.saddle_point:
+                vector = _dolfinx.function(problem.V, "pressure")  # the skin needs its numbering
+                vector.sub(0).interpolate(self._pressure)
+                nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
             u = problem.u.x.array.reshape(-1, 3)
             self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
 
