@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.export.states import States
-from fem_snh.export.surface_fields import Colours, SurfaceFields
+from fem_snh.export.surface_fields import SurfaceFields, colours_of
 from fem_snh.render.surfaces import boundary
 
 #: Divides each face of a quadratic cell into the triangles between its nodes.
@@ -66,7 +66,7 @@ def write_sequence(
     np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
     rest = states.mesh.points[nodes]
     fields = SurfaceFields(states, nodes) if field else None
-    colours = Colours(fields, str(field), len(states)) if fields else None
+    colours = colours_of(fields, str(field), len(states)) if fields else None
     form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
 
     def stored() -> Iterator[tuple[float, np.ndarray]]:
@@ -79,7 +79,7 @@ def write_sequence(
     for number, (path, (load, values)) in enumerate(zip(paths, frame, strict=True), 1):
         text = io.BytesIO()
         x = rest + values[:, :3]
-        rows = np.column_stack([x, colours.rgb(values[:, 3])]) if colours else x
+        rows = np.column_stack([x, colours(values[:, 3])]) if colours else x
         np.savetxt(text, rows, fmt=form, header=f"load {load:.10g}")
         replace_file(path, (text.getvalue() + faces.getvalue()).decode())
         if report:

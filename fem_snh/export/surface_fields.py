@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -66,8 +67,8 @@ class SurfaceFields:
         return np.asarray(found, dtype=float)
 
 
-class Colours:
-    """The colours of a field as in pictures: one range for all stored loads.
+def colours_of(fields: SurfaceFields, field: str, count: int) -> Callable[[Array], Array]:
+    """Return the function from values (n,) to sRGB colours (n, 3), from 0 to 1, as in pictures.
 
     Parameters
     ----------
@@ -76,21 +77,13 @@ class Colours:
     field : str
         Name of a field or component.
     count : int
-        The number of stored loads.
+        The number of stored loads, which share one range.
     """
+    from fem_snh.render.drawing import colour_function
 
-    def __init__(self, fields: SurfaceFields, field: str, count: int) -> None:
-        from matplotlib import colormaps
-
-        from fem_snh.render.drawing import colours
-
-        values = np.concatenate([fields.scalar(number, field) for number in range(count)])
-        name, self._norm, _ = colours(field, values)
-        self._map = colormaps[name]
-
-    def rgb(self, values: Array) -> Array:
-        """Return the sRGB colours (n, 3), from 0 to 1, of values (n,)."""
-        return np.asarray(self._map(self._norm(values)))[:, :3]
+    return colour_function(
+        field, np.concatenate([fields.scalar(number, field) for number in range(count)])
+    )
 
 
 def linear_rgb(srgb: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from fem_snh.errors import BadInput
 from fem_snh.export.obj import surface_of
 from fem_snh.export.states import States
-from fem_snh.export.surface_fields import Colours, SurfaceFields, linear_rgb
+from fem_snh.export.surface_fields import SurfaceFields, colours_of, linear_rgb
 from fem_snh.render.worker import serve
 
 #: Frames from load 0 to load 1 if the run is quasi-static: two seconds of a film.
@@ -65,7 +65,7 @@ def write_usd(
 
     nodes, triangles = surface_of(states.mesh)
     fields = SurfaceFields(states, nodes)
-    colours = Colours(fields, field, len(states)) if field else None
+    colours = colours_of(fields, field, len(states)) if field else None
     per_time = FRAMES_PER_SECOND if duration else _FRAMES
     hidden = out.with_name(f".{out.name}{out.suffix}")
     try:
@@ -105,7 +105,7 @@ def write_usd(
                 found = rows[:, 0] if rows.shape[1] == 1 else rows
                 primvars[name].Set(array.FromNumpy(np.ascontiguousarray(found)), time)
             if colours and field:
-                rgb = linear_rgb(colours.rgb(fields.scalar(number, field))).astype(np.float32)
+                rgb = linear_rgb(colours(fields.scalar(number, field))).astype(np.float32)
                 shown = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
                 shown.Set(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rgb)), time)
             if report:

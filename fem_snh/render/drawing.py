@@ -7,13 +7,14 @@ another code than 0 if it cannot draw.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -64,6 +65,15 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     under, over = values.min() < low, values.max() > high
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
     return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
+
+
+def colour_function(field: str, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function from values (n,) to the sRGB colours (n, 3), from 0 to 1, of a field.
+
+    ``values`` are all that share the range.
+    """
+    name, norm, _ = colours(field, values)
+    return lambda some: np.asarray(colormaps[name](norm(some)))[:, :3]
 
 
 def round_up(x: float) -> float:
