@@ -221,7 +221,7 @@ def test_a_far_obstacle_adds_nothing(comm):
 def test_the_same_on_any_number_of_ranks(comm, element):
     """Contact at one corner, which one rank has, beside the run of each rank by itself."""
     ball = Obstacle(Sphere((0.9, 0.9, 1.3), 0.32), translation((0, 0, -0.1)))
-    results = []
+    results, counts = [], []
     for ranks in (MPI.COMM_SELF, comm):
         body = cube(ranks, "tetrahedron", 2, 0.05)
         contacts = [Contact("ball", ball, 0.4), Contact("far", plane((0, 0, -3)))]
@@ -229,5 +229,7 @@ def test_the_same_on_any_number_of_ranks(comm, element):
         row = press(p, 2)
         obstacle = row["obstacles"]["ball"]
         results.append([row["energy"] or 0.0, obstacle["penetration"], *obstacle["force"]])
+        counts.append((obstacle["contacts"], obstacle["sliding"]))
         assert obstacle["contacts"] > 0 and row["obstacles"]["far"]["contacts"] == 0
     np.testing.assert_allclose(*results, rtol=1e-8, atol=1e-10)
+    assert counts[0] == counts[1]

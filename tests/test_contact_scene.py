@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from interrupted_runs import cut, record, solve
 
+from benchmarks import plates
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.runs import checkpoint
@@ -93,3 +94,10 @@ def test_rows_and_resume(folder: Path) -> None:
     _, a = checkpoint.load(folder / "whole")
     _, b = checkpoint.load(folder / "cut")
     np.testing.assert_array_equal(a["u"], b["u"])
+
+
+def test_thin_plates_collide() -> None:
+    """A plate falls on another one, eight times as wide as thick; whole surfaces may touch."""
+    scene = plates.plates("Q1", "bdf2", "penalty", cells=3, steps=16)
+    row = plates.measure(scene)
+    assert row["ok"] and row["steps_in_contact"] >= 8

@@ -58,6 +58,7 @@ QUICK = {
     f"{_BENCH} negative_curvature": "--nus 0.3 --cells 3 --seeds 1 --lbfgs 0,20",
     f"{_BENCH} petsc_newton": "--cells 3 --nus 0.3 --methods ours,bntr,bntr+icc",
     f"{_BENCH} petsc_parts": "--scenes twist --cells 2 --steps 1 --repeat 1",
+    f"{_BENCH} plates": "--elements Q1 --integrators semi_implicit --cells 2 --steps 2",
     f"{_BENCH} quadrature": "--elements Q1 --nus 0.3 --cells 1 --repeat 1",
     f"{_BENCH} references": "--only uniaxial",
     f"{_BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",

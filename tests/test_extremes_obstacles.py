@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import pandas as pd
 import pytest
+from running import solve
 
 from fem_snh.studies.extremes import drop, press
 from fem_snh.studies.extremes.outcomes import ends_clearly
@@ -74,3 +77,21 @@ def test_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = pd.read_csv(tmp_path / "extremes.csv")
     assert set(rows["status"]) == {"converged"}
     assert "2 of the 2 cases that are expected to pass do" in (tmp_path / "extremes.md").read_text()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "name", ["press-flat-in-one-step-nu0.45-Q1", "drop-long-step-nu0.4-P1-newmark"]
+)
+def test_energies_and_contacts_are_the_same_on_any_number_of_ranks(comm: Any, name: str) -> None:
+    (scene,) = (
+        c.point.scene for c in [*drop.cases(True, 1), *press.cases(True, 1)] if c.name == name
+    )
+    tight = scene.model_copy(update={"petsc": {**scene.petsc, "snes_scaled_tol": 1e-12}})
+    one, other = (solve(tight, ranks).steps for ranks in (MPI.COMM_SELF, comm))
+    assert [s["energy"] for s in one] == pytest.approx([s["energy"] for s in other], rel=1e-8)
+    counts = [
+        [[row["contacts"] for row in step["obstacles"].values()] for step in steps]
+        for steps in (one, other)
+    ]
+    assert counts[0] == counts[1] and max(map(max, counts[0])) > 0

@@ -13,6 +13,9 @@ from fem_snh.fem.terms.contact_pair import ContactPoints
 
 Array = npt.NDArray[Any]
 
+#: Rounding of the yield limit: a point that slid is at the limit when its slip is kept.
+_YIELD = 1 - 1e-9
+
 
 class Friction:
     r"""Elastic sticking and sliding of the quadrature points of a surface.
@@ -158,7 +161,8 @@ class Friction:
         """Return how many of this rank's points slide."""
         length = np.linalg.norm(self._trial(u), axis=2)
         limit = self._limit
-        return int(((limit > 0) & (self._stiffness[self._which, None] * length > limit)).sum())
+        stress = self._stiffness[self._which, None] * length
+        return int(((limit > 0) & (stress > _YIELD * limit)).sum())
 
     def _select(self) -> None:
         """Select the facets with a lagged pressure, and set what is constant in a solve."""
