@@ -87,6 +87,7 @@ def measure(scene: scenes.Scene, out: str | None = None) -> Row:
         "most_newton": max(step["newton"] for step in steps),
         "linear": float(np.mean([step["linear"] for step in steps])),
         "seconds": float(np.mean([step["seconds"] for step in steps])),
+        "processor_seconds": record["processor_seconds"] / len(steps),
         "residual": max((step["residual"] for step in accepted), default=float("nan")),
         "volume": accepted[-1]["volume_ratio"] if accepted else 1.0,
         "min_J": min((step["min_J"] for step in accepted), default=1.0),

@@ -29,6 +29,8 @@ SMALLER = {
     "elbow": ["--cells", "14", "--nus", "0", "0.499", "--steps", "2"],
     "biceps": ["--cells", "14"],
     "squash": ["--cells", "20", "--seconds", "0"],
+    "hand": ["--cells", "30", "--steps", "4"],
+    "torso": ["--cells", "40", "--steps", "4"],
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
@@ -48,6 +50,8 @@ PICTURES = {
     "biceps": ["biceps/biceps.png"],
     "squash": ["squash/squash.png"],
     "swing": ["swing/swing.png"],
+    "hand": ["hand/hand.png"],
+    "torso": ["torso/torso.png"],
 }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fem_snh.scenes.schema import Scene
 from fem_snh.scenes.skeleton import (
-    SOLVER,
+    SOLUTION,
     Bone,
     Joint,
     Skeleton,
@@ -103,8 +103,7 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
         "steps": FRAMES,
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
-        "predictor": "bones",
-        "petsc": SOLVER,
+        **SOLUTION,
         "load_name": "fist",
     }
     if contact:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fem_snh.scenes.schema import Scene
 from fem_snh.scenes.skeleton import (
-    SOLVER,
+    SOLUTION,
     Bone,
     Joint,
     Skeleton,
@@ -31,8 +31,8 @@ TRUNK = {
 ARM = ((0.02, -0.04, 0.475), (0.18, 0.01, 0.49), (0.42, 0.015, 0.38), (0.635, 0, 0.285),
        (0.76, -0.005, 0.23))  # fmt: skip
 ARM_BONES = {
-    "clavicle": (0.011, 0.008),
-    "humerus": (0.018, 0.02),
+    "clavicle": (0.011, 0.02),
+    "humerus": (0.018, 0.03),
     "forearm": (0.017, 0.016),
     "hand": (0.012, 0.03),
 }
@@ -63,6 +63,8 @@ ARM_FLESH = (
 #: The hand: radius of the flesh, distance of its two edges from the axis, of its end from the tip.
 HAND = (0.024, 0.016, 0.026)
 BLEND = 0.0083
+#: Load steps: the arms swing in a second of film.
+FRAMES = 24
 #: From fingertip to fingertip.
 SPAN = 1.51
 
@@ -87,11 +89,10 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
         "name": "torso",
         "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
         "element": "Q1",
-        "steps": 10,
+        "steps": FRAMES,
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
-        "predictor": "bones",
-        "petsc": SOLVER,
+        **SOLUTION,
         "load_name": "swing",
     }
     if contact:
