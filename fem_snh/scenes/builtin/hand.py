@@ -54,16 +54,16 @@ THUMB_IN_FIST = ((12, -22, -6), (42, -36, -36), (66, -27, -58), (75, -2, -62))
 THUMB_RADII, THUMB_BONE_RADII = (13, 11.2, 9.8), (4.0, 3.8, 3.2)
 #: The load at which the thumb begins to follow the fingers.
 THUMB_BEGINS = 0.2
-#: Bones of forearm and wrist, ends and radius; bones end GAP before each joint [mm].
-FOREARM = {"radius": ((-135, -15, 0), (-2, -12, 0), 6.0), "ulna": ((-135, 15, 0), (-4, 12, 0), 5.5)}
+#: Bones of forearm and wrist, ends and radius; the axes of others end GAP before each joint [mm],
+#: which leaves about 5 mm of flesh between two bones: what they crush as they turn is not thinner
+#: than a cell.
+FOREARM = {"radius": ((-135, -15, 0), (-9, -12, 0), 6.0), "ulna": ((-135, 15, 0), (-9, 12, 0), 5.5)}
 CARPALS = {
-    "radial_carpals": ((6, -12, -2), (17, -17, -3), 5.0),
-    "middle_carpals": ((5, -2, 1), (17, -4, 2), 5.0),
-    "ulnar_carpals": ((5, 9, 0), (16, 13, -1), 5.0),
+    "radial_carpals": ((6, -12, -2), (16, -17, -3), 4.0),
+    "middle_carpals": ((6, -2, 1), (16, -4, 2), 4.0),
+    "ulnar_carpals": ((6, 9, 0), (15, 13, -1), 4.0),
 }
-METACARPAL_RADIUS, GAP = 4.0, 3.0
-#: How far the last bone of a finger ends before the tip, in addition to GAP [mm].
-FINGERTIP = 3.0
+METACARPAL_RADIUS, GAP = 4.0, 6.0
 #: Flesh that no finger has: the forearm, the ball of the thumb, the edge of the hand.
 FLESH = (
     *(((-130, y, 0), (-90, y, 0), 26) for y in (16, -16)),
@@ -160,7 +160,7 @@ def _around(points: list[Any], radii: tuple[float, float, float]) -> list[dict[s
 
 def _row(names: list[str], points: list[Any], radii: tuple[float, ...]) -> list[Bone]:
     """Return the bones between the joints of a finger, which have their names."""
-    rows = zip(names, points, _ends(points, FINGERTIP), radii, strict=False)
+    rows = zip(names, points, points[1:], radii, strict=False)
     return [_bone(name, name, a, b, radius) for name, a, b, radius in rows]
 
 
