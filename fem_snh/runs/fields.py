@@ -14,12 +14,13 @@ from fem_snh.fem.modes import Modes
 from fem_snh.fem.problem import Problem
 
 if TYPE_CHECKING:
+    from fem_snh.runs.obstacle_series import ObstacleSeries
     from fem_snh.runs.requested_fields import RequestedFields
     from fem_snh.runs.skin_series import SkinSeries
     from fem_snh.runs.transient import Transient
 
-#: The time series of the skin that a lattice carries.
-SKIN = "skin.pvd"
+#: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
+SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
 
 
 class Fields:
@@ -28,7 +29,8 @@ class Fields:
     Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
     the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
     cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
-    Of a body in a lattice, skin.pvd has the same fields at the points of its surface.
+    Of a body in a lattice, skin.pvd has the same fields at the points of its surface. If there are
+    obstacles, obstacles.pvd has their surfaces at the same times, at their places.
 
     Parameters
     ----------
@@ -74,11 +76,16 @@ class Fields:
         self._series = _dolfinx.Series(
             problem.comm, path, problem.load * self._duration if resumed else None
         )
+        until = problem.load * self._duration if resumed else None
+        self._obstacles: ObstacleSeries | None = None
+        if any(term.name == "obstacle" for term in problem.terms):
+            from fem_snh.runs.obstacle_series import ObstacleSeries
+
+            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until)
         self._skin: SkinSeries | None = None
         if problem.skin is not None:
             from fem_snh.runs.skin_series import SkinSeries
 
-            until = problem.load * self._duration if resumed else None
             self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until)
         self._requested: RequestedFields | None = None
         start = perf_counter()
@@ -108,6 +115,8 @@ class Fields:
             self._nodal[1].interpolate(self._pressure)
         further = self._requested.arrays() if self._requested else ([], [])
         self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
+        if self._obstacles:
+            self._obstacles.write(problem, time)
         if self._skin:
             cells, nodes = ({array.name: array.values for array in found} for found in further)
             if problem.saddle_point:

@@ -35,8 +35,7 @@ CHECKPOINT = "checkpoint.npz"
 #: Files of an earlier run, beside the tables and the checkpoint.
 _OLD_FILES = (
     "fields*.pvd", "fields*vtu", "skin*.pvd", "skin*vtu", "modes*.pvd", "modes*vtu",
-    "obstacle_*.stl", "bone_*.stl",
-    "bone_*.obj",
+    "obstacles.pvd", "obstacles*vtu", "obstacle_*.stl", "bone_*.stl", "bone_*.obj",
 )  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,9 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
 from fem_snh.fem.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.fem.skin import Skin
+from fem_snh.runs.triangle_file import triangle_file
 
 Array = npt.NDArray[Any]
-
-#: VTK's number of a triangle.
-_TRIANGLE = 5
-#: VTK's names of the types of arrays.
-_TYPES = {"float64": "Float64", "int64": "Int64", "uint8": "UInt8"}
 
 
 class SkinSeries:
@@ -103,45 +98,7 @@ class SkinSeries:
     def _write(self, fields: Mapping[str, Any], t: float) -> None:
         """Write the state's file, then the collection."""
         names = [f"{self._path.stem}{k:06}.vtu" for k in range(len(self._times) + 1)]
-        replace_file(self._path.with_name(names[-1]), self._grid(fields))
+        skin = triangle_file(self._skin.points, self._skin.triangles, fields)
+        replace_file(self._path.with_name(names[-1]), skin)
         text = _dolfinx.collection(zip([*self._times, t], names, strict=True))
         replace_file(self._path, text)
-
-    def _grid(self, fields: Mapping[str, Any]) -> str:
-        """Return the text of the .vtu file."""
-        n, m = len(self._skin.points), len(self._skin.triangles)
-        mesh = [
-            ("Points", [("Points", self._skin.points)]),
-            (
-                "Cells",
-                [
-                    ("connectivity", self._skin.triangles.astype(np.int64).ravel()),
-                    ("offsets", 3 * np.arange(1, m + 1, dtype=np.int64)),
-                    ("types", np.full(m, _TRIANGLE, dtype=np.uint8)),
-                ],
-            ),
-            ("PointData", list(fields.items())),
-        ]
-        body = "".join(
-            f"<{section}>\n{''.join(map(_data_array, arrays))}</{section}>\n"
-            for section, arrays in mesh
-        )
-        return (
-            '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" '
-            'byte_order="LittleEndian" header_type="UInt64">\n<UnstructuredGrid>\n'
-            f'<Piece NumberOfPoints="{n}" NumberOfCells="{m}">\n{body}</Piece>\n'
-            "</UnstructuredGrid>\n</VTKFile>\n"
-        )
-
-
-def _data_array(item: tuple[str, Array]) -> str:
-    """Return an array as an element of a .vtu file, in base64."""
-    name, values = item
-    kind = _TYPES[values.dtype.name]
-    values = values.astype(values.dtype.newbyteorder("<"))
-    columns = int(np.prod(values.shape[1:], dtype=int))
-    text = base64.b64encode(np.array(values.nbytes, "<u8").tobytes() + values.tobytes()).decode()
-    return (
-        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{columns}" '
-        f'format="binary">{text}</DataArray>\n'
-    )
