@@ -1,4 +1,4 @@
-"""obstacles.pvd: the surfaces of obstacles for ParaView, at their places."""
+"""obstacles.pvd: the surfaces of moving obstacles for ParaView."""
 
 from __future__ import annotations
 

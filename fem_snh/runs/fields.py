@@ -30,7 +30,7 @@ class Fields:
     the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
     cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
     Of a body in a lattice, skin.pvd has the same fields at the points of its surface. If there are
-    obstacles, obstacles.pvd has their surfaces at the same times, at their places.
+    obstacles, obstacles.pvd has their surfaces at the same times, where they then are.
 
     Parameters
     ----------
