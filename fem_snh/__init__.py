@@ -22,12 +22,14 @@ from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
     from fem_snh.dynamic_problem import DynamicProblem
+    from fem_snh.fem.self_contact.choice import SelfContact
     from fem_snh.kernels.pointwise import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
 
 __all__ = [
-    "BadInput", "DynamicProblem", "NonlinearProblem", "Result", "material", "materials", "run"
+    "BadInput", "DynamicProblem", "NonlinearProblem", "Result", "SelfContact", "material",
+    "materials", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -37,6 +39,7 @@ _MODULES = {
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
     "DynamicProblem": "dynamic_problem",
+    "SelfContact": "fem.self_contact.choice",
 }
 
 

@@ -89,6 +89,9 @@ class DynamicProblem(NonlinearProblem):
     ) -> None:
         if not materials:
             raise bad_value("materials", dict(materials), "a material: inertia needs its density")
+        if any(getattr(term, "method", "") == "ipc" for term in arguments.get("terms", ())):
+            accepted = "reference: the first guess of a time step may intersect itself"
+            raise bad_value("self_contact.method", "ipc", accepted)
         self._densities, self._duration, self._set_time = densities, duration, set_time
         self._settings: dict[str, Any] = {
             "mass": mass,
@@ -129,24 +132,30 @@ class DynamicProblem(NonlinearProblem):
             self.start()
         problem, before, load = self._problem, self.x.copy(), self._problem.load
         to = load + size / self._duration
+        problem.history.begin_step(problem.split(self.x)[0])
         self.dynamics.begin_step(problem, to)
         problem.set_load(to)
         with self._petsc_options(), solver.callback_errors():
             if self._integrator == "semi_implicit":
                 converged = solver.SemiImplicit(problem, self.solver).solve().converged
+                if converged:  # lagged quantities follow once a step
+                    problem.history.update_lagged(problem.split(self.x)[0])
             else:
-                moved = size * self.v.x.array[: 3 * len(problem.coordinates)]
-                self.x.array[: len(moved)] += moved
-                problem.prescribe(self.x)
-                self.solver.solve(None, self.x)
-                converged = self.solver.getConvergedReason() > 0
+                converged = self._solve_until_settled(lambda: self._guess_step(size))
         if converged:
             self.dynamics.end_step(problem)
+            problem.history.end_step(problem.split(self.x)[0])
         else:
             before.copy(self.x)
             problem.set_load(load)
         self._write_solution()
         return bool(converged)
+
+    def _guess_step(self, size: float) -> None:
+        """Set the unknowns to the first guess of a time step: a constant velocity."""
+        moved = size * self.v.x.array[: 3 * len(self._problem.coordinates)]
+        self.x.array[: len(moved)] += moved
+        self._problem.prescribe(self.x)
 
     def energies(self) -> dict[str, Any]:
         """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from petsc4py import PETSc
+
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.errors import choose
+from fem_snh.errors import NotSettled, choose
 from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material
@@ -35,10 +37,11 @@ class NonlinearProblem:
         The measures' ``quadrature_degree`` replaces that of the element. May be empty.
     bcs : sequence of dolfinx DirichletBC, optional
         Dirichlet conditions on the displacement's space or on its components.
-    terms : sequence of ufl.Form, optional
+    terms : sequence of ufl.Form or SelfContact, optional
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
         exterior facets. An energy is better than its residual, as it can be minimised. The terms of
-        loads are those of an energy, too: -f . u dx for a force f per volume.
+        loads are those of an energy, too: -f . u dx for a force f per volume. `SelfContact`: the
+        surface of the mesh touches itself.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
@@ -133,14 +136,37 @@ class NonlinearProblem:
         """
         problem = self._problem
         self._read_displacement()
+        problem.history.begin_step(problem.split(self.x)[0])
         with self._petsc_options(), solver.callback_errors():
-            if self._boundary_values_changed():
-                self._predictor.predict(1.0)
-            else:
-                problem.set_load(1.0)
-            self.solver.solve(None, self.x)
+            if self._solve_until_settled(self._guess):
+                problem.history.end_step(problem.split(self.x)[0])
         self._write_solution()
         return self.u
+
+    def _guess(self) -> None:
+        """Set the unknowns to the first guess. Collective."""
+        if self._boundary_values_changed():
+            self._predictor.predict(1.0)
+        else:
+            self._problem.set_load(1.0)
+
+    def _solve_until_settled(self, guess: Callable[[], None]) -> bool:
+        """Solve, again while a term has new lagged quantities; return whether it converged.
+
+        Pairs of self-contact that do not settle, and boundary values with which the surface would
+        intersect itself (`ipc`), have the converged reason DIVERGED_INNER. Collective.
+        """
+        try:
+            guess()
+            while True:
+                self.solver.solve(None, self.x)
+                if self.solver.getConvergedReason() <= 0:
+                    return False
+                if not self._problem.history.update_lagged(self._problem.split(self.x)[0]):
+                    return True
+        except NotSettled:
+            self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
+            return False
 
     def _read_displacement(self) -> None:
         """Set the unknowns to the values of ``u``."""

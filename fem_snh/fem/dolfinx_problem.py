@@ -18,6 +18,7 @@ from fem_snh.fem.elements import ELEMENTS, Element, element
 from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region, check_partition
+from fem_snh.fem.self_contact.choice import SelfContact
 from fem_snh.fem.terms import Term, UFLTerm
 from fem_snh.fem.unknowns import create_unknowns
 from fem_snh.kernels.pointwise import Material
@@ -95,8 +96,8 @@ def create_dolfinx_problem(
         The cells that each material fills, as ``dx`` or ``dx(1)``.
     bcs : sequence of dolfinx DirichletBC
         The Dirichlet conditions.
-    terms : sequence of ufl.Form
-        Energies and residuals: see `UFLTerm`.
+    terms : sequence of ufl.Form or SelfContact
+        Energies and residuals: see `UFLTerm`; contact of the body with itself.
     element_name : str, optional
         One of `ELEMENTS`, of the mesh's cell and the displacement's degree. Default: the element
         with the volume term at every quadrature point.
@@ -117,12 +118,17 @@ def create_dolfinx_problem(
     chosen = _element(u, element_name, materials)
     regions = _regions(V.mesh, materials, densities or {})
     conditions = DolfinxConditions(V, bcs, on_load)
-    ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in enumerate(terms)]
+    forms = [(i, term) for i, term in enumerate(terms) if not isinstance(term, SelfContact)]
+    ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in forms]
     if not regions and not any(term.has_hessian for term in ufl_terms):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
-    found = [*ufl_terms, *(more_terms(u, regions, conditions) if more_terms else [])]
+    contacts = [term for term in terms if isinstance(term, SelfContact)]
+    if len(contacts) > 1:
+        raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
+    touching = [contact.create_term(V, regions) for contact in contacts]
+    found = [*ufl_terms, *touching, *(more_terms(u, regions, conditions) if more_terms else [])]
     problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found)
     if not regions:
         _set_modulus(problem)

@@ -10,7 +10,7 @@ from fem_snh.fem.mesh import Mesh, volume
 from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.terms import Term
 from fem_snh.fem.terms.traction import surface_facets
-from fem_snh.scenes import Scene, SelfContact
+from fem_snh.scenes import Scene
 
 if TYPE_CHECKING:
     from fem_snh.fem.nodal_mass import NodalMass
@@ -83,7 +83,11 @@ def load_terms(
             pairs.append(BodyPair(name, first, second, k, contact.augmented, tolerance))
         terms.append(BodyContact(V, regions, pairs))
     if scene.self_contact:
-        terms.append(_self_contact(scene.self_contact, mesh, V, regions))
+        from fem_snh.fem.self_contact.choice import SelfContact
+
+        table = scene.self_contact
+        choice = SelfContact(table.method, table.stiffness, table.distance, table.friction)
+        terms.append(choice.create_term(V, regions, mesh))
     for fluid in scene.cavity:
         from fem_snh.fem.terms.cavity import Cavity
 
@@ -98,14 +102,3 @@ def load_terms(
 
         terms.append(obstacle_contact(scene, mesh, V, regions))
     return terms
-
-
-def _self_contact(table: SelfContact, mesh: Mesh, V: Any, regions: Sequence[Region]) -> Term:
-    """Return the term of the table [self_contact]; only its own method is imported. Collective."""
-    if table.method == "reference":
-        from fem_snh.fem.self_contact.reference import ReferenceContact
-
-        return ReferenceContact(V, mesh, regions, table.stiffness)
-    from fem_snh.fem.self_contact.ipc import IPC
-
-    return IPC(V, mesh, regions, table.stiffness, table.distance, table.friction)
