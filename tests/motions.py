@@ -64,7 +64,7 @@ def advance(p: Problem, d: Dynamics, loads: Sequence[float]) -> Iterator[float]:
 
     ``semi_implicit`` makes one linearised step, all others solve the nonlinear problem.
     """
-    tight = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-10}
+    tight = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-11}
     linear = d.integrator.name == "semi_implicit"
     with options(**tight):
         snes = solver.create(p, globalization="linesearch")
