@@ -15,17 +15,22 @@ import numpy as np
 
 from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, deformed, hessian, times
-from fem_snh import _dolfinx
-from fem_snh._petsc import call, ffi
+from fem_snh import _dolfinx, c_declarations
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.fem.terms import Elastic
 from fem_snh.kernels.pointwise import material as make_material
 
 # The petsc4py of PETSc 3.18 (Debian 12) lacks these functions. PetscCount is ptrdiff_t.
-ffi.cdef("""
+ffi = c_declarations.parse("""
 int MatSetPreallocationCOO(void *A, ptrdiff_t n, int *rows, int *columns);
 int MatSetValuesCOO(void *A, const double *values, int mode);
 """)
+
+
+def _call(name: str, A: PETSc.Mat, *arguments: Any) -> None:
+    """Call a function of PETSc; raise PETSc.Error if it fails."""
+    if code := getattr(ffi.dlopen(PETSc.__file__), name)(ffi.cast("void *", A.handle), *arguments):
+        raise PETSc.Error(code)
 
 
 def _ints(array: np.ndarray) -> Any:
@@ -55,7 +60,7 @@ class COOMatrix:
         self.mat.setSizes((3 * num_nodes, 3 * num_nodes))
         self.mat.setType(PETSc.Mat.Type.AIJ)
         i, j = (a.astype(PETSc.IntType) for a in (rows, columns))
-        call("MatSetPreallocationCOO", self.mat, len(i), _ints(i), _ints(j))
+        _call("MatSetPreallocationCOO", self.mat, len(i), _ints(i), _ints(j))
         # One dense row-major matrix per cell: 3 n values in a row, whatever the node.
         first = np.arange(cells)[:, None, None] * (3 * n) ** 2
         a, b = np.arange(n)[:, None], np.arange(n)
@@ -72,7 +77,7 @@ class COOMatrix:
         filter_index, solver_index = FILTERS.index(filter), EIGENSOLVERS.index(EIGENSOLVERS[0])
         self._loops.jacobian(u, filter_index, solver_index, self._target)
         values = ffi.cast("double *", self.values.ctypes.data)
-        call("MatSetValuesCOO", self.mat, values, int(PETSc.InsertMode.INSERT_VALUES))
+        _call("MatSetValuesCOO", self.mat, values, int(PETSc.InsertMode.INSERT_VALUES))
 
 
 def rows(

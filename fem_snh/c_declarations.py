@@ -1,7 +1,7 @@
 """C declarations for cffi, parsed once and kept in the cache.
 
 cffi parses C in Python: that takes longer than opening a library and all of its calls in a small
-run. `fem_snh._petsc` and `fem_snh.kernels.build` call it.
+run. ``fem_snh._petsc`` and `fem_snh.kernels.build` call it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def parse(declarations: str) -> Any:
     Returns
     -------
     cffi.FFI or _cffi_backend.FFI
-        The second is read from the cache; both have `new`, `cast`, `buffer`, `NULL` and `dlopen`.
+        The second is read from the cache; both have ``new``, ``cast``, ``buffer``, ``NULL`` and
+        ``dlopen``.
     """
     name = cache.key("declarations", declarations, cffi.__version__)
     target = cache.folder() / f"{name}.py"

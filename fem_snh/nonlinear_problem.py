@@ -40,8 +40,8 @@ class NonlinearProblem:
     terms : sequence of ufl.Form or SelfContact, optional
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
         exterior facets. An energy is better than its residual, as it can be minimised. The terms of
-        loads are those of an energy, too: -f . u dx for a force f per volume. `SelfContact`: the
-        surface of the mesh touches itself.
+        loads are those of an energy, too: -f . u dx for a force f per volume. With a
+        `fem_snh.fem.self_contact.choice.SelfContact` the surface of the mesh touches itself.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
