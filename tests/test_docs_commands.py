@@ -63,6 +63,7 @@ QUICK = {
     f"{_BENCH} references": "--only uniaxial",
     f"{_BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
     f"{_BENCH} start": "--repeat 1",
+    f"{_BENCH} sweep": "--points 6 --cells 2",
     f"{_BENCH} squash": "--cells 20 --frames 1",
     f"{_BENCH} stretch_times": "--cells 3 --ways ours --steps 1 --ranks 1 --timeout 60",
     f"{_BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3",

@@ -55,7 +55,8 @@ def main(argv: list[str] | None = None) -> int:
 def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
     """Run ``command(argv)``; turn every exception into an exit code and at most one line."""
     # PETSc's handler reports every signal as a crash, SIGPIPE from `| head` included.
-    os.environ["PETSC_OPTIONS"] = os.environ.get("PETSC_OPTIONS", "") + " -no_signal_handler"
+    if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
+        os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler"
     warnings.formatwarning = _format_warning
     try:
         return command(argv)

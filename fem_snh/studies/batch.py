@@ -1,4 +1,4 @@
-"""Run the points of a study, each in processes of its own, and append a row when a point ends.
+"""Run the points of a study in child processes, and append a row when a point ends.
 
 A `Batch` owns a folder: NAME.json (the definition of the study), NAME.csv (the rows) and one folder
 per point with its log and its record. A point that has a row is not run again, so an interrupted
@@ -21,13 +21,14 @@ from fem_snh.runs.interrupts import Interrupts
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.table import Table, read_record
+from fem_snh.studies.workers import Worker
 
 #: Computes further columns of a point's row from its record and the row so far. A key ``remark``
 #: is no column; it is printed in the progress line of the point.
 ExtraColumns = Callable[[Mapping[str, Any], Mapping[str, Any]], Mapping[str, Any]]
 
 #: Seconds between two polls of the running points.
-_POLL_INTERVAL = 0.02
+_POLL_INTERVAL = 0.005
 
 
 class Batch:
@@ -51,6 +52,9 @@ class Batch:
         Run again the points of earlier calls that failed.
     overwrite : bool
         Delete an earlier study in ``out``.
+    reuse : bool
+        Run the points, all of which are commands of ``fem-snh``, one after another in ``jobs``
+        processes. A process is replaced after a point that fails.
     report : callable
         Called with one line per point.
 
@@ -71,6 +75,7 @@ class Batch:
         success: str = "converged",
         retry: bool = False,
         overwrite: bool = False,
+        reuse: bool = False,
         report: Callable[[str], None] = print,
     ) -> None:
         self.out, self.name, self.limits, self.report = out, name, limits, report
@@ -78,7 +83,8 @@ class Batch:
         definition = {**definition, "ranks": limits.ranks}
         _prepare_folder(out, name, definition, overwrite)
         self.table = Table(out / f"{name}.csv", columns)
-        self._success, self._retry = success, retry
+        self._success, self._retry, self._reuse = success, retry, reuse
+        self._idle: list[Worker] = []
 
     def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> None:
         """Run the points that have no row; a failed point has a row with the reason."""
@@ -106,12 +112,14 @@ class Batch:
                             else:
                                 running[name] = self._start(name, point)
                         for name in [name for name in running if running[name].poll() is not None]:
-                            row = self._result(name, points[name], running.pop(name), extra)
+                            child = running.pop(name)
+                            row = self._result(name, points[name], child, extra)
+                            self._keep_or_close(child, bool(waiting))
                             ended += 1
                             rows[name] = self._append(name, row, ended, len(points))
                     time.sleep(_POLL_INTERVAL)
             finally:
-                for child in running.values():
+                for child in (*running.values(), *self._idle):
                     child.end()
 
     def draw(self) -> None:
@@ -134,8 +142,22 @@ class Batch:
         folder = self.out / name
         shutil.rmtree(folder, ignore_errors=True)  # of a point that was interrupted
         folder.mkdir(parents=True)
-        command = [*program(self._ranks(point), point.module), *point.arguments(folder)]
-        return Child(command, folder / "log.txt", self._timeout(point), self.limits.memory)
+        arguments = point.arguments(folder)
+        limits = self._timeout(point), self.limits.memory
+        if not self._reuse:
+            command = [*program(self._ranks(point), point.module), *arguments]
+            return Child(command, folder / "log.txt", *limits)
+        worker = self._idle.pop() if self._idle else Worker(self.limits.ranks)
+        worker.begin(arguments, folder / "log.txt", *limits)
+        return worker
+
+    def _keep_or_close(self, child: Child, wanted: bool) -> None:
+        """Keep the worker of a point that has ended for another one, if that is ``wanted``."""
+        if isinstance(child, Worker):
+            if wanted and child.idle:
+                self._idle.append(child)
+            else:
+                child.close()
 
     def _ranks(self, point: Point) -> int:
         return self.limits.ranks if point.parallel else 1

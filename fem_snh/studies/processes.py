@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO, Any
 
 import psutil
 
@@ -107,23 +108,38 @@ class Child:
         memory: float | None = None,
         variables: Mapping[str, str] | None = None,
     ) -> None:
+        with log.open("w") as file:
+            self._launch(command, variables, subprocess.DEVNULL, file, subprocess.STDOUT)
+        self._set_limits(timeout, memory)
+
+    def _set_limits(self, timeout: float | None, memory: float | None) -> None:
+        """Set the limits, and count the seconds from now."""
         self.timeout, self.memory = timeout, memory
         self.limit_reached = ""
         self.seconds = 0.0
         self._start = time.monotonic()
         self._memory_measured = 0.0
+
+    def _launch(
+        self,
+        command: list[str],
+        variables: Mapping[str, str] | None,
+        stdin: int,
+        stdout: IO[Any] | int,
+        stderr: IO[Any] | int,
+    ) -> None:
+        """Start the command with these files."""
         # Open MPI keeps its session files in TMPDIR and removes that folder when the last job ends:
         # each child has its own, so that no job removes it while another one starts.
         self._files = tempfile.TemporaryDirectory(prefix="fem-snh-", ignore_cleanup_errors=True)
-        with log.open("w") as file:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
-                start_new_session=True,
-            )
+        self._process = subprocess.Popen(
+            command,
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
+            start_new_session=True,
+        )
         if _is_rank():  # mpirun may have bound this rank to one core; the child may use them all
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
