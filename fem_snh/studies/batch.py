@@ -148,7 +148,7 @@ class Batch:
             command = [*program(self._ranks(point), point.module), *arguments]
             return Child(command, folder / "log.txt", *limits)
         worker = self._idle.pop() if self._idle else Worker(self.limits.ranks)
-        worker.begin(arguments, folder / "log.txt", *limits)
+        worker.start(arguments, folder / "log.txt", *limits)
         return worker
 
     def _keep_or_close(self, child: Child, wanted: bool) -> None:

@@ -46,10 +46,10 @@ class Worker(Child):
         self._log: Path | None = None
         self._code: int | None = None
 
-    def begin(
+    def start(
         self, arguments: Sequence[str], log: Path, timeout: float | None, memory: float | None
     ) -> None:
-        """Begin a point: see `Child`. The worker must be `idle`, or new."""
+        """Start a point: see `Child`. The worker must be `idle`, or new."""
         self._log, self._code = log, None
         log.touch()
         self._set_limits(timeout, memory)
