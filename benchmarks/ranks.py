@@ -1,4 +1,4 @@
-"""The same runs on 1 and 2 ranks with Jacobi: equal energies (1e-9) and Newton iterations."""
+"""The same runs on 1, 2 and 3 ranks: equal energies and Newton iterations, and equal bits twice."""
 
 from __future__ import annotations
 
@@ -7,46 +7,87 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from benchmarks import Row
+from benchmarks import Row, split_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 
+#: Largest relative difference of the energies of a step.
+LIMIT = 1e-9
+#: The preconditioner that is independent of the partition, unlike SSOR: iterations are compared
+#: with it.
+_JACOBI = ("-pc_type", "jacobi")
 
-def rows(cells: int = 15) -> Iterator[Row]:
-    """Yield one row per scene and element."""
-    for scene, element, number in (
-        ("twist", "Q1", cells),
-        ("stretch", "Q1", cells - cells % 2),
-        ("stretch", "P2", max(cells // 2, 3)),
+
+def rows(cells: int = 15, ranks: str = "1,2,3") -> Iterator[Row]:
+    """Yield one row per scene, element and preconditioner.
+
+    Parameters
+    ----------
+    cells : int
+        Cells along an edge for Q1, half as many for the others.
+    ranks : comma list
+        Numbers of ranks; each is compared with the first, and the last one runs twice.
+
+    Yields
+    ------
+    dict
+        ``same_bits``: whether all steps of the two runs on the same number of ranks have the same
+        energy, residual and iterations, to the last bit.
+    """
+    counts = [int(n) for n in split_list(ranks)]
+    half = max(cells // 2, 3)
+    for scene, element, number, options in (
+        ("twist", "Q1", cells, _JACOBI),
+        ("stretch", "Q1", cells - cells % 2, _JACOBI),
+        ("stretch", "P2", half, _JACOBI),
+        ("twist", "Q1", cells, ()),
+        ("stretch", "P2", half, ()),
+        ("stretch", "Q2Q1", half, ()),
     ):
-        with tempfile.TemporaryDirectory() as folder:
-            one, two = (_run(scene, element, number, n, Path(folder, str(n))) for n in (1, 2))
-        pairs = list(zip(one["steps"], two["steps"], strict=True))
-        difference = max(abs(a["energy"] - b["energy"]) / abs(a["energy"]) for a, b in pairs)
-        newton = [[step["newton"] for step in run["steps"]] for run in (one, two)]
-        yield {
+        runs = [_run(scene, element, number, n, options) for n in counts]
+        again = _run(scene, element, number, counts[-1], options)
+        first = [step["energy"] for step in runs[0]["steps"]]
+        differences = [
+            max(abs(step["energy"] / e - 1) for step, e in zip(run["steps"], first, strict=True))
+            for run in runs[1:]
+        ]
+        newton = [[step["newton"] for step in run["steps"]] for run in runs]
+        same = _bits(again) == _bits(runs[-1])
+        row: Row = {
             "scene": scene,
             "element": element,
-            "cells": one["cells"],
-            "newton": newton[0],
-            "newton_2_ranks": newton[1],
-            "energy_difference": difference,
-            "seconds": [run["seconds"]["total"] for run in (one, two)],
-            "ok": difference <= 1e-9 and newton[0] == newton[1],
+            "preconditioner": "jacobi" if options else "default",
+            "cells": runs[0]["cells"],
+            "ranks": counts,
+            "newton": newton,
+            "energy_differences": differences,
+            "same_bits": same,
+            "limit": LIMIT,
+            "ok": same and max(differences, default=0.0) <= LIMIT,
         }
+        if options:
+            row["ok"] &= all(found == newton[0] for found in newton)
+        yield row
 
 
-def _run(scene: str, element: str, cells: int, ranks: int, out: Path) -> dict:
+def _bits(record: dict[str, Any]) -> list[Any]:
+    """Return what two runs on the same number of ranks must have in common exactly."""
+    keys = ("load", "newton", "linear", "clamped", "energy", "residual", "volume_ratio", "min_J")
+    return [[step[key] for key in keys] for step in record["steps"]]
+
+
+def _run(scene: str, element: str, cells: int, ranks: int, options: tuple[str, ...]) -> Any:
     """Return the record (run.json) of a run in processes of its own."""
-    arguments = f"run {scene} --element {element} --cells {cells} --quiet --out {out}".split()
-    arguments += ["--", "-pc_type", "jacobi"]  # independent of the partition, unlike SSOR
-    done = subprocess.run(
-        [*program(ranks), *arguments], env=environment(), capture_output=True, text=True
-    )
-    if done.returncode:
-        raise BadInput(
-            f"benchmark ranks: {scene} on {ranks} ranks failed: {done.stderr.strip()[-300:]}"
-        )
-    record: dict = json.loads((out / "run.json").read_text())
-    return record
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, "run")
+        words = f"run {scene} --element {element} --cells {cells} --quiet --out {out}".split()
+        done = subprocess.run(
+            [*program(ranks), *words, "--", *options],
+            env=environment(), capture_output=True, text=True,
+        )  # fmt: skip
+        if done.returncode:
+            reason = done.stderr.strip()[-300:]
+            raise BadInput(f"benchmark ranks: {scene} on {ranks} ranks failed: {reason}")
+        return json.loads((out / "run.json").read_text())
