@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
-from benchmarks import assembly, stretch, stretch_times, twist
+from benchmarks import assembly, felupe_twist, stretch, stretch_times, twist
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment
 
@@ -99,3 +99,8 @@ def _naming(text: str) -> list[str]:
         except OSError:
             continue  # it has just ended
     return found
+
+
+def test_felupe_twist_says_what_it_needs() -> None:
+    with pytest.raises(BadInput, match="expected a Python with FElupe, pip install felupe"):
+        next(felupe_twist.rows(cells="2", python="/bin/false"))

@@ -94,7 +94,8 @@ ELSEWHERE = {
     "python demos/": "tests/test_demos.py",
     f"{_BENCH} extremes_page": "tests/test_docs_commands.py",
     f"{_BENCH} faults": "tests/test_faults.py",
-    f"{_BENCH} ranks": "tests/test_assembly.py",
+    f"{_BENCH} felupe_twist": "tests/test_bench.py",
+    f"{_BENCH} ranks": "tests/test_ranks.py",
     f"{_BENCH} tradeoff_tables": "tests/test_docs_commands.py",
     "source": "tools/setup",
 }

@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from running import record, rows, solve
 
+import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.runs.folder import COLUMNS
 
@@ -18,7 +21,7 @@ mpi = pytest.mark.mpi
 KEYS = {
     "scene", "material", "element", "hessian", "globalization", "terms", "cells", "dofs", "ranks",
     "converged", "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name",
-    "load_range", "quadrature", "eigensolver",
+    "load_range", "quadrature", "eigensolver", "defaults",
 }  # fmt: skip
 
 
@@ -199,3 +202,36 @@ def test_a_folder_that_cannot_be_written_is_bad_input_on_every_rank(comm, folder
     for place in (folder / "file", folder / "file" / "run", Path("/proc/nowhere/run")):
         with pytest.raises(BadInput, match=r"output folder .* cannot be written \(.+\): choose"):
             solve("twist", cells=1, out=place)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (
+            {},
+            {
+                "hessian": ("adaptive", "positive definite"),
+                "globalization": ("trust_region", "minimises an energy"),
+                "linear_solver": ("cg+ssor", "minimisation problem"),
+                "quadrature": (3, "degree of Q1"),
+            },
+        ),
+        (
+            {"hessian": "clamp", "quadrature": 3, "petsc": {"pc_type": "jacobi"}},
+            {"globalization": ("linesearch", "the Hessian was chosen")},
+        ),
+        (
+            {"element": "Q2Q1", "hessian": "exact", "globalization": "linesearch"},
+            {"linear_solver": ("", "Taylor-Hood"), "quadrature": (5, "degree of Q2Q1")},
+        ),
+    ],
+)
+def test_the_programs_own_choices_have_reasons(values, expected):
+    result = fem_snh.run(
+        "twist", comm=MPI.COMM_SELF, cells=2, steps=1, angle=0.2, progress=False, **values
+    )
+    found = result.record["defaults"]
+    assert set(found) == set(expected)
+    for key, (value, reason) in expected.items():
+        assert reason in found[key]["reason"]
+        assert found[key]["value"] == (value or result.record[key]) == result.record[key]

@@ -21,6 +21,7 @@ from fem_snh.atomic_files import remove, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
+from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.tables import flat, table_text
 from fem_snh.runs.transient import Transient
 from fem_snh.scenes import MaterialChoice, Scene
@@ -89,6 +90,7 @@ def describe(
         "load_range": list(scene.load_range),
         **({"fields": scene.fields} if scene.fields else {}),
         "linear_solver": solver.linear_solver_name(snes),
+        "defaults": describe_defaults(scene, problem, snes),
         "tolerance": solver_options["snes_scaled_tol"] * problem.force_scale,
         "converged": False,
         "status": "running",
