@@ -16,10 +16,10 @@ from petsc4py import PETSc
 from fem_snh import scenes, solver
 from fem_snh.errors import BadInput, RenamedKey, on_every, on_root
 from fem_snh.fem import modes
+from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.folder import Folder, describe
-from fem_snh.runs.interrupts import Interrupts
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result

@@ -12,12 +12,13 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.runs.interrupts import Interrupts
+from fem_snh.interrupts import Interrupts
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.table import Table, read_record
@@ -126,9 +127,19 @@ class Batch:
         """Draw NAME.png in a process of its own; report a failure without an exception."""
         picture = self.out / f"{self.name}.png"
         command = [*program(1), "plot", str(self.table.path), "--out", str(picture)]
-        drawn = subprocess.run(command, env=environment(), capture_output=True, text=True)
-        output = (drawn.stdout if drawn.returncode == 0 else drawn.stderr).strip().splitlines()
-        self.report(output[-1] if output else f"no picture: exit code {drawn.returncode}")
+        pipe = subprocess.PIPE
+        drawing = subprocess.Popen(
+            command,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=pipe,
+            stderr=pipe,
+            text=True,
+        )
+        import_module("pandas")  # the caller reads the table with it: meanwhile
+        out, errors = drawing.communicate()
+        output = (out if drawing.returncode == 0 else errors).strip().splitlines()
+        self.report(output[-1] if output else f"no picture: exit code {drawing.returncode}")
 
     def _startable(
         self, waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point]
