@@ -21,7 +21,7 @@ LIMITS = {"ratio": 1.2, "growth": 1.1}
 
 
 def rows(
-    scene: str = "twist", cells: int = 8, points: int = 40, steps: int = 4, jobs: int = 1
+    scene: str = "twist", cells: int = 10, points: int = 40, steps: int = 8, jobs: int = 1
 ) -> Iterator[Row]:
     """Sweep Poisson's ratio twice and yield one row of the second sweep, whose kernels are cached.
 
