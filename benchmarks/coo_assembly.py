@@ -25,6 +25,13 @@ ffi = c_declarations.parse("""
 int MatSetPreallocationCOO(void *A, ptrdiff_t n, int *rows, int *columns);
 int MatSetValuesCOO(void *A, const double *values, int mode);
 """)
+_library = ffi.dlopen(PETSc.__file__)
+
+
+def call(name: str, A: PETSc.Mat, *arguments: Any) -> None:
+    """Call a PETSc function of a matrix; raise PETSc.Error if it fails."""
+    if code := getattr(_library, name)(ffi.cast("void *", A.handle), *arguments):
+        raise PETSc.Error(code)
 
 
 def _call(name: str, A: PETSc.Mat, *arguments: Any) -> None:
