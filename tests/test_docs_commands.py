@@ -48,6 +48,7 @@ QUICK = {
     f"{_BENCH} coo_assembly": "--elements Q1 --cells 2 --repeat 1",
     f"{_BENCH} dolfinx_program": "--parts scene --scene_cells 3 --repeat 1",
     f"{_BENCH} eigensolvers": "--samples 1 --points 16",
+    f"{_BENCH} bones": "--scene torso --cells 30 --steps 2",
     f"{_BENCH} elbow": "--cells 12 --nus 0.3 --angles 90 --cells_of_biceps 0",
     f"{_BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
     f"{_BENCH} hessian_filters": "--elements Q1 --nus 0.3 --cells 1 --seeds 1",

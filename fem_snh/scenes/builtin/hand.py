@@ -74,8 +74,9 @@ FLESH = (
 )
 #: Flesh around a metacarpal, below its axis: radius, heights of its ends; blend of all flesh [mm].
 PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
-#: Load steps: a fist closes in a second of film.
-FRAMES = 24
+#: Load steps: a fist closes in two seconds of film. In one second, fingertips move by more than
+#: half of a finger's thickness in a step, and pass through what they touch.
+FRAMES = 48
 #: From the elbow's end to the tip of the middle finger [mm].
 LENGTH = 341.0
 
