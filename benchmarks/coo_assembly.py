@@ -34,12 +34,6 @@ def call(name: str, A: PETSc.Mat, *arguments: Any) -> None:
         raise PETSc.Error(code)
 
 
-def _call(name: str, A: PETSc.Mat, *arguments: Any) -> None:
-    """Call a function of PETSc; raise PETSc.Error if it fails."""
-    if code := getattr(ffi.dlopen(PETSc.__file__), name)(ffi.cast("void *", A.handle), *arguments):
-        raise PETSc.Error(code)
-
-
 def _ints(array: np.ndarray) -> Any:
     """Return a C pointer to an int32 array."""
     return ffi.cast("int *", array.ctypes.data)
@@ -67,7 +61,7 @@ class COOMatrix:
         self.mat.setSizes((3 * num_nodes, 3 * num_nodes))
         self.mat.setType(PETSc.Mat.Type.AIJ)
         i, j = (a.astype(PETSc.IntType) for a in (rows, columns))
-        _call("MatSetPreallocationCOO", self.mat, len(i), _ints(i), _ints(j))
+        call("MatSetPreallocationCOO", self.mat, len(i), _ints(i), _ints(j))
         # One dense row-major matrix per cell: 3 n values in a row, whatever the node.
         first = np.arange(cells)[:, None, None] * (3 * n) ** 2
         a, b = np.arange(n)[:, None], np.arange(n)
@@ -84,7 +78,7 @@ class COOMatrix:
         filter_index, solver_index = FILTERS.index(filter), EIGENSOLVERS.index(EIGENSOLVERS[0])
         self._loops.jacobian(u, filter_index, solver_index, self._target)
         values = ffi.cast("double *", self.values.ctypes.data)
-        _call("MatSetValuesCOO", self.mat, values, int(PETSc.InsertMode.INSERT_VALUES))
+        call("MatSetValuesCOO", self.mat, values, int(PETSc.InsertMode.INSERT_VALUES))
 
 
 def rows(
