@@ -106,11 +106,11 @@ OPTIONS: dict[str, Option] = {
         12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius"
     ),
     "snes_tr_enter_decrease": Option(
-        0.01, "entered when a filtered step decreases the energy by less than this part of the "
+        0.03, "entered when a filtered step decreases the energy by less than this part of the "
         "decrease since the start, ...", _MEASURED,
     ),
     "snes_tr_enter_residual": Option(
-        0.5, "... and leaves more than this part of the residual", _MEASURED
+        0.55, "... and two steps leave more than this part of the residual", _MEASURED
     ),
     "snes_tr_exit_residual": Option(
         0.1, "exited when a step leaves less than this part of the residual", _MEASURED

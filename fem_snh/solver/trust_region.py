@@ -86,10 +86,10 @@ class TrustRegion:
 
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
     filtered step that decreases the energy by less than ``-snes_tr_enter_decrease`` of the decrease
-    since the start, and leaves more than ``-snes_tr_enter_residual`` of the residual: near an
-    unstable state. With ``-snes_hessian exact`` it is also entered where the exact Hessian gives no
-    descent direction. It is exited after a step that leaves less than ``-snes_tr_exit_residual`` of
-    the residual.
+    since the start, if it and the step before together leave more than ``-snes_tr_enter_residual``
+    of the residual: near an unstable state. With ``-snes_hessian exact`` it is also entered where
+    the exact Hessian gives no descent direction. It is exited after any step that leaves less than
+    ``-snes_tr_exit_residual`` of the residual.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class TrustRegion:
         given = {name: float(options[f"snes_tr_{name}"]) for name in _Thresholds._fields}
         self.thresholds = _Thresholds(**given)
         self.radius: float | None = given["delta0"] or None
-        self.entered, self._first_energy = False, float("nan")
+        self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
         self._Ad: PETSc.Vec | None = None
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
@@ -148,11 +148,12 @@ class TrustRegion:
             self._first_energy = start.energy
         decrease, total_decrease = start.energy - end.energy, self._first_energy - end.energy
         residual_ratio = end.residual.norm() / norm
-        if step.filter in ("clamp", "abs"):
-            little_progress = decrease < self.thresholds.enter_decrease * total_decrease
-            self.entered |= little_progress and residual_ratio > self.thresholds.enter_residual
-        elif residual_ratio < self.thresholds.exit_residual:
+        two_steps, self._residual_ratio = residual_ratio * self._residual_ratio, residual_ratio
+        if residual_ratio < self.thresholds.exit_residual:
             self.entered = False
+        elif step.filter in ("clamp", "abs"):
+            little_progress = decrease < self.thresholds.enter_decrease * total_decrease
+            self.entered |= little_progress and two_steps > self.thresholds.enter_residual
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return the step of the exact model, or that of the clamped one if it has none."""
