@@ -77,6 +77,10 @@ PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
 #: Load steps: a fist closes in two seconds of film. In one second, fingertips move by more than
 #: half of a finger's thickness in a step, and pass through what they touch.
 FRAMES = 48
+#: L-BFGS iterations in the trust region, at most: more cost more than further Newton steps (12,000
+#: cells: 129 s with the default, 81 s with this). A line search takes more Newton iterations in the
+#: last seven steps of the fist (2,100 cells: 95 a step instead of 45).
+LBFGS_MAX_IT = 40
 #: From the elbow's end to the tip of the middle finger [mm].
 LENGTH = 341.0
 
@@ -105,6 +109,7 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
         **SOLUTION,
+        "petsc": SOLUTION["petsc"] | {"snes_lbfgs_max_it": LBFGS_MAX_IT},
         "load_name": "fist",
     }
     if contact:

@@ -93,6 +93,7 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
         **SOLUTION,
+        "globalization": "linesearch",  # as in the paper
         "load_name": "swing",
     }
     if contact:
