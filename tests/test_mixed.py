@@ -1,6 +1,7 @@
 """Taylor-Hood elements in runs: solvers, nu = 1/2, pressure, what is refused."""
 
 import json
+from math import pi
 
 from mpi4py import MPI
 
@@ -28,7 +29,7 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_ty
 
 def turned(**overrides):
     """Half of the twist's first quarter turn."""
-    settings = {"cells": 3, "angle": 45.0, "steps": 1, "hessian": "adaptive", "progress": False}
+    settings = {"cells": 3, "angle": pi / 4, "steps": 1, "hessian": "adaptive", "progress": False}
     return run("twist", **settings | overrides)
 
 

@@ -57,7 +57,8 @@ class SurfaceFields:
         BadInput
             If a value is not finite.
         """
-        values = self.read(number)[split_component(field)[0]].reshape(len(self._nodes), -1)
+        values: Array = self.read(number)[split_component(field)[0]]
+        values = values.reshape(len(self._nodes), -1)
         component = component_index(field)
         if component is not None:
             values = values[:, [component]]

@@ -35,7 +35,7 @@ def triangle_file(
         Values at the points, (n, ...), and of the triangles, (m, ...).
     """
     n, m = len(points), len(triangles)
-    mesh = [
+    mesh: list[tuple[str, list[tuple[str, Array]]]] = [
         ("Points", [("Points", points)]),
         (
             "Cells",

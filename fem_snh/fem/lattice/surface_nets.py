@@ -79,9 +79,10 @@ def triangulate(
     """
     edge = grid.size / divisions
     within = cells_of_box(np.zeros(3, np.int64), np.full(3, divisions))
-    cubes = (divisions * cells[:, None] + within).reshape(-1, 3)
+    cubes: Integers = (divisions * cells[:, None] + within).reshape(-1, 3)
     fine = Grid(grid.origin, edge, divisions * grid.shape)
     grid_points = (cubes[:, None] + CORNERS).reshape(-1, 3)
+    corner: Integers
     _, first, corner = np.unique(fine.key(grid_points), return_index=True, return_inverse=True)
     grid_points = grid_points[first]
     distance = shape.distance(grid.origin + edge * grid_points)

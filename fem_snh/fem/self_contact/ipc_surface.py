@@ -108,7 +108,8 @@ class CollisionSurface:
     def sums(self, forces: Array) -> list[list[float]]:
         """Return the sum of the points' forces (n, 3) for each body, (bodies, 3) [N]."""
         count = self.bodies.max() + 1
-        return np.transpose([np.bincount(self.bodies, f, count) for f in forces.T]).tolist()
+        sums = np.transpose([np.bincount(self.bodies, f, count) for f in forces.T])
+        return [[float(f) for f in row] for row in sums]
 
     def default_distance(self, points: Array) -> float:
         """Return the default activation distance [m] for reference points (n, 3)."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import bad_value
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Point = tuple[float, float, float]
 
 

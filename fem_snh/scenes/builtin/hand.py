@@ -135,7 +135,7 @@ def rig() -> tuple[Skeleton, list[Bone]]:
         bones += _row(names, points, PHALANX_RADII)
     names = [f"thumb_{bone}" for bone in ("metacarpal", "proximal", "distal")]
     points = [_m(p) for p in THUMB]
-    joints += limb(wrist, names, points, np.diff(THUMB_IN_FIST, axis=0).tolist(), THUMB_BEGINS)
+    joints += limb(wrist, names, points, list(np.diff(THUMB_IN_FIST, axis=0)), THUMB_BEGINS)
     bones += _row(names, points, THUMB_BONE_RADII)
     return Skeleton(joints), bones
 
