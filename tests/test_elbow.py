@@ -90,11 +90,13 @@ def test_volumes_need_a_group_of_volumes(comm):
         flexed(volumes=["skin"], steps=1)
 
 
-@mpi
-def test_stvk_needs_more_iterations_and_loses_volume(comm):
-    """Smith et al. 2018, Figure 10: 2.3 times the iterations."""
+def test_stvk_needs_more_iterations_and_loses_volume():
+    """Smith et al. 2018, Figure 10, at the scene's size: 2.3 times the iterations.
+
+    On coarse meshes the ratio is from 1.7 to 2.4, as the mesh and rounding have it.
+    """
     runs = {
-        material: flexed("biceps", material=material)
+        material: fem_snh.run("biceps", material=material, progress=False)
         for material in ("stable_neo_hookean", "stvk_kikuuwe")
     }
     assert all(result.converged for result in runs.values())
