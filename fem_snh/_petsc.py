@@ -72,6 +72,8 @@ def call(name: str, *arguments: Any) -> None:
 
 #: The attribute of a matrix that counts its patterns.
 _PATTERNS = "fem_snh_patterns"
+#: The attribute of a KSP that holds the pattern of its last matrix.
+_SEEN = "fem_snh_seen_pattern"
 
 
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
@@ -89,6 +91,21 @@ def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
     """
     A.setPreallocationCSR(csr)
     A.setAttr(_PATTERNS, int(A.getAttr(_PATTERNS) or 0) + 1)
+
+
+def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
+    """Set a solver's operator A and the matrix P of its preconditioner. Collective.
+
+    Where the pattern of P is another one (`set_pattern`), PETSc sets up the preconditioner for it.
+    PETSc itself compares nonzero states; it forgets that of a matrix that is replaced.
+    """
+    pattern = P.handle, nonzero_state(P)
+    if (former := ksp.getAttr(_SEEN)) is not None and former != pattern:
+        other = PETSc.Mat().createPython(P.getSizes(), comm=P.comm)
+        ksp.setOperators(other, other)
+        other.destroy()
+    ksp.setAttr(_SEEN, pattern)
+    ksp.setOperators(A, P)
 
 
 #: PETSC_ERR_MEM, the error code of an allocation that failed.

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fem_snh._petsc import set_operators
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.protocol import Array, SaddlePoint
@@ -68,7 +69,7 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: s
     diagonal = _outer_solver(prefix) in _SYMMETRIC
     pc.setFieldSplitSchurFactType(kinds.DIAG if diagonal else kinds.UPPER)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle_point.schur_approximation)
-    ksp.setOperators(A)
+    set_operators(ksp, A, A)
 
 
 def block_options(prefix: str) -> dict[str, str]:
@@ -130,7 +131,7 @@ def frozen_preconditioner(
         lets the SNES's own preconditioner follow the matrix again, so the preconditioner is kept
         only from here on.
     """
-    ksp.setOperators(A, P)
+    set_operators(ksp, A, P)
     ksp.setUp()
     if assemble is not None:
         assemble()

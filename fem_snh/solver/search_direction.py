@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import NEGATIVE_CURVATURE
+from fem_snh._petsc import NEGATIVE_CURVATURE, set_operators
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
@@ -148,7 +148,7 @@ class SearchDirection:
         direction: Direction,
     ) -> int:
         """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason."""
-        ksp.setOperators(A, P)
+        set_operators(ksp, A, P)
         d.set(0.0)
         with self.forcing.applied(ksp):
             ksp.solve(f, d)

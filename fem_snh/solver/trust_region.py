@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import call, ffi
+from fem_snh._petsc import call, ffi, set_operators
 from fem_snh.errors import choose
 from fem_snh.solver.globalization import LineSearchNewton
 from fem_snh.solver.line_search import SHORT
@@ -43,7 +43,7 @@ def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOptionsPrefix(f"{prefix}trust_")
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
-    ksp.setOperators(A, P)
+    set_operators(ksp, A, P)
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
         ksp.getPC().setUp()  # the blocks read their options now, and only now
