@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from inspect import signature
 from typing import Any
 
@@ -48,6 +49,9 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
     if names.index("x") == 3:  # since 0.10 the element comes before x
         geometry.reverse()
     cells = np.ascontiguousarray(cells, dtype=np.int64)
+    # The threads of PT-Scotch match vertices in the order in which they find them: with more than
+    # one, its default, the same mesh is partitioned differently from run to run.
+    os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
     return dolfinx.mesh.create_mesh(comm, cells, *geometry, **options)
 
 
