@@ -105,8 +105,8 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     found |= {*moved.record, *moved.steps[0]}
     assert found <= listed
     assert listed - found <= {
-        "accuracy", "bones", "cavities", "contacts", "fields", "notes", "obstacles", "resumed",
-        "self_contact", "volumes",
+        "accuracy", "bones", "cavities", "contacts", "fields", "mixed_newton", "mixed_reason",
+        "notes", "obstacles", "resumed", "self_contact", "volumes",
     }  # fmt: skip
 
 

@@ -1,11 +1,13 @@
 """Elements by name: cell, displacement degree, quadrature, treatment of the volume term.
 
-An element treats a material's volume term U(J) in one of three ways:
+An element treats a material's volume term U(J) in one of four ways:
 
 ``pointwise``
     U(J) at every quadrature point. Locks as Poisson's ratio approaches 1/2, least with degree 2.
 ``mean``
     U of the mean J of each cell: one volume constraint per cell instead of one per point.
+``cell_pressure``
+    The same with the pressure of each cell as an unknown: `with_cell_pressures`.
 ``pressure``
     A continuous pressure is an unknown (Taylor-Hood). Does not lock, nu = 1/2 included.
 """
@@ -34,10 +36,10 @@ class Element:
         Degree of the Lagrange displacement, 3 components per node.
     quadrature : int
         Degree of polynomials that the quadrature rule integrates exactly on the reference cell.
-    volume : {"pointwise", "mean", "pressure"}
+    volume : {"pointwise", "mean", "cell_pressure", "pressure"}
         Treatment of the volume term.
     pressure_degree : int
-        Degree of the Lagrange pressure; 0 if the pressure is not an unknown.
+        Degree of the Lagrange pressure; 0 if there is none or one in each cell.
     """
 
     name: str
@@ -46,6 +48,11 @@ class Element:
     quadrature: int
     volume: str = "pointwise"
     pressure_degree: int = 0
+
+    @property
+    def has_pressure(self) -> bool:
+        """Whether the pressure is an unknown."""
+        return self.volume in ("cell_pressure", "pressure")
 
 
 #: The elements with their default quadrature; docs/results/elements.md measures other degrees. On
@@ -85,6 +92,15 @@ def element(name: str, quadrature: int | None = None) -> Element:
         return found
     check_quadrature(quadrature)
     return replace(found, quadrature=quadrature)
+
+
+def with_cell_pressures(element: Element) -> Element:
+    """Return an element of mean dilatation with the pressure of each cell as an unknown.
+
+    Both have the same equilibria: eliminating the pressures (static condensation) gives U of the
+    mean J.
+    """
+    return replace(element, volume="cell_pressure")
 
 
 def check_quadrature(degree: int) -> None:

@@ -28,7 +28,7 @@ from fem_snh.fem.taylor_hood import SaddlePoint
 from fem_snh.fem.term_history import TermHistory
 from fem_snh.fem.terms import Term, elastic_term
 from fem_snh.fem.timing import timed
-from fem_snh.fem.unknowns import Displacement, DisplacementPressure
+from fem_snh.fem.unknowns import Displacement, DisplacementPressure, pressure_unit
 
 Array = npt.NDArray[Any]
 
@@ -127,7 +127,7 @@ class Problem:
         self.load, self.nonfinite = 0.0, 0
         self.skin: Skin | None = None  # the surface that a lattice carries
         self.constrained_dofs = dirichlet.dofs
-        scale = self.modulus / self.length
+        scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
         self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)

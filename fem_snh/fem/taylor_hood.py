@@ -34,6 +34,8 @@ from fem_snh.fem.unknowns import DisplacementPressure
 #: right, but at clamped boundaries and large strains it is too small, which costs more iterations
 #: than an approximation that is too large (docs/results/elements_taylor_hood.md).
 _SCALE = 1.5
+#: The same for pressures that are constant in each cell (docs/results/elements_cell_pressures.md).
+_CELL_SCALE = 0.75
 
 
 class _ScaledMass(NamedTuple):
@@ -61,6 +63,8 @@ class SaddlePoint:
         {"u": IS, "p": IS}, the global dofs of each field.
     Q : dolfinx function space
         The pressure's space.
+    unit : float
+        Unit of the pressure unknown [Pa/m].
     """
 
     def __init__(
@@ -69,7 +73,7 @@ class SaddlePoint:
         parts: Sequence[Part],
         pressure_scale: float,
     ) -> None:
-        self._unknowns, self._scale = unknowns, pressure_scale
+        self._unknowns, self.unit = unknowns, pressure_scale
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         self._parts = parts
         self._B: PETSc.Mat | None = None
@@ -85,7 +89,7 @@ class SaddlePoint:
         This is U'(J), positive in tension. It excludes the mean stress of the part of lambda that
         `fem_snh.materials.volume_split` leaves to the displacement.
         """
-        return self._scale * local_values(self._unknowns.pressure)
+        return self.unit * local_values(self._unknowns.pressure)
 
     @cached_property
     def schur_approximation(self) -> PETSc.Mat:
@@ -113,6 +117,16 @@ class SaddlePoint:
         self._mass.mult(ones, sums)
         return 1 / np.asarray(sums.array_r)
 
+    def pressure_correction(self, residual: PETSc.Vec) -> np.ndarray:
+        """Return C^-1 times the pressure's residual, with C at rest: (owned pressures,).
+
+        For pressures that are constant in each cell, where C is diagonal.
+        """
+        compliance = self._volume_compliance
+        diagonal = np.asarray(compliance.matrix.getDiagonal().array_r)
+        correction: np.ndarray = self.pressure_dofs(residual) / (compliance.scale * diagonal)
+        return correction
+
     def update_schur_approximation(self, A: PETSc.Mat) -> None:
         r"""Scale the approximation by the local compliance of the displacement. Collective.
 
@@ -122,7 +136,7 @@ class SaddlePoint:
 
         (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
-        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is 3/2 times
+        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is `_SCALE` times
         s / (1 + s lambda_local/mu), which is that value at s = 1/2.
 
         Parameters
@@ -136,7 +150,7 @@ class SaddlePoint:
         sums = self.Q.mesh.comm.allreduce(np.array([d.sum(), mass.sum()]))
         s = d / mass * sums[1] / (2 * sums[0])
         ratio = self._lambda_over_mu
-        factor = _SCALE * s / (1 + s * ratio)
+        factor = (_SCALE if _dolfinx.degree(self.Q) else _CELL_SCALE) * s / (1 + s * ratio)
         root = shear.matrix.createVecLeft()
         root.array[:] = np.sqrt(factor)
         schur, same = self.schur_approximation, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
@@ -201,7 +215,7 @@ class SaddlePoint:
         """Return the mass matrix with a coefficient: a number or a dolfinx Function."""
         Q = self.Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
-        factor = _dolfinx.constant(Q.mesh, np.array(self._scale**2))
+        factor = _dolfinx.constant(Q.mesh, np.array(self.unit**2))
         form = _dolfinx.form(factor * coefficient * p * q * ufl.dx)
         M = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(M, form)

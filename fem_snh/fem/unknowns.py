@@ -18,6 +18,10 @@ from fem_snh import _dolfinx
 from fem_snh.fem.elements import Element
 from fem_snh.fem.ghosted_vectors import add_ghosts, set_to_zero, update_ghosts
 
+#: Weight of the volume errors of cells beside strains. A larger one saves Newton iterations, and
+#: costs linear ones (docs/results/elements_cell_pressures.md).
+_VOLUME_WEIGHT = 3.0
+
 
 class Displacement:
     """The displacement is the only unknown: ``x`` is the ghosted vector of the function ``u``.
@@ -63,17 +67,17 @@ class Displacement:
 
 
 class DisplacementPressure(Displacement):
-    """Displacement and pressure are unknown (Taylor-Hood).
+    """Displacement and pressure are unknown (Taylor-Hood, or one pressure in each cell).
 
-    The unknown in ``x`` is the pressure divided by E/L [Pa/m]: a length, like the displacement, so
-    that both parts of the residual are forces.
+    The unknown in ``x`` is the pressure divided by a unit [Pa/m], such as E/L: a length, like the
+    displacement, so that both parts of the residual are forces.
 
     Parameters
     ----------
     u : dolfinx Function
         The displacement [m].
     pressure_degree : int
-        Degree of the pressure's Lagrange space.
+        Degree of the pressure's Lagrange space; 0: constant in each cell, discontinuous.
 
     Attributes
     ----------
@@ -86,7 +90,8 @@ class DisplacementPressure(Displacement):
     def __init__(self, u: Any, pressure_degree: int) -> None:
         super().__init__(u)
         domain = self.V.mesh
-        self.Q = _dolfinx.function_space(domain, pressure_degree)
+        family = "Lagrange" if pressure_degree else "DG"
+        self.Q = _dolfinx.function_space(domain, pressure_degree, family=family)
         self.p = _dolfinx.function(self.Q, "pressure")
         self.pressure = _dolfinx.petsc_vec(self.p)
         self._r_u, self._r_p = (_dolfinx.create_vector(space) for space in (self.V, self.Q))
@@ -123,8 +128,20 @@ class DisplacementPressure(Displacement):
         return np.asarray(x.array[self._num_u :])
 
 
+def pressure_unit(element: Element, num_cells: int) -> float:
+    """Return the unit of an unknown pressure as a multiple of E/L.
+
+    It weighs the residual of the pressure against that of the displacement. The unit of cell
+    pressures depends on the size h of a cell: the forces of a strain are E h^2, and the residual of
+    a volume error is the unit times h^3.
+    """
+    if element.volume != "cell_pressure":
+        return 1.0
+    return float(_VOLUME_WEIGHT * num_cells ** (1 / 3))
+
+
 def create_unknowns(u: Any, element: Element) -> Displacement:
     """Return the unknowns of an element: the displacement ``u``, and a pressure if it has one."""
-    if not element.pressure_degree:
+    if not element.has_pressure:
         return Displacement(u)
     return DisplacementPressure(u, element.pressure_degree)

@@ -42,7 +42,7 @@ class ElementTables:
     weights : (POINTS,)
         Quadrature weights.
     volume : str
-        Volume treatment: "pointwise", "mean" or "pressure" (`fem_snh.fem.elements.Element`).
+        Volume treatment, one of `fem_snh.fem.elements`.
     pressure_nodes : (cells, PRESSURE_NODES) int32
         Pressure nodes; empty without an unknown pressure.
     pressure_basis : (POINTS, PRESSURE_NODES)
@@ -78,7 +78,7 @@ def compile_cell_loops(
     material: Material, tables: ElementTables, loops: Sequence[str] = ("cell_loops.h",)
 ) -> Compiled:
     """Compile loops over an element's cells, files of ``include/``. Not collective."""
-    volume = f"volume_{tables.volume}.h"
+    volume = f"volume_{tables.volume.removeprefix('cell_')}.h"
     after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     return compile_kernel(material, tables.volume, tables.sizes, after)
 

@@ -57,7 +57,7 @@ def compile_kernel(
     material : Material
         The material.
     volume : str
-        The element's volume treatment: "pointwise", "mean" or "pressure".
+        The element's volume treatment, one of `fem_snh.fem.elements`.
     definitions, after : sequences of str
         As for `fem_snh.kernels.codegen.source.kernel_source`.
 

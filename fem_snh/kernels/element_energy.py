@@ -41,7 +41,7 @@ def element_energy(energy: Energy, volume: str) -> ElementEnergy:
     energy : Energy
         A material's energy.
     volume : str
-        The element's volume treatment: "pointwise", "mean" or "pressure".
+        The element's volume treatment, one of `fem_snh.fem.elements`.
 
     Raises
     ------

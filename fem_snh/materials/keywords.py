@@ -19,7 +19,7 @@ MAX_EXPONENT = 64
 #: The b of lambda_local (`fem_snh.materials.volume_split`), by the element's volume treatment.
 #: A small b favours the linear solver of a saddle-point problem, a large b strong compression
 #: (measured in docs/results/elements.md).
-BOUNDS = {"mean": 4.0, "pressure": 2.0}
+BOUNDS = {"mean": 4.0, "cell_pressure": 4.0, "pressure": 2.0}
 #: Keywords of every material, with their defaults.
 TUNING: dict[str, float | str | None] = {
     "alpha": 1.0,

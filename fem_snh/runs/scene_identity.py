@@ -11,7 +11,10 @@ from fem_snh.errors import BadInput
 from fem_snh.scenes import OBSTACLE_FILES, Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
-SOLVER_KEYS = ("hessian", "globalization", "eigensolver", "assembly", "predictor", "petsc")
+SOLVER_KEYS = (
+    "hessian", "globalization", "eigensolver", "assembly", "predictor", "petsc",
+    "static_condensation",
+)  # fmt: skip
 #: Keys of a scene that concern the output of later steps: likewise.
 OUTPUT_KEYS = ("fields", "fields_at")
 _MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS

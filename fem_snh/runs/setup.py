@@ -22,6 +22,7 @@ from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.cell_pressures import CellPressures
 from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.result import Result
@@ -70,8 +71,9 @@ class Setup:
     def destroy(self) -> None:
         """Destroy the solvers; the problem remains. Collective."""
         solver.destroy(self.snes)
-        if self.stepper.continuation:
-            self.stepper.continuation.destroy()
+        for auxiliary in (self.stepper.continuation, self.stepper.pressures):
+            if auxiliary:
+                auxiliary.destroy()
 
 
 def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
@@ -89,7 +91,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
 
     motions: list[Dynamics] = []
 
-    def make(nu: float | None = None) -> Problem:
+    def make(nu: float | None = None, element: elements.Element = element) -> Problem:
         return make_problem(scene, mesh, element, nu, motions)
 
     problem = make()
@@ -107,8 +109,13 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         transient = start_motion(problem, motions[0], scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
     bones = _bone_records(problem) if scene.bone else None
-    stepper = Stepper(problem, snes, steps, scene.predictor, probes, continuation, transient, bones)
-    jit = problem.seconds["jit"] + (continuation.jit if continuation else 0.0)
+    pressures = None
+    if scene.static_condensation is False:
+        pressures = CellPressures(problem, make(element=elements.with_cell_pressures(element)))
+    stepper = Stepper(
+        problem, snes, steps, scene.predictor, probes, continuation, transient, bones, pressures
+    )
+    jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     return Setup(problem, snes, stepper, seconds, max(0.0, process_time() - working - jit))
 

@@ -12,6 +12,7 @@ from fem_snh import solver
 from fem_snh.errors import NotSettled
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
+from fem_snh.runs.cell_pressures import CellPressures
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.step_size import StepSize
 from fem_snh.runs.transient import Transient
@@ -44,6 +45,8 @@ class Stepper:
         The time integration, if the scene has one.
     bones : BoneRecords, optional
         Bones whose forces are added to each row.
+    pressures : CellPressures, optional
+        Solves each step with the cell pressures as unknowns first.
 
     Attributes
     ----------
@@ -67,12 +70,15 @@ class Stepper:
         continuation: PoissonContinuation | None = None,
         transient: Transient | None = None,
         bones: BoneRecords | None = None,
+        pressures: CellPressures | None = None,
     ) -> None:
         self.problem, self.snes, self.steps, self.probes = problem, snes, steps, probes
         self.continuation, self.transient, self._bones = continuation, transient, bones
         extrapolate = transient.extrapolate if transient else None
         blend = bones.blend() if bones and predictor == "bones" else None
-        self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend)
+        self.pressures = pressures
+        response = pressures.tangent if pressures else None
+        self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
         # Without loads a shorter step is the same problem: it is not tried.
         self.size = transient.step_size() if transient else StepSize(steps, problem.depends_on_load)
         one_step = transient is not None and transient.semi_implicit
@@ -128,6 +134,8 @@ class Stepper:
         problem.history.begin_step(problem.split(problem.x)[0])
         if self.transient:
             self.snes.getPythonContext().force_scale = self.transient.begin_step(to)
+        if self.pressures:
+            self.pressures.begin_step()
         outcome, predicted = self._solve(to)
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
@@ -152,6 +160,7 @@ class Stepper:
             "lbfgs": sum(i.lbfgs for i in history),
             "residual": outcome.residual,
             **self._energies(load, to),
+            **(self.pressures.row() if self.pressures else {}),
             **estimate,
             **problem.measures(problem.x),
             "nonfinite": nonfinite,
@@ -206,6 +215,9 @@ class Stepper:
             return outcome, 0
         if self.continuation:
             outcome.history += self.continuation.solve(problem)
+        if self.pressures:
+            self.pressures.solve()
+            outcome.history += self.pressures.history
         while True:
             with solver.callback_errors():
                 self.snes.solve(None, problem.x)

@@ -39,6 +39,8 @@ def check_consistency(scene: Scene) -> None:
         raise bad_value("predictor", "bones", f"another one, as the scene has {why}")
     check_pairs(scene.contact)
     check_self_contact(scene)
+    if scene.static_condensation is False and (why := why_condensed(scene)):
+        raise bad_value("static_condensation", "false", f"true, as {why}")
     for name in () if scene.obstacle else scene.fields:
         if name in AT_OBSTACLES and not (name == "contact_pressure" and scene.self_contact):
             raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
@@ -48,6 +50,18 @@ def check_consistency(scene: Scene) -> None:
     else:
         _check_quasi_static(scene)
     _check_constraints(scene.hold, scene.move)
+
+
+def why_condensed(scene: Scene) -> str:
+    """Return why cell pressures cannot be unknowns in a scene; empty if they can."""
+    if ELEMENTS[scene.element].volume != "mean":
+        names = " and ".join(e.name for e in ELEMENTS.values() if e.volume == "mean")
+        return f"only {names} have cell pressures, not {scene.element}"
+    # Terms with a state of their own, or with a matrix that is not assembled, would need two.
+    for key in ("time", "obstacle", "contact", "self_contact", "cavity", "nu_continuation"):
+        if getattr(scene, key):
+            return f"the scene has '{key}'"
+    return ""
 
 
 def _check_cavity(scene: Scene) -> None:

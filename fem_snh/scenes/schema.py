@@ -122,6 +122,11 @@ class Scene(Table):
         description="What evaluates the elastic energy and its residual: the program's kernels or "
         "UFL forms compiled by FFCx. The Hessian is always the kernels'.",
     )
+    static_condensation: bool | None = Field(
+        default=None,
+        description="With Q1P0 and P2P0: true to eliminate the pressure of each cell, false to "
+        "solve each step with the pressures as unknowns first; default: true.",
+    )
     steps: Steps = Field(
         default=1, description="Number of load steps; a step that fails is halved."
     )

@@ -45,6 +45,9 @@ class Predictor:
     extrapolation : callable, optional
         ``extrapolation(x, load)`` moves the equilibrium x to its extrapolation at a load, in place,
         in the place of the extrapolation from the step before: in time, by the velocity.
+    response : callable, optional
+        Replaces `tangent`: moves ``problem.x`` by the linearised response and returns the linear
+        iterations.
     blend : callable, optional
         ``blend(x, start, end)`` moves the equilibrium x at a load with the bones to another load,
         in place: what ``bones`` needs.
@@ -63,11 +66,13 @@ class Predictor:
         kind: str = DEFAULT_PREDICTOR,
         extrapolation: Callable[[PETSc.Vec, float], None] | None = None,
         blend: Callable[[PETSc.Vec, float, float], None] | None = None,
+        response: Callable[[], int] | None = None,
     ) -> None:
         self.problem, self.snes, self._extrapolation = problem, snes, extrapolation
         self.kind, self._blend = choose("predictor", kind, PREDICTORS), blend
         if kind == "bones" and blend is None:
             raise bad_value("predictor", kind, "another one, as there are no bones")
+        self._response = response or self.tangent
         self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float) -> int:
@@ -90,7 +95,7 @@ class Predictor:
             x.axpy((load - old) / (old - earlier), present)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
-            linear = self._tangent()
+            linear = self._response()
         problem.prescribe(x)
         linear += self._admit(present)
         self._last = (old, present)
@@ -114,7 +119,7 @@ class Predictor:
         if self.kind != "tangent":
             # The linear response moves the free unknowns away from the constrained ones.
             present.copy(x)
-            linear = self._tangent()
+            linear = self._response()
             problem.prescribe(x)
         if self.kind == "tangent" or largest_step(present, x - present) < 1:
             raise NotSettled("the prescribed motion of the step passes through the body")
@@ -125,7 +130,7 @@ class Predictor:
         if self._extrapolation is None:
             self.before = self._last
 
-    def _tangent(self) -> int:
+    def tangent(self) -> int:
         """Make a linearised step from x; return the linear iterations.
 
         The Hessian is clamped, so that CG cannot fail.

@@ -1,0 +1,109 @@
+"""Q1P0 and P2P0 with the cell pressures as unknowns, against the condensed elements."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import Hold, cube, wave
+from interrupted_runs import ALONE, cut, solve
+from volume_energies import mpi, set_state
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.fem.create_problem import create_problem
+from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
+from fem_snh.kernels.pointwise import material
+from fem_snh.linalg.direct_solver import set_direct_solver
+from fem_snh.runs.cell_pressures import CellPressures
+
+STRETCH = {"steps": 1, "stretch": 1.2, "nu": 0.4999, "progress": False}
+
+
+def _solved(A: PETSc.Mat, b: PETSc.Vec) -> PETSc.Vec:
+    """Return A^-1 b by sparse factors."""
+    ksp, x = PETSc.KSP().create(A.comm), b.duplicate()
+    set_direct_solver(ksp)
+    ksp.setOperators(A)
+    ksp.solve(b, x)
+    return x
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1P0", "P2P0"])
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean_bower"])
+def test_eliminating_the_cell_pressures_gives_the_condensed_element(comm, element, name):
+    """At p = U'(J_e): the same energy, the same forces, the same Newton direction."""
+    kind = ELEMENTS[element]
+    body, chosen = cube(comm, kind.cell, 2, 0.05), material(name, E=3.0, nu=0.49)
+    hold = [Hold("left")]
+    condensed = set_state(create_problem(body, kind, chosen, hold=hold), wave(0.01))
+    mixed = create_problem(body, with_cell_pressures(kind), chosen, hold=hold)
+    pressures = CellPressures(condensed, mixed)
+    pressures.begin_step()
+    n = condensed.x.getLocalSize()
+    assert mixed.energy(mixed.x) == pytest.approx(condensed.energy(condensed.x), rel=1e-12)
+
+    forces, residual = condensed.x.duplicate(), mixed.x.duplicate()
+    condensed.residual(condensed.x, forces)
+    mixed.residual(mixed.x, residual)
+    size = forces.norm()
+    both = comm.allreduce(np.array([abs(residual.array_r[n:]).max(), 0.0]))
+    assert both.max() <= 1e-12 * size
+    difference = forces.copy()
+    difference.array -= residual.array_r[:n]
+    assert difference.norm() <= 1e-12 * size
+
+    condensed.jacobian(condensed.x, "exact")
+    mixed.jacobian(mixed.x, "exact")
+    d, both = _solved(condensed.A, forces), _solved(mixed.A, residual)
+    difference = d.copy()
+    difference.array -= both.array_r[:n]
+    assert difference.norm() <= 1e-9 * d.norm()
+    pressures.destroy()
+
+
+@mpi
+@pytest.mark.parametrize("element, cells, newton", [("Q1P0", 8, 7), ("P2P0", 4, 7)])
+def test_few_iterations_at_nu_0_4999(comm, element, cells, newton):
+    """The condensed problem takes 20 Newton and 2,000 linear iterations (Q1P0)."""
+    given = STRETCH | {"element": element, "cells": cells, "comm": comm}
+    row = fem_snh.run("stretch", static_condensation=False, **given).steps[0]
+    assert row["mixed_reason"] == "CONVERGED_FNORM_ABS"
+    assert row["newton"] <= newton and row["linear"] <= 30 * row["newton"]
+    condensed = fem_snh.run("stretch", static_condensation=True, **given).steps[0]
+    assert row["energy"] == pytest.approx(condensed["energy"], rel=1e-9)
+    assert "mixed_reason" not in condensed
+
+
+@pytest.mark.parametrize("element", ["Q1P0", "P2P0"])
+@pytest.mark.parametrize("scene", ["scramble", "crush"])
+def test_rough_starts_converge_and_say_how(element, scene):
+    """Where Newton's method fails on the mixed problem, the condensed one takes over."""
+    given = {"element": element, "nu": 0.45, "cells": 2, "progress": False}
+    result = fem_snh.run(scene, static_condensation=False, **given)
+    row = result.steps[0]
+    assert result.converged and abs(row["energy"]) < 1e-12
+    taken_over = not row["mixed_reason"].startswith("CONVERGED")
+    assert taken_over == (row["newton"] > row["mixed_newton"])
+
+
+def test_a_resumed_run_takes_the_same_steps(tmp_path):
+    """The pressures of a step are those of its start: nothing else is kept."""
+    given = {"element": "Q1P0", "cells": 6, "nu": 0.4999, "stretch": 1.4, "steps": 2}
+    given |= {"static_condensation": False, "comm": ALONE}
+    whole = solve("stretch", **given)
+    with cut(1):
+        solve("stretch", out=tmp_path, **given)
+    resumed = solve("stretch", out=tmp_path, resume=True, **given)
+    for key in ("newton", "linear", "energy"):
+        assert [row[key] for row in resumed.steps] == [row[key] for row in whole.steps]
+
+
+def test_what_it_cannot_be_combined_with():
+    """An element without cell pressures; a term with a state of its own."""
+    with pytest.raises(BadInput, match="only P2P0 and Q1P0 have cell pressures, not Q1"):
+        fem_snh.run("stretch", element="Q1", static_condensation=False)
+    with pytest.raises(BadInput, match="true, as the scene has 'time'"):
+        fem_snh.run("bounce", element="P2P0", static_condensation=False)
