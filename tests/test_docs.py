@@ -106,7 +106,7 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     assert found <= listed
     assert listed - found <= {
         "accuracy", "bones", "cavities", "contacts", "fields", "mixed_newton", "mixed_reason",
-        "notes", "obstacles", "resumed", "self_contact", "volumes",
+        "notes", "obstacles", "resumed", "self_contact", "static_condensation", "volumes",
     }  # fmt: skip
 
 

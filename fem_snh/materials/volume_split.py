@@ -99,8 +99,9 @@ class Split:
         if len(at_rest) != 1 or at_rest[0].has(sympy.LambertW):
             raise BadInput(
                 f"material '{self.energy.name}': the pressure of its volume term {self.volume} "
-                "cannot be inverted in closed form, which Taylor-Hood elements need: take Q1P0 or "
-                "P2P0, or a material with another volume term"
+                "cannot be inverted in closed form, which unknown pressures need (Taylor-Hood; "
+                "static_condensation = false): take Q1P0 or P2P0 with condensed pressures, or a "
+                "material with another volume term"
             )
         volume = sympy.simplify(at_rest[0])
         conjugate = PRESSURE * volume - self.volume.subs(J, volume)

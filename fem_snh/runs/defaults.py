@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from petsc4py import PETSc
 
 from fem_snh import solver
+from fem_snh.fem.elements import Element
 from fem_snh.fem.problem import Problem
+from fem_snh.runs.condensation import Condensation
 from fem_snh.scenes import Scene
 
 #: Why a Hessian is ``adaptive`` (docs/results/which_hessian.md).
@@ -25,6 +29,16 @@ _SSOR = (
 )
 _BLOCKS = "Taylor-Hood elements: the blocks of displacement and pressure have solvers of their own"
 _RANK_ONE = "a load adds matrices of rank one, which are applied without being assembled"
+
+
+def describe_condensation(about: dict[str, Any], element: Element, chosen: Condensation) -> None:
+    """Add ``static_condensation`` to the record of an element with cell pressures."""
+    if element.volume != "mean":
+        return
+    about["static_condensation"] = condensed = chosen.pressures is None
+    if chosen.reason:
+        entry = {"value": condensed, "reason": chosen.reason}
+        about["defaults"]["static_condensation"] = entry
 
 
 def describe_defaults(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[str, object]:

@@ -19,6 +19,7 @@ from fem_snh.fem import modes
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
+from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
@@ -101,6 +102,7 @@ def run(
     ):
         setup = set_up(comm, scene)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.transient)
+        describe_condensation(about, setup.problem.element, setup.condensation)
         about |= dict(note or {})
         printed.start(about)
         if stored and folder:

@@ -22,7 +22,7 @@ from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
-from fem_snh.runs.cell_pressures import CellPressures
+from fem_snh.runs.condensation import Condensation, choose_condensation
 from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.result import Result
@@ -52,6 +52,8 @@ class Setup:
         Elapsed seconds: "jit" (compilation), "mesh", "setup".
     processor : float
         This rank's processor seconds, without compilation.
+    condensation : Condensation
+        Whether cell pressures are eliminated.
     """
 
     problem: Problem
@@ -59,6 +61,7 @@ class Setup:
     stepper: Stepper
     seconds: dict[str, float]
     processor: float
+    condensation: Condensation
 
     def result(
         self, converged: bool, status: str, record: dict[str, Any], out: Path | None
@@ -109,15 +112,16 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         transient = start_motion(problem, motions[0], scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
     bones = _bone_records(problem) if scene.bone else None
-    pressures = None
-    if scene.static_condensation is False:
-        pressures = CellPressures(problem, make(element=elements.with_cell_pressures(element)))
+    mixed = elements.with_cell_pressures(element)
+    condensation = choose_condensation(scene, problem, lambda: make(element=mixed))
+    pressures = condensation.pressures
     stepper = Stepper(
         problem, snes, steps, scene.predictor, probes, continuation, transient, bones, pressures
     )
     jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
-    return Setup(problem, snes, stepper, seconds, max(0.0, process_time() - working - jit))
+    working = max(0.0, process_time() - working - jit)
+    return Setup(problem, snes, stepper, seconds, working, condensation)
 
 
 def _bone_records(problem: Problem) -> BoneRecords:

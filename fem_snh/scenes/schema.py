@@ -125,7 +125,7 @@ class Scene(Table):
     static_condensation: bool | None = Field(
         default=None,
         description="With Q1P0 and P2P0: true to eliminate the pressure of each cell, false to "
-        "solve each step with the pressures as unknowns first; default: true.",
+        "solve each step with the pressures as unknowns first; default: by nu.",
     )
     steps: Steps = Field(
         default=1, description="Number of load steps; a step that fails is halved."
