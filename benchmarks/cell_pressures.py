@@ -9,11 +9,12 @@ from benchmarks import Row, split_list
 from fem_snh.errors import choose
 from fem_snh.runs import run
 
-#: Meshes of each element in each scene, and the scene's settings.
+#: Meshes of each element in each scene, and the scene's settings. The stretch has tighter linear
+#: solves of its own, which are for elements whose path depends on rounding.
 SCENES: dict[str, tuple[dict[str, list[int]], dict[str, Any]]] = {
     "stretch": (
         {"Q1P0": [8, 16, 24, 32], "P2P0": [6, 10, 14]},
-        {"steps": 1, "stretch": 1.2},
+        {"steps": 1, "stretch": 1.2, "petsc": {"snes_forcing_max": 0.1}},
     ),
     "cook": (
         {"Q1P0": [32, 64, 96], "P2P0": [16, 32]},
@@ -21,8 +22,10 @@ SCENES: dict[str, tuple[dict[str, list[int]], dict[str, Any]]] = {
     ),
     "block": ({"Q1P0": [6, 12], "P2P0": [4, 8]}, {}),
 }
-#: Limits on the Newton iterations of a load step, and on the linear ones of a Newton iteration.
-NEWTON_LIMIT, LINEAR_LIMIT = 7, 35
+#: Limit on the Newton iterations of a load step.
+NEWTON_LIMIT = 7
+#: Limits on the linear iterations of a Newton iteration; Cook's membrane is a layer of cells.
+LINEAR_LIMITS = {"stretch": 20, "cook": 45, "block": 25}
 #: Cells above which the condensed problem is left out: it takes minutes.
 CONDENSED_CELLS = 4000
 #: Relative difference of the two energies.
@@ -57,14 +60,14 @@ def _row(scene: str, given: dict[str, Any]) -> Row:
     steps = mixed.steps
     good = all(s["mixed_reason"].startswith("CONVERGED") for s in steps) and mixed.converged
     good &= max(s["newton"] for s in steps) <= NEWTON_LIMIT
-    good &= max(s["linear"] / s["newton"] for s in steps) <= LINEAR_LIMIT
+    good &= max(s["linear"] / s["newton"] for s in steps) <= LINEAR_LIMITS[scene]
     if mixed.record["cells"] <= CONDENSED_CELLS:
         condensed = run(scene, static_condensation=True, progress=False, **given)
         row["condensed"] = _sums(condensed)
         energies = [result.steps[-1]["energy"] for result in (mixed, condensed)]
         row["difference"] = abs(energies[0] / energies[1] - 1)
         good &= row["difference"] <= ENERGY_LIMIT
-    return row | {"limits": [NEWTON_LIMIT, LINEAR_LIMIT, ENERGY_LIMIT], "ok": good}
+    return row | {"limits": [NEWTON_LIMIT, LINEAR_LIMITS[scene], ENERGY_LIMIT], "ok": good}
 
 
 def _sums(result: Any) -> list[float]:

@@ -61,6 +61,7 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: s
     """
     ksp.setType(PETSc.KSP.Type.FGMRES)
     ksp.setTolerances(max_it=MAX_IT)
+    ksp.setGMRESRestart(MAX_IT)  # with PETSc's 30, solves with cell pressures take up to twice
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
     pc.setFieldSplitIS(*saddle_point.index_sets.items())
