@@ -136,7 +136,7 @@ class SaddlePoint:
 
         (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
-        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is `_SCALE` times
+        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
         s / (1 + s lambda_local/mu), which is that value at s = 1/2.
 
         Parameters
