@@ -33,9 +33,17 @@ ENERGY_LIMIT = 1e-9
 
 
 def rows(
-    elements: str = "Q1P0,P2P0", scenes: str = "stretch,cook,block", nus: str = "0.49,0.499,0.4999"
+    elements: str = "Q1P0,P2P0",
+    scenes: str = "stretch,cook,block",
+    nus: str = "0.49,0.499,0.4999",
+    cells: str = "",
 ) -> Iterator[Row]:
     """Yield one row per scene, element, nu and mesh.
+
+    Parameters
+    ----------
+    cells : str
+        Meshes of all scenes and elements; default: those of `SCENES`.
 
     Yields
     ------
@@ -46,11 +54,10 @@ def rows(
         meshes, settings = SCENES[choose("scene", scene, SCENES)]
         for element in split_list(elements):
             for nu in split_list(nus):
-                for cells in meshes[choose("element", element, meshes)]:
-                    given = settings | {"element": element, "nu": float(nu), "cells": cells}
-                    yield {"scene": scene, "element": element, "nu": nu, "cells": cells} | _row(
-                        scene, given
-                    )
+                own = meshes[choose("element", element, meshes)]
+                for count in map(int, split_list(cells) or own):
+                    given = {"element": element, "nu": float(nu), "cells": count}
+                    yield {"scene": scene} | given | _row(scene, settings | given)
 
 
 def _row(scene: str, given: dict[str, Any]) -> Row:
