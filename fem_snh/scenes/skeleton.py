@@ -38,10 +38,10 @@ class Joint:
     position : (3,) tuple
         Its reference position [length].
     rotation : (3,) tuple
-        Rotation vector at load 1, relative to the parent, in the axes of the reference
+        Rotation vector at the end, relative to the parent, in the axes of the reference
         configuration: the axis, times the angle [rad].
-    begin : float
-        The load at which the motion begins; from there the angle is linear in the load.
+    begin, end : float
+        The loads between which it turns; the angle is linear in the load.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Joint:
     position: Point
     rotation: Point = (0.0, 0.0, 0.0)
     begin: float = 0.0
+    end: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Skeleton:
     def affine(self, name: str, load: float) -> Array:
         """Return the affine map (3, 4) of a joint at a load: reference to present positions."""
         joint = self._named[name]
-        part = np.clip((load - joint.begin) / (1 - joint.begin), 0.0, 1.0)
+        part = np.clip((load - joint.begin) / (joint.end - joint.begin), 0.0, 1.0)
         R = Rotation.from_rotvec(part * np.asarray(joint.rotation)).as_matrix()
         p = np.asarray(joint.position)
         own = np.column_stack([R, p - R @ p])
@@ -163,6 +164,7 @@ def limb(
     points: Sequence[Sequence[float]],
     directions: Sequence[Sequence[float]],
     begin: float = 0.0,
+    end: float = 1.0,
 ) -> list[Joint]:
     """Return joints in a row, each on the one before, that turn straight segments.
 
@@ -175,10 +177,10 @@ def limb(
     points : (n + 1, 3) sequence
         Reference positions of the joints and of the tip of the last segment [length].
     directions : (n, 3) sequence
-        The directions of the segments at load 1. Each joint turns by the smallest angle that
+        The directions of the segments at the end. Each joint turns by the smallest angle that
         leads there.
-    begin : float
-        The load at which the motion begins.
+    begin, end : float
+        The loads between which they turn.
     """
     joints: list[Joint] = []
     turned = Rotation.identity()  # of the segment before
@@ -186,7 +188,7 @@ def limb(
         segment = np.subtract(points[k + 1], points[k])
         rotation = _smallest_rotation(segment, turned.inv().apply(directions[k]))
         on = joints[-1].name if joints else parent.name
-        joints.append(Joint(name, on, point(points[k]), point(rotation.as_rotvec()), begin))
+        joints.append(Joint(name, on, point(points[k]), point(rotation.as_rotvec()), begin, end))
         turned = turned * rotation
     return joints
 

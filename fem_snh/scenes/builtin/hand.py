@@ -36,24 +36,33 @@ class Finger(NamedTuple):
     #: Lengths of the phalanges, and radii of the flesh around them.
     lengths: tuple[float, float, float]
     radii: tuple[float, float, float]
+    #: Angles of the phalanges of a fist to the plane of the hand [deg]: the fingertip presses about
+    #: 2 mm into the palm.
+    fist: tuple[float, float, float]
 
 
 FINGERS = {
-    "index": Finger((22, -14, 0), (86, -27, 0), -11, 8, (42, 25, 20), (9.6, 8.6, 7.8)),
-    "middle": Finger((22, -3, 2), (89, -4, 2), -2, 1, (46, 29, 21), (9.8, 8.8, 8.0)),
-    "ring": Finger((21, 8, 1), (83, 18, 1), 7, -7, (43, 27, 21), (9.4, 8.4, 7.6)),
-    "little": Finger((19, 18, -2), (74, 38, -2), 17, -15, (34, 20, 19), (8.4, 7.4, 6.8)),
+    "index": Finger(
+        (22, -14, 0), (86, -27, 0), -11, 8, (42, 25, 20), (9.6, 8.6, 7.8), (85, 192, 260)
+    ),
+    "middle": Finger(
+        (22, -3, 2), (89, -4, 2), -2, 1, (46, 29, 21), (9.8, 8.8, 8.0), (85, 193, 261)
+    ),
+    "ring": Finger((21, 8, 1), (83, 18, 1), 7, -7, (43, 27, 21), (9.4, 8.4, 7.6), (85, 190, 258)),
+    "little": Finger(
+        (19, 18, -2), (74, 38, -2), 17, -15, (34, 20, 19), (8.4, 7.4, 6.8), (85, 187, 253)
+    ),
 }
 PHALANGES = ("proximal", "middle", "distal")
-#: Angles of the phalanges of a fist to the plane of the hand [deg], and radii of their bones [mm].
-FIST = (85, 185, 250)
+#: Radii of their bones [mm].
 PHALANX_RADII = (3.6, 3.2, 2.8)
 #: Joints and tip of the thumb, open and in a fist; radii of the flesh and of the bones [mm].
 THUMB = ((12, -22, -6), (45, -50, -14), (70, -68, -16), (92, -82, -18))
 THUMB_IN_FIST = ((12, -22, -6), (42, -36, -36), (66, -27, -58), (75, -2, -62))
 THUMB_RADII, THUMB_BONE_RADII = (13, 11.2, 9.8), (4.0, 3.8, 3.2)
-#: The load at which the thumb begins to follow the fingers.
-THUMB_BEGINS = 0.2
+#: The loads at which the fingers have closed, and at which the thumb begins to follow: earlier, it
+#: would be in the fingers' way.
+FINGERS_END, THUMB_BEGINS = 0.75, 0.4
 #: Bones of forearm and wrist, ends and radius; the axes of others end GAP before each joint [mm],
 #: which leaves about 5 mm of flesh between two bones: what they crush as they turn is not thinner
 #: than a cell.
@@ -64,13 +73,14 @@ CARPALS = {
     "ulnar_carpals": ((6, 9, 0), (15, 13, -1), 4.0),
 }
 METACARPAL_RADIUS, GAP = 4.0, 6.0
-#: Flesh that no finger has: the forearm, the ball of the thumb, the edge of the hand.
+#: Flesh that no finger has: the forearm, the ball of the thumb, the edge and the pads of the palm.
 FLESH = (
     *(((-130, y, 0), (-90, y, 0), 26) for y in (16, -16)),
     *(((-90, y, 0), (-50, 0.85 * y, 0), 22) for y in (16, -16)),
     *(((-60, 1.2 * y, 0), (-5, y, 0), 18) for y in (11, -11)),
     ((18, -18, -6), (42, -34, -9), 12),
     ((16, 22, -6), (66, 36, -5), 11),
+    ((65, -24, -8), (61, 18, -8), 10.5),
 )
 #: Flesh around a metacarpal, below its axis: radius, heights of its ends; blend of all flesh [mm].
 PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
@@ -130,8 +140,10 @@ def rig() -> tuple[Skeleton, list[Bone]]:
         bones.append(_bone(f"{name}_metacarpal", wrist.name, *ends, METACARPAL_RADIUS))
         names = [f"{name}_{phalanx}" for phalanx in PHALANGES]
         points, lean = phalanges(finger), radians(finger.lean)
-        directions = [(cos(a), sin(a) * sin(lean), -sin(a) * cos(lean)) for a in map(radians, FIST)]
-        joints += limb(wrist, names, points, directions)
+        directions = [
+            (cos(a), sin(a) * sin(lean), -sin(a) * cos(lean)) for a in map(radians, finger.fist)
+        ]
+        joints += limb(wrist, names, points, directions, end=FINGERS_END)
         bones += _row(names, points, PHALANX_RADII)
     names = [f"thumb_{bone}" for bone in ("metacarpal", "proximal", "distal")]
     points = [_m(p) for p in THUMB]
