@@ -43,14 +43,14 @@ class Finger(NamedTuple):
 
 FINGERS = {
     "index": Finger(
-        (22, -14, 0), (86, -27, 0), -11, 8, (42, 25, 20), (9.6, 8.6, 7.8), (85, 192, 260)
+        (22, -14, 0), (86, -27, 0), -11, 4, (42, 25, 20), (9.6, 8.6, 7.8), (85, 192, 260)
     ),
     "middle": Finger(
         (22, -3, 2), (89, -4, 2), -2, 1, (46, 29, 21), (9.8, 8.8, 8.0), (85, 193, 261)
     ),
-    "ring": Finger((21, 8, 1), (83, 18, 1), 7, -7, (43, 27, 21), (9.4, 8.4, 7.6), (85, 190, 258)),
+    "ring": Finger((21, 8, 1), (83, 18, 1), 7, -3, (43, 27, 21), (9.4, 8.4, 7.6), (85, 190, 258)),
     "little": Finger(
-        (19, 18, -2), (74, 38, -2), 17, -15, (34, 20, 19), (8.4, 7.4, 6.8), (85, 187, 253)
+        (19, 18, -2), (74, 38, -2), 17, -10, (34, 20, 19), (8.4, 7.4, 6.8), (85, 187, 253)
     ),
 }
 PHALANGES = ("proximal", "middle", "distal")
@@ -58,7 +58,7 @@ PHALANGES = ("proximal", "middle", "distal")
 PHALANX_RADII = (3.6, 3.2, 2.8)
 #: Joints and tip of the thumb, open and in a fist; radii of the flesh and of the bones [mm].
 THUMB = ((12, -22, -6), (45, -50, -14), (70, -68, -16), (92, -82, -18))
-THUMB_IN_FIST = ((12, -22, -6), (42, -36, -36), (66, -27, -58), (75, -2, -62))
+THUMB_IN_FIST = ((12, -22, -6), (42, -36, -37), (66, -27, -60), (75, -2, -64))
 THUMB_RADII, THUMB_BONE_RADII = (13, 11.2, 9.8), (4.0, 3.8, 3.2)
 #: The loads at which the fingers have closed, and at which the thumb begins to follow: earlier, it
 #: would be in the fingers' way.
@@ -73,17 +73,18 @@ CARPALS = {
     "ulnar_carpals": ((6, 9, 0), (15, 13, -1), 4.0),
 }
 METACARPAL_RADIUS, GAP = 4.0, 6.0
-#: Flesh that no finger has: the forearm, the ball of the thumb, the edge and the pads of the palm.
+#: Flesh that no finger has: forearm, wrist, ball of the thumb, edge and pads of the palm.
 FLESH = (
     *(((-130, y, 0), (-90, y, 0), 26) for y in (16, -16)),
     *(((-90, y, 0), (-50, 0.85 * y, 0), 22) for y in (16, -16)),
     *(((-60, 1.2 * y, 0), (-5, y, 0), 18) for y in (11, -11)),
+    *(((-5, y, 0), (20, 0.8 * y, 0), 14) for y in (9, -9)),
     ((18, -18, -6), (42, -34, -9), 12),
     ((16, 22, -6), (66, 36, -5), 11),
     ((65, -24, -8), (61, 18, -8), 10.5),
 )
 #: Flesh around a metacarpal, below its axis: radius, heights of its ends; blend of all flesh [mm].
-PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.8
+PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.0
 #: Load steps: a fist closes in two seconds of film. In one second, fingertips move by more than
 #: half of a finger's thickness in a step, and pass through what they touch.
 FRAMES = 48
