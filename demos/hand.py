@@ -10,14 +10,14 @@
 # |---|---|
 # | skin | a smooth union of capsules, 0.34 m long |
 # | bones | capsules between joints; noise of 5 % of a bone's length, a new one in each step |
-# | motion | a second of film: 24 steps; the thumb follows the fingers |
+# | motion | the fingers close, then the thumb over them: 24 steps, 48 at full size |
 # | contact | the paper's, by the map to the reference configuration |
 #
 # ![The hand half open and as a fist, coloured by the change of volume](hand.png)
 #
 # ```bash
-# mpirun -n 2 python demos/hand.py                # 2,100 hexahedra, as in the picture: a minute
-# mpirun -n 2 python demos/hand.py --cells 119    # the paper's 41,000
+# mpirun -n 2 python demos/hand.py                             # 2,000 hexahedra
+# mpirun -n 2 python demos/hand.py --cells 119 --steps 48      # 39,000, as in the picture
 # ```
 #
 # What a step of the full size costs is in [the results](../results/bones.md). How to give a body
@@ -81,5 +81,5 @@ if MPI.COMM_WORLD.rank == 0:
 
 # %%
 assert contact[-1]["force"] > 10  # the fist is closed
-assert 1 - steps[-1]["volume_ratio"] < 0.015
+assert 1 - steps[-1]["volume_ratio"] < 0.02
 assert materials["corotational"] > 3 * materials["stable_neo_hookean"]

@@ -102,7 +102,7 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     Parameters
     ----------
     cells : int
-        Cells from the elbow to the fingertips: 119 give 41,000, 60 give 6,000.
+        Cells from the elbow to the fingertips: 119 give 39,000, 60 give 6,000.
     noise : float
         Noise of the bones' affine maps, relative to the length of the bone, as of a rig's skinning.
     seed : int
