@@ -13,7 +13,7 @@
 # | motion | the fingers close, then the thumb over them: 24 steps, 48 at full size |
 # | contact | the paper's, by the map to the reference configuration |
 #
-# ![The hand half open and as a fist, coloured by the change of volume](hand.png)
+# ![The hand at loads 0.25 and 0.73, coloured by the change of volume](hand.png)
 #
 # ```bash
 # mpirun -n 2 python demos/hand.py                             # 2,000 hexahedra
