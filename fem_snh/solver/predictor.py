@@ -72,7 +72,7 @@ class Predictor:
         self.kind, self._blend = choose("predictor", kind, PREDICTORS), blend
         if kind == "bones" and blend is None:
             raise bad_value("predictor", kind, "another one, as there are no bones")
-        self._response = response or self.tangent
+        self._response = response  # a bound method of this object would be a reference cycle
         self.before: tuple[float, PETSc.Vec] | None = None
 
     def predict(self, load: float) -> int:
@@ -95,7 +95,7 @@ class Predictor:
             x.axpy((load - old) / (old - earlier), present)
             x.axpy(-(load - old) / (old - earlier), before)
         elif self.kind != "none":
-            linear = self._response()
+            linear = (self._response or self.tangent)()
         problem.prescribe(x)
         linear += self._admit(present)
         self._last = (old, present)
@@ -119,7 +119,7 @@ class Predictor:
         if self.kind != "tangent":
             # The linear response moves the free unknowns away from the constrained ones.
             present.copy(x)
-            linear = self._response()
+            linear = (self._response or self.tangent)()
             problem.prescribe(x)
         if self.kind == "tangent" or largest_step(present, x - present) < 1:
             raise NotSettled("the prescribed motion of the step passes through the body")
