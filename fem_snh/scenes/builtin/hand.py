@@ -88,9 +88,7 @@ PALM, PALM_HEIGHTS, BLEND = 12.5, (-2, -1), 2.0
 #: Load steps: a fist closes in two seconds of film. In one second, fingertips move by more than
 #: half of a finger's thickness in a step, and pass through what they touch.
 FRAMES = 48
-#: L-BFGS iterations in the trust region, at most: more cost more than further Newton steps (12,000
-#: cells: 129 s with the default, 81 s with this). A line search takes more Newton iterations in the
-#: last seven steps of the fist (2,100 cells: 95 a step instead of 45).
+#: L-BFGS iterations in the trust region, at most: more cost more than further Newton steps.
 LBFGS_MAX_IT = 40
 #: From the elbow's end to the tip of the middle finger [mm].
 LENGTH = 341.0
