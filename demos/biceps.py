@@ -64,5 +64,5 @@ if MPI.COMM_WORLD.rank == 0:
         print(f"smallest J {smallest:.2f}")
     picture = compare([args.out / name for name in MATERIALS], args.out / "biceps.png")
     print(f"{newton[1] / newton[0]:.1f} times the iterations (paper 2.3); picture: {picture}")
-assert newton[1] > newton[0]  # by how much depends on rounding on coarse meshes
+assert newton[1] > 1.8 * newton[0]  # on coarse meshes, rounding decides
 assert flesh[0] - flesh[1] > 0.02

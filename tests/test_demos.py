@@ -27,9 +27,8 @@ SMALLER = {
     "foundation": ["--cells", "4"],
     "inflation": ["--cells", "2", "--steps", "12"],
     "elbow": ["--cells", "14", "--nus", "0", "0.499", "--steps", "2"],
-    "biceps": ["--cells", "14"],
     "squash": ["--cells", "20", "--seconds", "0"],
-    "hand": ["--cells", "30", "--steps", "4"],
+    "hand": ["--cells", "40", "--steps", "4"],
     "torso": ["--cells", "40", "--steps", "4"],
 }
 #: What each leaves behind, besides its run folders.

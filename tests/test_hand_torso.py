@@ -26,15 +26,14 @@ def check_bones(result):
 
 @pytest.mark.mpi
 def test_a_fist_with_noisy_bones():
-    scene = scenes.load("hand", cells=30, contact=False, steps=4)
+    scene = scenes.load("hand", cells=36, contact=False, steps=4)
     assert len(scene.bone) == 24 and scene.rig.noise.amplitude == 0.05
     result = solve(scene)
     assert result.converged and all(step["converged"] for step in result.steps)
-    assert result.record["cells"] == pytest.approx(1_000, rel=0.1)
+    assert result.record["cells"] == pytest.approx(1_500, rel=0.1)
     assert np.mean([step["newton"] for step in result.steps]) < 15.9
     assert max(step["residual"] for step in result.steps) <= 1e-2
-    # Bones are as thick as a cell here, and crush the joints; 0.996 on 39,000 cells.
-    assert abs(result.steps[-1]["volume_ratio"] - 1) < 0.02
+    assert abs(result.steps[-1]["volume_ratio"] - 1) < 0.01
     check_bones(result)
 
 
