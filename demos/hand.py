@@ -26,6 +26,7 @@
 
 # %%
 from argparse import ArgumentParser
+from collections import Counter
 from pathlib import Path
 
 from mpi4py import MPI
@@ -34,6 +35,7 @@ import numpy as np
 
 import fem_snh
 from fem_snh.render import main as render
+from fem_snh.scenes.builtin.hand import FINGERS, rig
 
 parser = ArgumentParser(description="A hand closes to a fist.")
 parser.add_argument("--cells", type=int, default=40, help="along hand and forearm")
@@ -57,6 +59,35 @@ newton = np.mean([step["newton"] for step in steps])
 contact = [step["self_contact"] for step in steps]
 
 # %% [markdown]
+# Contact is the force of springs between points of the skin. Each point belongs to the bone that is
+# closest to it; so we know which part of the hand presses on which.
+
+# %%
+bones = rig()[1]
+
+
+def closest_bones(X):
+    """Return the names of the bones whose axes are closest to reference positions (n, 3)."""
+    distances = []
+    for bone in bones:
+        axis = np.subtract(bone.end, bone.start)
+        along = np.clip((X - bone.start) @ axis / (axis @ axis), 0, 1)
+        distances.append(np.linalg.norm(X - bone.start - along[:, None] * axis, axis=1))
+    return np.array([bone.name for bone in bones])[np.argmin(distances, axis=0)]
+
+
+def part(name):
+    """Return the finger of a bone, or palm."""
+    return "palm" if name.endswith(("metacarpal", "carpals")) else name.split("_")[0]
+
+
+term = next(term for term in result.problem.terms if term.name == "self_contact")
+samples, targets, forces = term.spring_forces(result.problem.split(result.problem.x)[0])
+between = Counter()
+for first, second, force in zip(*map(closest_bones, (samples, targets)), forces, strict=True):
+    between[frozenset((part(first), part(second)))] += force
+
+# %% [markdown]
 # ## Volume
 #
 # Corotational elasticity with the same constants loses volume where flesh is compressed; the paper
@@ -73,6 +104,8 @@ if MPI.COMM_WORLD.rank == 0:
     print(
         f"at the end {contact[-1]['pairs']} points of the skin touch: {contact[-1]['force']:.0f} N"
     )
+    for parts, force in between.most_common():
+        print(f"  {' and '.join(sorted(parts))}: {force:.2f} N")
     print(f"solves of a step: at most {max(row['rounds'] for row in contact)}")
     for name, lost in materials.items():
         print(f"volume lost without contact, {name}: {lost:.2%}")
@@ -80,6 +113,9 @@ if MPI.COMM_WORLD.rank == 0:
     print(f"picture: {picture}")
 
 # %%
-assert contact[-1]["force"] > 10  # the fist is closed
+assert contact[-1]["force"] > 10  # the fist is closed:
+touching = [("index", "middle"), ("middle", "ring"), ("ring", "little"), ("index", "thumb")]
+touching += [(finger, "palm") for finger in FINGERS]
+assert all(between[frozenset(pair)] > 0.5 for pair in touching)
 assert 1 - steps[-1]["volume_ratio"] < 0.015
 assert materials["corotational"] > 3 * materials["stable_neo_hookean"]

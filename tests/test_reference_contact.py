@@ -141,6 +141,17 @@ def test_bodies_that_intersect_in_the_mesh_part() -> None:
 
 
 @mpi
+@pytest.mark.parametrize(("element", "gap"), [("Q1", 0.2), ("P2", 0.1)])
+def test_what_approaches_is_stopped_in_the_first_solve(element: str, gap: float) -> None:
+    """A gap that one step closes makes no difference; without pairs, the blocks would cross."""
+    found, expected = (blocks(element=element, gap=g, press=g + 0.1)[1] for g in (gap, 0.05))
+    for key in ("force", "penetration"):
+        other = expected["self_contact"][key]
+        assert found["self_contact"][key] == pytest.approx(other, rel=1e-4)
+    assert found["self_contact"]["rounds"] == 2
+
+
+@mpi
 def test_pressure_is_the_force_over_the_area() -> None:
     """Two blocks of the same width, 1, are compressed as one; far from the gap there is none."""
     p, row = blocks(shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)

@@ -11,6 +11,9 @@ from test_dolfinx_shim import ELEMENTS
 from fem_snh import _dolfinx
 from fem_snh.fem import mesh
 from fem_snh.fem.contact.embedded_surface import embedded_surface
+from fem_snh.fem.contact.triangles import closest_points, triangle_normals
+from fem_snh.fem.self_contact.approaching import approaching
+from fem_snh.fem.self_contact.closer_targets import CloserTargets
 from fem_snh.fem.self_contact.deformed_cells import DeformedCells
 from fem_snh.fem.self_contact.neighbourhood import Neighbourhood, body_numbers
 from fem_snh.fem.self_contact.reference_surface import ReferenceSurface
@@ -91,6 +94,47 @@ def test_faces_that_are_opposed_are_preferred(comm):
         found = search.closest(p, np.zeros(1, int), np.array([normal]), outward)
         np.testing.assert_allclose(outward[found.triangle[0]], face, atol=1e-12)
         assert found.depth[0] == pytest.approx(0.04)
+
+
+def surface_of(comm, source, **parameters):
+    """Return the points, triangles and outward normals of a mesh's surface."""
+    body = mesh.generate(comm, source, "hexahedron", **parameters)
+    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body)
+    return surface.points, surface.triangles, triangle_normals(surface.points, surface.triangles)
+
+
+def test_surfaces_that_face_each_other_approach(comm):
+    """Only the faces of two blocks that face each other, up to the distance and no farther."""
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=0.3)
+    points, every = x[triangles].mean(axis=1), np.arange(len(triangles))
+    found = approaching(points, outward, every, x, triangles, 0.31)
+    faces = np.isclose(points[:, 2], 1.0) | np.isclose(points[:, 2], 1.3)
+    np.testing.assert_array_equal(np.sort(found.sample), np.flatnonzero(faces))
+    target = np.einsum("nk,nki->ni", found.coordinates, x[triangles[found.triangle]])
+    expected = points[found.sample] + 0.3 * outward[found.sample]
+    np.testing.assert_allclose(target, expected, atol=1e-12)
+    assert not len(approaching(points, outward, every, x, triangles, 0.29).sample)
+    # A surface is not approached from behind: the blocks overlap.
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=-0.1)
+    points = x[triangles].mean(axis=1)
+    assert not len(approaching(points, outward, every, x, triangles, 0.31).sample)
+
+
+def test_targets_move_to_the_closest_point(comm):
+    """On the upper face of a cube, from a triangle three cells away; against all triangles."""
+    x, triangles, outward = surface_of(comm, "two_blocks", cells=4, gap=0.5)
+    x = x + 0.02 * np.sin(5 * x[:, [1, 2, 0]])
+    outward, up = triangle_normals(x, triangles), np.array([0.0, 0.0, 1.0])
+    middles = x[triangles].mean(axis=1)
+    top = np.flatnonzero((outward @ up > 0.9) & (middles[:, 2] < 1.2))
+    p = np.column_stack([0.1 + 0.8 * np.random.default_rng(3).random((50, 2)), np.full(50, 0.98)])
+    far = top[np.linalg.norm(middles[top] - p[:, None], axis=2).argmax(axis=1)]
+    # Normals of zero: no face is preferred.
+    target, coordinates = CloserTargets(triangles).move(p, 0 * p, far, x, outward)
+    found = np.einsum("nk,nki->ni", coordinates, x[triangles[target]])
+    arm = closest_points(p[:, None], x[triangles[top]][None])[1]
+    expected = np.linalg.norm(arm, axis=2).min(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(found - p, axis=1), expected, rtol=1e-9)
 
 
 @each_element

@@ -90,7 +90,7 @@ class ContactPairs:
         (n,) int
             Indices of ``other``; -1 for none.
         """
-        found, mine, others = np.full(len(self), -1), self._targets(x), other._targets(x)
+        found, mine, others = np.full(len(self), -1), self.ends(x)[1], other.ends(x)[1]
         first = np.searchsorted(other.sample, self.sample)
         counts = np.searchsorted(other.sample, self.sample, side="right") - first
         for number in range(counts.max(initial=0)):
@@ -100,9 +100,14 @@ class ContactPairs:
             found[some[near]] = candidate[near]
         return found
 
-    def _targets(self, x: Array) -> Array:
-        """Return the positions of the targets [m], (n, 3)."""
-        return np.asarray(-np.einsum("nk,nki->ni", self.factors[:, 3:], x[self.corners[:, 3:]]))
+    def ends(self, x: Array) -> tuple[Array, Array]:
+        """Return the positions (n, 3) of the samples and of their targets [m].
+
+        ``x`` (points, 3) are those of the surface's points, deformed or in the reference
+        configuration.
+        """
+        weighted = self.factors[..., None] * x[self.corners]
+        return weighted[:, :3].sum(axis=1), -weighted[:, 3:].sum(axis=1)
 
     @property
     def _columns(self) -> tuple[Array, ...]:

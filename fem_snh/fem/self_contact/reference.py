@@ -39,8 +39,10 @@ class ReferenceContact:
 
     Samples of the surface that are inside of deformed cells are mapped to the reference
     configuration by these cells. A spring pushes each out of the surface through its target, the
-    closest point of the surface there. During a solve targets and normals are constant. After a
-    solve the search is repeated, and the step is solved again until the forces have settled.
+    closest point of the surface there, from which a local search looks for a closer one on the
+    deformed surface. Samples that approach the surface have a target, too. During a solve targets
+    and normals are constant. After a solve the search is repeated, and the step is solved again
+    until the forces have settled.
 
     Parameters
     ----------
@@ -129,6 +131,25 @@ class ReferenceContact:
             "rounds": self.rounds,
         }
         return {"self_contact": row}
+
+    def spring_forces(self, u: PETSc.Vec) -> tuple[Array, Array, Array]:
+        """Return what touches what, and how strongly; the same on all ranks. Collective.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The displacement.
+
+        Returns
+        -------
+        samples, targets : (n, 3)
+            Reference positions of the ends of the springs that push [m].
+        forces : (n,)
+            Their forces [N].
+        """
+        forces = self.pairs.forces(self._positions(u))
+        samples, targets = self.pairs.ends(self.surface.points)
+        return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Search the targets at the next evaluation: that of the predicted displacement."""

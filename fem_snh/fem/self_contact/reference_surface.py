@@ -18,7 +18,7 @@ _EXAMINED = (24, 96, 384)
 #: A triangle whose outward normal is that of the point counts as this much farther away than one of
 #: the opposite normal, with a linear function of the cosine between: points near an edge of the
 #: surface have the face that they have passed through as a target, not the one beside it.
-_TURNED = 3.0
+TURNED = 3.0
 #: Points times triangles that are examined at a time, which bounds the memory.
 _BATCH = 200_000
 
@@ -114,7 +114,7 @@ class ReferenceSurface:
                 found, arm = closest_points(X[which][:, None], self._corners[near])
                 length = np.linalg.norm(arm, axis=2)
                 cosine = np.einsum("nki,ni->nk", outward[near], normals[which])
-                turned = length * (1 + (_TURNED - 1) * (1 + cosine) / 2)
+                turned = length * (1 + (TURNED - 1) * (1 + cosine) / 2)
                 for points, measure in ((nearest, length), (target, turned)):
                     points.set(which, measure.argmin(axis=1), near, found, arm)
                 sure = distances[:, -1] - radius >= length.min(axis=1)
