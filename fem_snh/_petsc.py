@@ -84,7 +84,7 @@ def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
 
 
 def set_pattern(A: PETSc.Mat, csr: tuple[Any, ...]) -> None:
-    """Give a matrix another pattern and values, (indptr, indices, values). Collective.
+    """Give a matrix another pattern, (indptr, indices), and zero values. Collective.
 
     The object stays. PETSc's nonzero state may, too: from 3.22 on that of a parallel matrix is the
     sum of its new blocks' states, so another number counts the patterns.

@@ -76,7 +76,7 @@ def test_functions_are_orthonormal_and_span_the_linear_ones(shape, functions):
 # --- the coarse matrix ---------------------------------------------------------------------------
 
 
-@with_subdomains(6)
+@with_subdomains(6, 80)
 def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     p = body(comm)
     ours = EisenstatCG(p.coordinates)
@@ -98,8 +98,8 @@ def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
         AZ[i][:, near[start[i] : start[i + 1]]] = image[start[i] : start[i + 1]].swapaxes(0, 1)
     assert np.allclose(AZ.reshape(Z.shape), A @ Z, atol=1e-6 * np.abs(A @ Z).max())
     E = Z.T @ A @ Z
-    assert np.linalg.eigvalsh(E)[0] > 0
-    assert np.allclose(deflation._inverse @ E, np.eye(len(E)), atol=1e-8)
+    # Some functions are zero where a subdomain has few nodes.
+    assert np.allclose(E @ [deflation._E.solve(row) for row in E], E, atol=1e-8)
 
 
 # --- convergence ---------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_small_bodies_are_not_deflated(comm, subdomains):
 
 
 @mpi
-@with_subdomains(0, 1, 5, 60)
+@with_subdomains(0, 1, 5, 60, 80)
 @pytest.mark.parametrize("hold", [(), ("x",), ("x", "z")])
 def test_unconstrained_rigid_motions(comm, subdomains, hold):
     """Matrix and coarse matrix are singular; a right-hand side in their range is solved for."""
@@ -144,7 +144,7 @@ def test_unconstrained_rigid_motions(comm, subdomains, hold):
 
 
 @mpi
-@with_subdomains(5)
+@with_subdomains(5, 80)
 def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, subdomains):
     """Rotations of a compressed subdomain have negative curvature: no iteration is needed."""
     p = body(comm, size=0.0, hold=())

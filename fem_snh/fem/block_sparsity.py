@@ -46,7 +46,7 @@ class BlockSparsity:
 
     def block_rows(self) -> Array:
         """Return the block row of each block of the pattern."""
-        return np.repeat(np.arange(len(self.row_sizes)), np.diff(self.indptr))
+        return self._pattern.rows()
 
     def offsets(self, rows: Array, columns: Array) -> Array:
         """Return the offset of the first value of each of these blocks in the value array."""

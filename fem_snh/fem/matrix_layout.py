@@ -6,6 +6,7 @@ A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from petsc4py import PETSc
@@ -17,11 +18,14 @@ from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
 from fem_snh.fem.block_sparsity import BlockSparsity, concatenated_ranges
 from fem_snh.fem.numbering import MixedDofMap
+from fem_snh.kernels.block_pattern import BlockPattern
 
 Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
+#: Pairs of blocks of cells, and block rows, that are expanded at the same time: a bound of memory.
+_PAIRS_AT_ONCE, _ROWS_AT_ONCE = 2**22, 2**15
 
 
 class MatrixLayout:
@@ -65,55 +69,79 @@ class MatrixLayout:
         mat: PETSc.Mat | None = None,
     ) -> None:
         self._dof_map = dof_map
-        cells, n = dof_map.cell_blocks, dof_map.cell_blocks.shape[1]
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
-        first, last = dof_map.owned_range
-        rows, columns = np.repeat(cells, n, axis=1).ravel(), np.tile(cells, (1, n)).ravel()
+        first = dof_map.owned_range[0]
+        pairs_of_cells = _pairs_of_cells(dof_map)
+        rows, columns = pairs_of_cells.rows(), pairs_of_cells.indices
         sent = ~owned[rows]
 
         ghost = np.cumsum(~owned) - 1  # index of a ghost block among the ghosts
         self.ghosts = numbers[~owned]
         self.sent = BlockSparsity(ghost[rows[sent]], columns[sent], sizes[~owned], sizes)
-        sent_rows = self.ghosts[self.sent.block_rows()]
-        received = self._send_to_owners(sent_rows, numbers[self.sent.indices])
-
-        # The pattern of the owned rows: of this rank's cells, of what other ranks send, and more.
-        more = [] if pairs is None else [pairs.T]
         own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
-        pattern_rows, pattern_columns = np.concatenate([own, received, *more], axis=1)
-        pattern_rows = pattern_rows - first
-        inside = (pattern_columns >= first) & (pattern_columns < last)
-        # PETSc numbers the columns of the off-diagonal block densely, in ascending order.
-        others = np.unique(pattern_columns[~inside])
-        own_sizes = dof_map.global_dofs(np.arange(first, last))[1]
-        diagonal = BlockSparsity(
-            pattern_rows[inside], pattern_columns[inside] - first, own_sizes, own_sizes
-        )
-        off_diagonal = BlockSparsity(
-            pattern_rows[~inside],
-            np.searchsorted(others, pattern_columns[~inside]),
-            own_sizes,
-            dof_map.global_dofs(others)[1],
-        )
-        self.mat = self._create(diagonal, off_diagonal, others, mat)
+        diagonal, off_diagonal, others = self._owned_rows(own, pairs)
+        del own
         self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
 
-        row, column = numbers[rows] - first, numbers[columns]
-        own_column, ghost_column = ~sent & owned[columns], ~sent & ~owned[columns]
-        positions = np.empty(len(rows), dtype=np.int64)
-        positions[own_column] = (
-            4 * diagonal.offsets(row[own_column], column[own_column] - first) + _DIAGONAL
-        )
-        dense = np.searchsorted(others, column[ghost_column])
-        positions[ghost_column] = 4 * off_diagonal.offsets(row[ghost_column], dense) + _OFF_DIAGONAL
+        positions = np.empty(len(rows), np.int64)
+        inside, outside = ~sent & owned[columns], ~sent & ~owned[columns]
+        row, column = numbers[rows[inside]] - first, numbers[columns[inside]] - first
+        positions[inside] = 4 * diagonal.offsets(row, column) + _DIAGONAL
+        row, column = numbers[rows[outside]] - first, numbers[columns[outside]]
+        dense = np.searchsorted(others, column)
+        positions[outside] = 4 * off_diagonal.offsets(row, dense) + _OFF_DIAGONAL
         positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
         if len(positions) and positions.max() > np.iinfo(np.int32).max:
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
-        self.block_positions = positions.astype(np.int32).reshape(len(cells), n, n)
+        shape = (*dof_map.cell_blocks.shape, dof_map.cell_blocks.shape[1])
+        self.block_positions = np.empty(shape, np.int32)
+        for cells, row, column in _cell_pairs(dof_map.cell_blocks):
+            found = positions[pairs_of_cells.find(row, column)]
+            self.block_positions[cells] = found.reshape(-1, *shape[1:])
         self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
         for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
             strides[owned] = sparsity.row_lengths[numbers[owned] - first]
         self.row_strides[_SENT][~owned] = self.sent.row_lengths
+        del rows, columns, sent, inside, outside, row, column, positions, pairs_of_cells
+        self.mat = self._create(diagonal, off_diagonal, others, mat)
+
+    def _owned_rows(
+        self, own: Array, pairs: Array | None
+    ) -> tuple[BlockSparsity, BlockSparsity, Array]:
+        """Return the pattern of the rows of this rank: of the blocks in its columns and of others.
+
+        Parameters
+        ----------
+        own : (2, n)
+            Global row and column of the blocks of this rank's cells in these rows.
+        pairs : (n, 2), optional
+            Of further blocks.
+
+        Returns
+        -------
+        diagonal, off_diagonal : BlockSparsity
+            The columns of the second are numbered densely, in ascending order, as PETSc does.
+        others : (n,)
+            Their global numbers.
+        """
+        dof_map = self._dof_map
+        first, last = dof_map.owned_range
+        sent_rows = self.ghosts[self.sent.block_rows()]
+        received = self._send_to_owners(sent_rows, dof_map.local_to_global[self.sent.indices])
+        more = [] if pairs is None else [pairs.T]
+        rows, columns = np.concatenate([own, received, *more], axis=1)
+        rows -= first
+        inside = (columns >= first) & (columns < last)
+        others = np.unique(columns[~inside])
+        sizes = dof_map.global_dofs(np.arange(first, last))[1]
+        diagonal = BlockSparsity(rows[inside], columns[inside] - first, sizes, sizes)
+        off_diagonal = BlockSparsity(
+            rows[~inside],
+            np.searchsorted(others, columns[~inside]),
+            sizes,
+            dof_map.global_dofs(others)[1],
+        )
+        return diagonal, off_diagonal, others
 
     def _send_to_owners(self, rows: Array, columns: Array) -> Array:
         """Send pairs of blocks to the ranks that own the rows; return (2, n) received ones."""
@@ -131,19 +159,20 @@ class MatrixLayout:
     ) -> PETSc.Mat:
         """Return a zero AIJ matrix; ``others`` are the off-diagonal block's global columns."""
         dof_map, row_sizes = self._dof_map, diagonal.row_sizes
-        global_blocks = np.concatenate([np.arange(*dof_map.owned_range), others])
-        rows = np.concatenate([diagonal.block_rows(), off_diagonal.block_rows()])
-        columns = np.concatenate([diagonal.indices, off_diagonal.indices + len(row_sizes)])
-        order = np.lexsort((global_blocks[columns], rows))
-        # The columns of one row of unknowns of each block row, then repeated for its other rows.
-        indices = concatenated_ranges(*dof_map.global_dofs(global_blocks[columns[order]]))
         lengths = diagonal.row_lengths + off_diagonal.row_lengths
-        starts = np.cumsum(lengths) - lengths
-        block_row = np.repeat(np.arange(len(row_sizes)), row_sizes)
-        indices = indices[concatenated_ranges(starts[block_row], lengths[block_row])]
-        indptr = np.concatenate([[0], np.cumsum(lengths[block_row])])
-        integers = (array.astype(PETSc.IntType) for array in (indptr, indices))
-        csr = (*integers, np.zeros(len(indices)))
+        indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
+        columns = np.empty(indptr[-1], PETSc.IntType)
+        filled = 0
+        for first in range(0, len(row_sizes), _ROWS_AT_ONCE):
+            rows = slice(first, first + _ROWS_AT_ONCE)
+            # The columns of one row of unknowns of each block row, repeated for its other rows.
+            once = _columns(dof_map, diagonal, off_diagonal, others, rows)
+            starts = np.cumsum(lengths[rows]) - lengths[rows]
+            block_row = np.repeat(np.arange(len(starts)), row_sizes[rows])
+            repeated = concatenated_ranges(starts[block_row], lengths[rows][block_row])
+            columns[filled : filled + len(repeated)] = once[repeated]
+            filled += len(repeated)
+        csr = indptr.astype(PETSc.IntType), columns
         if mat is not None:
             set_pattern(mat, csr)
             return mat
@@ -153,3 +182,43 @@ class MatrixLayout:
             csr=csr,
             comm=dof_map.comm,
         )
+
+
+def _cell_pairs(cell_blocks: Array) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield slices of cells, and row and column of the pairs of blocks of each cell in them."""
+    n = cell_blocks.shape[1]
+    step = max(1, _PAIRS_AT_ONCE // n**2)
+    for first in range(0, len(cell_blocks), step):
+        cells = slice(first, first + step)
+        chosen = cell_blocks[cells]
+        yield cells, np.repeat(chosen, n, axis=1).ravel(), np.tile(chosen, (1, n)).ravel()
+
+
+def _pairs_of_cells(dof_map: MixedDofMap) -> BlockPattern:
+    """Return the pattern of the local blocks, ghosts included, of this rank's cells."""
+    size = len(dof_map.local_to_global)
+    found = [np.empty((2, 0), np.int32)]
+    for _, rows, columns in _cell_pairs(dof_map.cell_blocks):
+        part = BlockPattern(rows, columns, size, size)
+        found.append(np.stack([part.rows(), part.indices]))
+    rows, columns = np.concatenate(found, axis=1)
+    return BlockPattern(rows, columns, size, size)
+
+
+def _columns(
+    dof_map: MixedDofMap,
+    diagonal: BlockSparsity,
+    off_diagonal: BlockSparsity,
+    others: Array,
+    rows: slice,
+) -> Array:
+    """Return the global columns of one row of unknowns of each of these block rows, ascending."""
+    blocks, block_rows = [], []
+    for sparsity, numbers in ((diagonal, None), (off_diagonal, others)):
+        indptr = sparsity.indptr[rows.start : rows.stop + 1]
+        indices = sparsity.indices[indptr[0] : indptr[-1]]
+        blocks.append(indices + dof_map.owned_range[0] if numbers is None else numbers[indices])
+        block_rows.append(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)))
+    column = np.concatenate(blocks)
+    order = np.lexsort((column, np.concatenate(block_rows)))
+    return concatenated_ranges(*dof_map.global_dofs(column[order]))

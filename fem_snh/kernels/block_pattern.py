@@ -56,6 +56,10 @@ class BlockPattern:
             raise MemoryError
         self.indices = indices[: self.indptr[-1]].copy()
 
+    def rows(self) -> Array:
+        """Return the row (n,) int32 of each pair of the pattern."""
+        return np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+
     def find(self, rows: Array, columns: Array) -> Array:
         """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
         rows, columns = _int32(rows), _int32(columns)

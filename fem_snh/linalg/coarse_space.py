@@ -108,6 +108,8 @@ class CoarseSpace:
     ----------
     functions : (rows + ghosts, 3, 4) float32
         Z by node, component and function; the caller sets it before `assemble`.
+    block_row, block_column : (blocks,)
+        The subdomains of the blocks of E = Z^T A Z to which this rank's rows contribute.
     """
 
     def __init__(
@@ -128,12 +130,16 @@ class CoarseSpace:
                 keys.append(np.unique(row * subdomains + subdomain[pattern[1] + shift]))
         row, pair_subdomain = np.divmod(np.unique(np.concatenate(keys)), subdomains)
         pair_start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
+        pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
+        block, pair_block = np.unique(pair, return_inverse=True)
+        self.block_row, self.block_column = np.divmod(block, subdomains)
         self.arrays = {
             "subdomain": np.ascontiguousarray(subdomain, np.int32),
             "functions": self.functions,
             "aij_column": np.ascontiguousarray(diagonal[1], np.int32),
             "pair_start": pair_start.astype(np.int32),
             "pair_subdomain": pair_subdomain.astype(np.int32),
+            "pair_block": pair_block.astype(np.int32),
             "image": np.zeros((len(pair_subdomain), 3, COLUMNS), np.float32),
         }
         read = ("image", "pair_start", "pair_subdomain")
@@ -159,22 +165,19 @@ class CoarseSpace:
         self._matrix.lib.matrix_coupled_unknowns(self._matrix.struct, *addresses, pointer)
         return coupled.astype(bool)
 
-    def assemble(self, values: int, off_diagonal: int, scale: float, first: int, own: int) -> Array:
-        """Compute A Z and return this rank's rows of E = Z^T A Z.
+    def assemble(self, values: int, off_diagonal: int, scale: float) -> Array:
+        """Compute A Z and return the blocks of E = Z^T A Z, whose rows are of this rank alone.
 
         Parameters
         ----------
         values, off_diagonal : int
             Addresses of the AIJ matrix's values, which are multiplied by ``scale``.
-        first, own : int
-            The first of this rank's subdomains, and their number.
 
         Returns
         -------
-        (COLUMNS * own, COLUMNS * subdomains)
+        (blocks, COLUMNS, COLUMNS)
         """
-        E = np.zeros((COLUMNS * own, COLUMNS * self.subdomains))
-        matrix, target = self._matrix, (first, self._matrix.pointer(E), E.shape[1])
+        E, matrix = np.zeros((len(self.block_row), COLUMNS, COLUMNS)), self._matrix
         addresses = matrix.addresses(values, off_diagonal)
-        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, *target)
+        matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, matrix.pointer(E))
         return E

@@ -11,13 +11,14 @@ typedef struct {
   const int *aij_column;      /* block columns of the AIJ matrix's diagonal block */
   const int *pair_start;      /* [rows + 1] index of a row's first pair */
   const int *pair_subdomain;  /* [pairs] */
+  const int *pair_block;      /* [pairs] the block of E to which the pair adds */
   float *image;               /* [pairs][3][COLUMNS] A Z */
 } CoarseSpace;
 
 /* Compute A Z from the values of the AIJ matrix, times `scale`, and add these rows' part of E = Z^T A Z to
- * E[own subdomains * COLUMNS][width]; `first` is the first of the own subdomains. */
+ * its blocks E[blocks][COLUMNS][COLUMNS]. */
 void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const double *values, const double *off_diagonal,
-                     double scale, int first, double *E, long width);
+                     double scale, double *E);
 
 /* y += (A Z)^T t. */
 void coarse_image_transposed(const CoarseSpace *c, const float *t, double *y);

@@ -19,7 +19,7 @@ static inline int find_pair(const CoarseSpace *c, int row, int subdomain) {
 }
 
 void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const double *values, const double *off_diagonal,
-                     double scale, int first, double *E, long width) {
+                     double scale, double *E) {
   for (int i = 0; i < c->rows; i++) {
     const int pairs = c->pair_start[i + 1] - c->pair_start[i], all = b->aij_start[i + 1] - b->aij_start[i];
     d4 acc[9 * pairs];
@@ -39,15 +39,14 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
       }
     }
     const float *g = c->functions + COLUMNS * (long)i;
-    double *mine = E + (c->subdomain[i] - first) * COLUMNS * width;
     for (int s = 0; s < pairs; s++) {
       const d4 *at = acc + 9 * s;
       float *image = c->image + 3L * COLUMNS * (c->pair_start[i] + s);
       for (int m = 0; m < 9; m++) *(f4 *)(image + 4 * m) = __builtin_convertvector(at[m], f4);
-      double *to = mine + COLUMNS * (long)c->pair_subdomain[c->pair_start[i] + s];
+      double *to = E + COLUMNS * COLUMNS * (long)c->pair_block[c->pair_start[i] + s];
       for (int a = 0; a < COLUMNS; a++)
         for (int m = 0; m < 3; m++)
-          *(d4 *)(to + a * width + 4 * m) += (double)g[a] * at[3 * (a / 4) + m];
+          *(d4 *)(to + COLUMNS * a + 4 * m) += (double)g[a] * at[3 * (a / 4) + m];
     }
   }
 }

@@ -29,24 +29,17 @@ from __future__ import annotations
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
+from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
-
-_Reason = PETSc.KSP.ConvergedReason
-#: E is scaled to a unit diagonal. Diagonal entries below this fraction of the largest are scaled by
-#: that fraction instead: the rounding errors of a subdomain without stiffness are not amplified.
-_MIN_DIAGONAL = 1e-5
-#: Eigenvalues of the scaled E below this are rounding errors of zero: rigid motions of a free body.
-_ZERO_EIGENVALUE = 1e-10
 
 
 class Deflation:
@@ -84,15 +77,16 @@ class Deflation:
         self._coordinates = coordinates
         rows = len(coordinates)
         share = round(subdomains * rows / max(1, comm.allreduce(rows)))
-        self._own = min(rows, max(1, share))
-        counts = comm.allgather(self._own)
-        self._first = sum(counts[: comm.rank])
-        subdomain = self._first + coordinate_bisection(coordinates, self._own)
+        own = min(rows, max(1, share))
+        counts = comm.allgather(own)
+        subdomain = sum(counts[: comm.rank]) + coordinate_bisection(coordinates, own)
         if halo:
             halo.exchange(np.repeat(subdomain, 3).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0]])
         subdomain = subdomain.astype(np.int32)
         self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, sum(counts))
+        rows_and_columns = self._coarse.block_row, self._coarse.block_column
+        self._E = CoarseMatrix(comm, *rows_and_columns, sum(counts))
         self._free: Array | None = None
         size = COLUMNS * sum(counts)
         self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
@@ -119,15 +113,7 @@ class Deflation:
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
         self._update_functions(self._coarse.find_coupled_unknowns(values, off_diagonal))
-        own = self._coarse.assemble(values, off_diagonal, scale, self._first, self._own)
-        E = np.concatenate(self._comm.allgather(own))
-        if not np.isfinite(E).all():
-            return int(_Reason.DIVERGED_NANORINF)
-        inverse = _pseudo_inverse(E)
-        if inverse is None:
-            return int(_Reason.DIVERGED_INDEFINITE_MAT)
-        self._inverse = inverse
-        return 0
+        return self._E.update(self._coarse.assemble(values, off_diagonal, scale))
 
     def start(self, r: Any) -> None:
         """Replace r = b by P b and keep Q b for `finish`."""
@@ -150,7 +136,7 @@ class Deflation:
         getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, self._rhs)
-        solution: Array = self._inverse @ self._rhs
+        solution = self._E.solve(self._rhs)
         self._single[:] = solution
         return solution
 
@@ -167,27 +153,3 @@ class Deflation:
             for k in range(functions.shape[2]):
                 self._halo.exchange(np.ascontiguousarray(functions[:rows, :, k]).ravel())
                 functions[rows:, :, k] = self._halo.ghosts
-
-
-def _pseudo_inverse(E: Array) -> Array | None:
-    """Return the (pseudo-)inverse of a symmetric matrix; None if it has a negative eigenvalue."""
-    diagonal = E.diagonal()
-    largest = diagonal.max(initial=0.0)
-    if largest <= 0:
-        return None if diagonal.any() else np.zeros_like(E)
-    size = np.sqrt(np.maximum(diagonal, _MIN_DIAGONAL * largest))
-    # A 1 on the diagonal where a column of Z is zero.
-    E = E / np.outer(size, size) + np.diag(diagonal == 0.0)
-    from scipy.linalg import lapack  # slow to import; small problems have no subdomains
-
-    factor, failed = lapack.dpotrf(E, lower=1)
-    if not failed:
-        lower, failed = lapack.dpotri(factor, lower=1)
-        inverse = np.tril(lower) + np.tril(lower, -1).T
-    if failed or inverse.trace() > 1 / _ZERO_EIGENVALUE:
-        values, vectors = np.linalg.eigh((E + E.T) / 2)
-        if values[0] < -_ZERO_EIGENVALUE:
-            return None
-        kept = values > _ZERO_EIGENVALUE
-        inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    return np.asarray(inverse / np.outer(size, size))

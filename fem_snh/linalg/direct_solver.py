@@ -18,5 +18,10 @@ DIRECT_SOLVER = {
 def set_direct_solver(ksp: PETSc.KSP) -> None:
     """Configure an existing KSP as `DIRECT_SOLVER`."""
     ksp.setType(DIRECT_SOLVER["ksp_type"])
-    ksp.getPC().setType(DIRECT_SOLVER["pc_type"])
-    ksp.getPC().setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])
+    set_direct_factors(ksp.getPC())
+
+
+def set_direct_factors(pc: PETSc.PC) -> None:
+    """Configure an existing PC as `DIRECT_SOLVER`."""
+    pc.setType(DIRECT_SOLVER["pc_type"])
+    pc.setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])

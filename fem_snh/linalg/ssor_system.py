@@ -40,15 +40,16 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 from fem_snh.linalg.deflation import Deflation
 from fem_snh.linalg.halo import Halo
 
 _Reason = PETSc.KSP.ConvergedReason
 
-#: Default of ksp_deflation_subdomains: one per 512 nodes, at most 64, and no deflation below 4. On
-#: smaller bodies the coarse solves cost as much as the iterations saved; 96 subdomains were not
-#: faster than 64 (docs/results/speed.md).
-_NODES_PER_SUBDOMAIN, _MIN_SUBDOMAINS, _MAX_SUBDOMAINS = 512, 4, 64
+#: Default of ksp_deflation_subdomains: one for 512 nodes up to 64, then one for 1,500 nodes, and no
+#: deflation below 4 (docs/results/speed.md). On smaller bodies the coarse solves cost as much as
+#: the iterations saved.
+_NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1500, 4
 AUTOMATIC = -1
 
 
@@ -92,8 +93,7 @@ class SSORSystem:
         self._halo = None if ghosts is None else Halo(self.comm, first, ghosts)
         self.deflation = None
         if subdomains == AUTOMATIC:
-            subdomains = min(self.unknowns // (3 * _NODES_PER_SUBDOMAIN), _MAX_SUBDOMAINS)
-            subdomains = subdomains if subdomains >= _MIN_SUBDOMAINS else 0
+            subdomains = _default_subdomains(self.unknowns // 3)
         if coordinates is not None and subdomains > 0:
             self.deflation = Deflation(
                 self.comm, self._matrix, *patterns, self._halo, coordinates, subdomains
@@ -184,3 +184,10 @@ class SSORSystem:
     def _sum(self, own: float) -> float:
         """Return the sum over all ranks."""
         return own if self.comm.size == 1 else float(self.comm.allreduce(own))
+
+
+def _default_subdomains(nodes: int) -> int:
+    """Return the number of deflation subdomains of a body with so many nodes, 0 for none."""
+    subdomains = min(nodes // _NODES_PER_SUBDOMAIN, MAX_INVERTED)
+    subdomains = max(subdomains, nodes // _NODES_PER_SUBDOMAIN_OF_LARGE)
+    return subdomains if subdomains >= _MIN_SUBDOMAINS else 0

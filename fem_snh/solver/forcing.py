@@ -9,6 +9,8 @@ from petsc4py import PETSc
 
 #: Eisenstat & Walker 1996, choice 2: gamma and alpha, as in PETSc's -snes_ksp_ew.
 GAMMA, ALPHA = 0.9, 2
+#: The safeguard allows no larger relative tolerance than this.
+MAX_SAFEGUARD = 0.1
 
 
 @contextmanager
@@ -30,14 +32,20 @@ class ForcingTerm:
 
     bounded by ``-ksp_rtol`` from below and by ``maximum`` from above.
 
+    Near the solution they ask for more than Newton's tolerance :math:`\tau` requires. With the
+    safeguard s > 0 they are at least :math:`s \tau / \|r_k\|`, up to 0.1 (Kelley 1995, eq. 6.20,
+    has s = 0.5).
+
     Parameters
     ----------
     maximum : float
         Largest relative tolerance, also that of the first iteration; 0 for ``-ksp_rtol`` always.
+    target : float
+        s tau [N]: the norm of the residual below which no linear solve needs to come.
     """
 
-    def __init__(self, maximum: float) -> None:
-        self.maximum = maximum
+    def __init__(self, maximum: float, target: float = 0.0) -> None:
+        self.maximum, self.target = maximum, target
         self._ratio = 1.0
         self._norm: float | None = None
 
@@ -52,5 +60,7 @@ class ForcingTerm:
         rtol = ksp.getTolerances()[0]
         if self.maximum:
             rtol = min(self.maximum, max(rtol, GAMMA * self._ratio**ALPHA))
+            if self._norm:
+                rtol = max(rtol, min(self.target / self._norm, MAX_SAFEGUARD))
         with relative_tolerance(ksp, rtol):
             yield

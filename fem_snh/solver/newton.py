@@ -168,7 +168,10 @@ class ProjectedNewton:
 
     def _forcing(self) -> ForcingTerm:
         """Return the forcing terms of one solve."""
-        return ForcingTerm(float(self.options["snes_forcing_max"]))
+        largest, safeguard = (
+            float(self.options[f"snes_forcing_{key}"]) for key in ("max", "safeguard")
+        )
+        return ForcingTerm(largest, safeguard * self.scaled_tolerance)
 
     def _globalization(self, snes: PETSc.SNES, forcing: ForcingTerm) -> Globalization:
         """Return the globalization of one solve, with its parts."""

@@ -69,6 +69,11 @@ OPTIONS: dict[str, Option] = {
         "largest relative tolerance of a linear solve; 0: always -ksp_rtol",
         "Eisenstat & Walker 1996, choice 2; PETSc's -snes_ksp_ew_rtolmax",
     ),
+    "snes_forcing_safeguard": Option(
+        0.0,
+        "linear solves aim no lower than this part of Newton's tolerance (0.25 is faster)",
+        "Kelley 1995, eq. 6.20",
+    ),
     "snes_armijo": Option(
         1e-4, "sufficient decrease of the line search", f"{_NW}, eq. 3.4; -snes_linesearch_alpha"
     ),
