@@ -68,7 +68,7 @@ def rows(
         for way in [choose("way", w, WAYS) for w in split_list(ways)] or WAYS:
             given, one_in = WAYS[way]
             settings = {"cells": int(number), "nu": nu, "steps": max(steps // one_in, 1)}
-            record, ended = _run(given, settings, int(ranks), timeout, memory)
+            record, ended = run_apart(given, settings, int(ranks), timeout, memory)
             row: Row = {"way": way, "nu": nu, "ranks": ranks} | _summary(record, ended)
             ours = ours or record
             if record is not ours and row["load"] > 0:
@@ -79,7 +79,7 @@ def rows(
             yield row
 
 
-def _run(
+def run_apart(
     way: dict[str, Any] | None, settings: dict[str, Any], ranks: int, timeout: float, memory: float
 ) -> tuple[dict[str, Any], str]:
     """Return the record of a run in processes of its own, and its status."""
