@@ -25,12 +25,15 @@ def rows(
     elements: str = "",
     scenes: str = "cook,block,stretch",
     nus: str = "0.3,0.45,0.49,0.4999,0.5",
+    cells: str = "",
     tolerance: float = 0.0,
 ) -> Iterator[Row]:
     """Yield one row per scene, mesh and element.
 
     Parameters
     ----------
+    cells : str
+        Meshes of all scenes; default: those of `SCENES`.
     tolerance : float
         Relative tolerance of linear solves; 0: the forcing term of Newton's method.
 
@@ -44,14 +47,14 @@ def rows(
     for scene in split_list(scenes):
         meshes, settings = SCENES[choose("scene", scene, SCENES)]
         for element in names:
-            for cells in meshes:
-                row: Row = {"scene": scene, "element": element, "cells": cells}
+            for count in map(int, split_list(cells) or meshes):
+                row: Row = {"scene": scene, "element": element, "cells": count}
                 row |= {"tolerance": tolerance, "newton": {}, "linear": {}}
                 good = True
                 for nu in split_list(nus):
                     options: dict[str, Any] = {
                         "element": element,
-                        "cells": cells,
+                        "cells": count,
                         "nu": float(nu),
                     } | settings
                     result = run(scene, **options, petsc=petsc, progress=False)

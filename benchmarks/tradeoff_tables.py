@@ -22,8 +22,10 @@ from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import changed_knobs
-from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice
 
+#: The columns of a table of filters.
+_POLICIES = (*HESSIANS, AUTOMATIC)
 _TABLE = re.compile(r"(<!-- table: (\w+) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -159,9 +161,9 @@ def filters(table: pd.DataFrame) -> str:
         ]
         mine = rows[only].set_index("hessian")
         if len(mine) > 1:
-            cells = [_filtered(mine, policy, default) for policy in HESSIANS]
+            cells = [_filtered(mine, policy, default) for policy in _POLICIES]
             lines.append([f"{key[0]:g}", str(key[1]), f"{key[2]:g}", *cells])
-    return markdown_table(["nu", "element", "cells", *HESSIANS], lines)
+    return markdown_table(["nu", "element", "cells", *_POLICIES], lines)
 
 
 def _filtered(rows: pd.DataFrame, policy: str, default: Mapping[str, Any]) -> str:

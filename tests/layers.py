@@ -43,7 +43,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("fem.nodal_mass", "fem.stored_matrix", "fem.bone_conditions", "fem.bone_blend"),
     ("fem.terms", "fem.unknowns", "fem.rank_one"),
-    ("fem.taylor_hood", "fem.measures", "fem.term_history", "fem.self_contact", "fem.step_limit"),
+    (
+        "fem.taylor_hood",
+        "fem.measures",
+        "fem.term_history",
+        "fem.self_contact",
+        "fem.step_limit",
+        "fem.regime",
+    ),
     ("fem.problem",),
     (
         "fem.create_problem",

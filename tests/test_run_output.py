@@ -212,7 +212,7 @@ def test_a_folder_that_cannot_be_written_is_bad_input_on_every_rank(comm, folder
             {
                 "hessian": ("adaptive", "positive definite"),
                 "globalization": ("trust_region", "minimises an energy"),
-                "linear_solver": ("cg+ssor", "minimisation problem"),
+                "linear_solver": ("cg+ssor", "iterations cost less"),
                 "quadrature": (3, "degree of Q1"),
             },
         ),

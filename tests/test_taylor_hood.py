@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from bodies import cube, dense, norm, wave
+from bodies import Hold, cube, dense, norm, wave
 from volume_energies import (
     ENERGIES,
     TAYLOR_HOOD,
@@ -84,3 +84,15 @@ def test_taylor_hood_is_what_ufl_derives(comm, element, name, nu):
             _dolfinx.assemble_matrix(matrix, compiled)
             expected = dense(matrix)
             assert abs(part - expected).max() <= 1e-12 * abs(expected).max()
+
+
+@mpi
+def test_a_body_without_free_nodes_has_a_definite_schur_approximation(comm):
+    body = cube(comm, "tetrahedron", 1)
+    made = material("stable_neo_hookean", nu=0.5)
+    p = create_problem(body, ELEMENTS["P2P1"], made, hold=[Hold("body")])
+    p.jacobian(p.x, "clamp")
+    with np.errstate(all="raise"):
+        p.saddle_point.update_schur_approximation(p.A)
+    assert len(p.constrained_dofs) == 3 * len(p.coordinates)
+    assert np.linalg.eigvalsh(dense(p.saddle_point.schur_approximation))[-1] < 0

@@ -60,12 +60,24 @@ def test_one_knob_at_a_time_or_all_of_them() -> None:
             assert {getattr(c, knob) for c in [*mine, default]} == set(values)
         assert all(len(changed_knobs(choice, default)) == 1 for choice in mine)
     full = plan(elements=["Q1"], nus=[0.3], vary=["hessian", "solver"], full=True).choices(0.3)
-    assert len(full) == len(tried.resolutions["Q1"]) * 4 * len(SOLVERS[False])
+    assert len(full) == len(tried.resolutions["Q1"]) * 5 * len(SOLVERS["pointwise"])
 
 
 def test_forcing_is_turned_with_an_iterative_solver() -> None:
     turned = [c for c in Choice("Q1", 4, solver="direct").variations() if c.forcing != 0.1]
     assert {c.solver for c in turned} == {"cg+ssor"} and len(turned) == 3
+
+
+def test_the_default_names_neither_hessian_nor_solver() -> None:
+    """So that the program chooses both, and the condensation of cell pressures."""
+    free = Choice("Q1P0", 4).values()
+    assert not {"hessian", "globalization", "static_condensation"} & set(free)
+    assert not any(key.startswith(("petsc.ksp", "petsc.snes_linear")) for key in free)
+    mixed = Choice("Q1P0", 4, solver="mixed+direct").values()
+    assert mixed["static_condensation"] is False
+    assert mixed["petsc.snes_linear_solver"] == "direct"
+    assert Choice("Q1P0", 4, solver="cg+jacobi").values()["static_condensation"] is True
+    assert Choice("Q2Q1", 4, hessian="clamp").values()["globalization"] == "linesearch"
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ from fem_snh.errors import BadInput
 #: Default limits of a point [s, GiB].
 TIMEOUT, MEMORY = 120.0, 4.0
 _DEFAULTS = {
-    "hessian": "exact, clamp, abs or adaptive",
-    "solver": "cg+ssor, +jacobi, +icc, +gamg, direct; Taylor-Hood: fgmres+ssor, "
-    "minres+hypre, +gamg, +icc",
+    "hessian": "automatic, or exact, clamp, abs or adaptive with a line search",
+    "solver": "automatic, cg+ssor, +jacobi, +icc, +gamg, direct; Q1P0, P2P0: mixed+fgmres, "
+    "+direct; Taylor-Hood: fgmres+ssor, minres+hypre, +gamg, +icc, direct",
     "forcing": "largest relative tolerance of a linear solve",
     "tolerance": "of the residual, relative to E V^(2/3)",
     "eigensolver": "cubic or jacobi",

@@ -21,6 +21,7 @@ from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import volume
 from fem_snh.fem.near_null_space import rigid_motions
 from fem_snh.fem.rank_one import RankOneUpdate
+from fem_snh.fem.regime import Regime
 from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.skin import Skin
 from fem_snh.fem.step_limit import StepLimit
@@ -36,8 +37,7 @@ Array = npt.NDArray[Any]
 class Problem:
     """Find the displacement that minimises the energy at a given load. Collective.
 
-    With a Taylor-Hood element: find displacement and pressure at a saddle point of the energy.
-    `fem_snh.fem.create_problem` builds the problem of a scene.
+    With an unknown pressure: find both at a saddle point. `fem_snh.fem.create_problem` builds one.
 
     Parameters
     ----------
@@ -75,24 +75,18 @@ class Problem:
         The Hessian: ``A``, plus matrices of rank one if a term has them.
     saddle_point : SaddlePoint or None
         What a solver needs to know of a Taylor-Hood element's pressure.
-    terms : list of Term
-        All terms, the elastic energy first.
-    history : TermHistory
-        What the terms keep from step to step.
+    terms, history : list of Term, TermHistory
+        All terms, the elastic energy first; what they keep from step to step.
     dirichlet : Dirichlet
         The constrained dofs and their values.
     largest_step : StepLimit or None
         The part of a step that the terms admit; None if they admit every step.
     constrained_dofs : (n,) int
         The constrained dofs this rank owns, as indices into the local part of ``x``.
-    load : float
-        The load parameter, 0 to 1.
-    length : float
-        V^(1/3) [m], V the reference volume.
-    modulus : float
-        The scale of the materials' moduli [Pa]: `fem_snh.fem.regions.reference_modulus`.
-    force_scale : float
-        E V^(2/3) [N], which residual norms are compared with.
+    load, length : float
+        The load parameter, 0 to 1; V^(1/3) [m], V the reference volume.
+    modulus, force_scale : float
+        The scale E of the moduli [Pa] (`fem_snh.fem.regions.reference_modulus`); E V^(2/3) [N].
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
@@ -155,6 +149,12 @@ class Problem:
     def has_energy(self) -> bool:
         """Whether all terms are energies: their residual is a gradient."""
         return all(term.has_energy for term in self.terms)
+
+    @property
+    def regime(self) -> Regime:
+        """What a solver chooses its defaults by. Collective."""
+        body = self.coordinates, self.element.degree, self.elastic.parts
+        return Regime.of(self.comm, *body, self.terms)
 
     @property
     def coordinates(self) -> Array:

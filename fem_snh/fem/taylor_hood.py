@@ -79,6 +79,11 @@ class SaddlePoint:
         self._B: PETSc.Mat | None = None
         self._pattern = (-1, -1)  # of the matrix of which B is a part
 
+    @property
+    def cell_pressures(self) -> bool:
+        """Whether the pressure is constant in each cell."""
+        return _dolfinx.degree(self.Q) == 0
+
     def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
         """Return a view of the pressure dofs that this rank owns in ``x``, in the unit of ``x``."""
         return self._unknowns.pressure_dofs(x)
@@ -137,7 +142,7 @@ class SaddlePoint:
         (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
         With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
-        s / (1 + s lambda_local/mu), which is that value at s = 1/2.
+        s / (1 + s lambda_local/mu), which is that value at s = 1/2. Without a free node s is 1/2.
 
         Parameters
         ----------
@@ -148,9 +153,9 @@ class SaddlePoint:
         shear = self._shear_compliance
         mass = shear.matrix.getDiagonal().array_r
         sums = self.Q.mesh.comm.allreduce(np.array([d.sum(), mass.sum()]))
-        s = d / mass * sums[1] / (2 * sums[0])
+        s = d / mass * sums[1] / (2 * sums[0]) if sums[0] else np.full(len(d), 0.5)
         ratio = self._lambda_over_mu
-        factor = (_SCALE if _dolfinx.degree(self.Q) else _CELL_SCALE) * s / (1 + s * ratio)
+        factor = (_CELL_SCALE if self.cell_pressures else _SCALE) * s / (1 + s * ratio)
         root = shear.matrix.createVecLeft()
         root.array[:] = np.sqrt(factor)
         schur, same = self.schur_approximation, PETSc.Mat.Structure.SAME_NONZERO_PATTERN

@@ -20,6 +20,15 @@ from fem_snh.kernels.pointwise import Material
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")
 
+#: The header of each volume treatment (`fem_snh.fem.elements`). Cell pressures are evaluated as
+#: continuous ones are, with one basis function in each cell.
+_VOLUME_HEADERS = {
+    "pointwise": "volume_pointwise.h",
+    "mean": "volume_mean.h",
+    "cell_pressure": "volume_pressure.h",
+    "pressure": "volume_pressure.h",
+}
+
 Array = npt.NDArray[Any]
 
 
@@ -78,7 +87,7 @@ def compile_cell_loops(
     material: Material, tables: ElementTables, loops: Sequence[str] = ("cell_loops.h",)
 ) -> Compiled:
     """Compile loops over an element's cells, files of ``include/``. Not collective."""
-    volume = f"volume_{tables.volume.removeprefix('cell_')}.h"
+    volume = _VOLUME_HEADERS[tables.volume]
     after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     return compile_kernel(material, tables.volume, tables.sizes, after)
 

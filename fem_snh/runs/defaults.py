@@ -22,20 +22,21 @@ _NAMED_HESSIAN = "the Hessian was chosen, and a line search is the method that i
 _MINIMUM = "the problem minimises an energy, so that negative curvature can be followed"
 _SADDLE = "Taylor-Hood elements give a saddle-point problem, which has no energy to minimise"
 _FORCES = "a force without an energy: there is nothing to minimise"
-#: Reasons of a linear solver.
-_SSOR = (
-    "a minimisation problem with an assembled matrix: least time and memory on solid bodies; "
-    "a direct solver can be faster on a single layer of cells"
-)
-_BLOCKS = "Taylor-Hood elements: the blocks of displacement and pressure have solvers of their own"
-_RANK_ONE = "a load adds matrices of rank one, which are applied without being assembled"
 
 
 def describe_condensation(about: dict[str, Any], element: Element, chosen: Condensation) -> None:
-    """Add ``static_condensation`` to the record of an element with cell pressures."""
+    """Add ``static_condensation`` to the record of an element with cell pressures.
+
+    Where the pressures are unknowns, the linear solver is that of their problem.
+    """
     if element.volume != "mean":
         return
     about["static_condensation"] = condensed = chosen.pressures is None
+    if chosen.pressures is not None:
+        snes = chosen.pressures.snes
+        about["linear_solver"] = name = solver.linear_solver_name(snes)
+        if reason := snes.getPythonContext().linear_choice.reason:
+            about["defaults"]["linear_solver"] = {"value": name, "reason": reason}
     if chosen.reason:
         entry = {"value": condensed, "reason": chosen.reason}
         about["defaults"]["static_condensation"] = entry
@@ -59,10 +60,8 @@ def describe_defaults(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[
         if context.options["snes_globalization"] == "linesearch" or not named:
             reason = _NAMED_HESSIAN if named else reason
             add("globalization", context.options["snes_globalization"], reason)
-    if not (database.hasName("ksp_type") or database.hasName("pc_type")):
-        reason = _RANK_ONE if problem.operator != problem.A else _SSOR
-        reason = _BLOCKS if problem.saddle_point else reason
-        add("linear_solver", solver.linear_solver_name(snes), reason)
+    if context.linear_choice.reason:
+        add("linear_solver", solver.linear_solver_name(snes), context.linear_choice.reason)
     if scene.quadrature is None:
         add("quadrature", problem.element.quadrature, f"the degree of {scene.element}")
     return found

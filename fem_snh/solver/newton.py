@@ -17,6 +17,7 @@ from fem_snh.solver import options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
 from fem_snh.solver.line_search import LargestStep, LineSearch
+from fem_snh.solver.linear_choice import LinearChoice
 from fem_snh.solver.protocol import SaddlePoint
 from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.saddle_point import MeritLineSearch
@@ -62,6 +63,8 @@ class ProjectedNewton:
         The unit of the residual's norm [N]; it may change between solves.
     history : list of Iteration
         Of the last solve.
+    linear_choice : LinearChoice
+        The linear solver, and why the program chose it.
     trust_ksp : KSP or None
         The linear solver of `TrustRegion`; None with a line search.
     """
@@ -87,6 +90,7 @@ class ProjectedNewton:
         self.options = options.defaults_for("linesearch")
         self.history: list[Iteration] = []
         self.trust_ksp: PETSc.KSP | None = None
+        self.linear_choice = LinearChoice(False)
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
 

@@ -20,6 +20,7 @@ from fem_snh.choices import (
     replace_alias,
 )
 from fem_snh.errors import BadInput, choose
+from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float
 Values = dict[str, Value]
@@ -54,6 +55,11 @@ OPTIONS: dict[str, Option] = {
         "linesearch",
         "linesearch or trust_region, the default of a minimisation problem",
         f"{_NW}, chapters 3 and 4",
+    ),
+    "snes_linear_solver": Option(
+        CHOICES[0],
+        "iterative, direct (sparse factors), or automatic: `fem_snh.solver.linear_choice` decides",
+        "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(
         "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED

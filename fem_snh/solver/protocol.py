@@ -13,6 +13,26 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+class Regime(Protocol):
+    """Size, shape and Poisson's ratio of a body: see `fem_snh.fem.regime.Regime`."""
+
+    @property
+    def nodes(self) -> int:
+        """Return the number of nodes."""
+
+    @property
+    def section_nodes(self) -> float:
+        """Return the mean number of nodes in a section across the longest axis."""
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Return the largest Poisson's ratio of the materials."""
+
+    @property
+    def inertia(self) -> bool:
+        """Return whether the Hessian contains a mass matrix."""
+
+
 class SaddlePoint(Protocol):
     """A saddle-point problem: its energy has a minimum in u and a maximum in the pressure."""
 
@@ -23,6 +43,10 @@ class SaddlePoint(Protocol):
     @property
     def schur_approximation(self) -> PETSc.Mat:
         """Return a matrix that is spectrally equivalent to the Schur complement."""
+
+    @property
+    def cell_pressures(self) -> bool:
+        """Return whether the pressure is constant in each cell."""
 
     @property
     def inverse_lumped_mass(self) -> Array:
@@ -66,6 +90,10 @@ class NonlinearProblem(Protocol):
     @property
     def has_energy(self) -> bool:
         """Return whether the residual is the gradient of an energy."""
+
+    @property
+    def regime(self) -> Regime:
+        """Return what the linear solver is chosen by. Collective."""
 
     @property
     def largest_step(self) -> Callable[[PETSc.Vec, PETSc.Vec], float] | None:

@@ -7,9 +7,11 @@ from petsc4py import PETSc
 from fem_snh._petsc import default_options
 from fem_snh.choices import DEFAULT_GLOBALIZATIONS
 from fem_snh.errors import BadInput
+from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver import garbage, options, saddle_point, trust_region
 from fem_snh.solver.errors import callback_errors
+from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import NonlinearProblem
 
@@ -85,7 +87,7 @@ def create(
     snes.setTolerances(rtol=0.0, atol=0.0, stol=0.0, max_it=_MAX_IT)
     snes.setMaxFunctionEvaluations(_NO_LIMIT)
     ksp = snes.getKSP()
-    _configure_linear_solver(ksp, problem, prefix)
+    context.linear_choice = _configure_linear_solver(ksp, problem, prefix)
     region = globalization == "trust_region"
     built_in = saddle_point.block_options(prefix) if saddle else trust_region.LINEAR_OPTIONS
     try:
@@ -125,21 +127,29 @@ def linear_solver_name(snes: PETSc.SNES) -> str:
     return "cg+ssor" if ours else f"{ksp.getType()}+{ksp.getPC().getType()}"
 
 
-def _configure_linear_solver(ksp: PETSc.KSP, problem: NonlinearProblem, prefix: str) -> None:
-    """Set the linear solver that is used unless options say otherwise."""
+def _configure_linear_solver(
+    ksp: PETSc.KSP, problem: NonlinearProblem, prefix: str
+) -> LinearChoice:
+    """Set the linear solver that is used unless options say otherwise; return the choice."""
     database = PETSc.Options(prefix)
+    named = database.hasName("ksp_type") or database.hasName("pc_type")
     ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
-    if problem.saddle_point:
+    wanted = str(database.getString("snes_linear_solver", CHOICES[0]))
+    choice = LinearChoice(False) if named else choose_linear_solver(problem, wanted)
+    if choice.direct:
+        set_direct_solver(ksp)
+    elif problem.saddle_point:
         saddle_point.configure(ksp, problem.A, problem.saddle_point, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
         # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.SOR)
-    elif not (database.hasName("ksp_type") or database.hasName("pc_type")):
+    elif not named:
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(problem.coordinates))
         ksp.getPC().setType(PETSc.PC.Type.NONE)
     else:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    return choice

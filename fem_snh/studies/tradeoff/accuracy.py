@@ -15,7 +15,7 @@ from typing import Any
 
 from fem_snh.errors import BadInput
 from fem_snh.studies.tradeoff.errors import error_bound
-from fem_snh.studies.tradeoff.knobs import KNOBS, Choice
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,9 @@ class Chosen:
     def message(self) -> str:
         """Return a line for the terminal."""
         choice, where = self.choice, self.choice.mesh or f"{self.choice.cells} cells"
+        named = [word for word in (choice.hessian, choice.solver) if word != AUTOMATIC]
         return (
-            f"accuracy: {choice.element}, {where}, {choice.hessian}, {choice.solver}: measured "
+            f"accuracy: {', '.join([choice.element, where, *named])}: measured "
             f"error <= {100 * self.error:.2g} % in {self.cpu:.2g} s of processor time at nu = "
             f"{self.nu:g} ({self.table})"
         )

@@ -10,6 +10,7 @@ import pandas as pd
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff.errors import error_bound
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC
 
 #: Relative errors of the displacement for which settings are recommended.
 ACCURACIES = (0.05, 0.01, 0.001)
@@ -137,12 +138,14 @@ def page(table: pd.DataFrame) -> str:
 
 def describe(row: Mapping[str, Any]) -> str:
     """Return the settings of a row as text."""
+    named = [str(row[knob]) for knob in ("hessian", "solver") if row[knob] != AUTOMATIC]
     return (
-        f"{row['element']}, {_where(row)}, {row['hessian']}, {row['solver']}"
+        ", ".join([str(row["element"]), _where(row), *named])
         + "".join(
             f", {knob} {row[knob]:g}"
             for knob, default in (("forcing", 0.1), ("tolerance", 1e-7))
-            if row[knob] != default and not (knob == "forcing" and row["solver"] == "direct")
+            if row[knob] != default
+            and not (knob == "forcing" and str(row["solver"]).endswith("direct"))
         )
         + (f", {row['eigensolver']}" if row["eigensolver"] != "cubic" else "")
     )

@@ -13,7 +13,7 @@ from fem_snh.errors import BadInput
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.sweep import folder_name
-from fem_snh.studies.tradeoff.knobs import KNOBS, Choice, knob_values
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice, knob_values
 
 #: Cells of the built-in scenes, from coarse to fine, up to runs of about a minute.
 _PANEL = {
@@ -31,13 +31,6 @@ _CUBE = {
 _CYLINDER = _CUBE | dict.fromkeys(("Q2", "P2", "P2P0", "P2P1"), (3, 4, 6, 8))
 _CYLINDER["Q2Q1"] = (3, 4, 6, 8, 10, 12)
 CELLS = {"cook": _PANEL, "twist": _CUBE, "stretch": _CYLINDER}
-#: Default linear solver for displacement (False) and Taylor-Hood elements (True); otherwise the
-#: first of `SOLVERS`. Factors of one layer of cells are cheap, also for nu -> 1/2.
-SOLVER = {
-    "cook": {False: "direct", True: "direct"},
-    "twist": {True: "direct"},
-    "stretch": {True: "direct"},
-}
 #: Lower bound of the cost ratio when the mesh size is halved (2 in each of two directions).
 _GROWTH = 4.0
 
@@ -56,8 +49,6 @@ class Plan:
         Cells or mesh files of each element, from coarse to fine.
     base : mapping
         Default settings of every element: hessian, solver, forcing, ...
-    solver : mapping
-        Default solver of displacement and Taylor-Hood elements, if ``base`` has none.
     vary : sequence of str
         Knobs that are varied.
     vary_at : sequence of float, optional
@@ -70,7 +61,6 @@ class Plan:
     elements: Sequence[str]
     resolutions: Mapping[str, Sequence[int | str]]
     base: Mapping[str, Any] = field(default_factory=dict)
-    solver: Mapping[bool, str] = field(default_factory=dict)
     vary: Sequence[str] = KNOBS
     vary_at: Sequence[float] | None = None
     full: bool = False
@@ -99,10 +89,10 @@ class Plan:
         where: dict[str, Any] = {"cells": resolution}
         if isinstance(resolution, str):
             where = {"cells": None, "mesh": resolution}
-        saddle = ELEMENTS[element].volume == "pressure"
-        base = {"solver": self.solver.get(saddle, "")} | dict(self.base)
-        if base["solver"] not in knob_values(element)["solver"]:
-            base["solver"] = ""  # a solver of the other kind of element
+        base = dict(self.base)
+        for knob in ("solver", "hessian"):  # a value of another kind of element
+            if base.get(knob, AUTOMATIC) not in knob_values(element)[knob]:
+                del base[knob]
         return Choice(element, **where, **base)
 
     def _product(self, choice: Choice) -> list[Choice]:
@@ -122,7 +112,10 @@ class Plan:
         A finer mesh is run after the coarser one, and a changed knob after the default.
         """
         points = {}
+        condensed = bool(scenes.why_condensed(scenes.load(scene, **overrides)))
         for choice in self.choices(nu):
+            if choice.mixed and condensed:
+                continue
             name = point_name(nu, choice)
             values = {"nu": nu} | dict(overrides) | choice.values()
             after, growth = self._after(choice)

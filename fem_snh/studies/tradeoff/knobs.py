@@ -14,32 +14,40 @@ from typing import Any
 from fem_snh.choices import EIGENSOLVERS, HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
-from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
 #: Incomplete Cholesky factors of the diagonal block of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 _MINRES = {"ksp_type": "minres"}
 _U_ICC = {"fieldsplit_u_pc_type": "bjacobi", "fieldsplit_u_sub_pc_type": "icc"}
 
-#: Linear solvers with their preconditioners, for displacement elements (False) and for saddle-point
-#: problems (True), where the name is that of the preconditioner of the displacement block.
-SOLVERS: dict[bool, dict[str, dict[str, Any]]] = {
-    False: {
-        "cg+ssor": {},  # in single precision, fem_snh.solver.EisenstatCG
-        "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
-        "cg+icc": {"ksp_type": "cg", **ICC},
-        "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
-        "direct": DIRECT_SOLVER,
-    },
-    True: {
-        "fgmres+ssor": {},  # inner CG in single precision, fem_snh.solver.saddle_point
+#: The value of a knob that leaves the choice to the program, as run.json records it.
+AUTOMATIC = "automatic"
+#: The program's linear solvers by name, each for every problem.
+_ITERATIVE, _DIRECT = {"snes_linear_solver": "iterative"}, {"snes_linear_solver": "direct"}
+_DISPLACEMENT = {
+    "cg+ssor": _ITERATIVE,  # in single precision, fem_snh.solver.EisenstatCG
+    "cg+jacobi": {"ksp_type": "cg", "pc_type": "jacobi"},
+    "cg+icc": {"ksp_type": "cg", **ICC},
+    "cg+gamg": {"ksp_type": "cg", "pc_type": "gamg"},
+    "direct": _DIRECT,
+}
+#: With the pressure of each cell as an unknown (`static_condensation = false`).
+_MIXED = {"mixed+fgmres": _ITERATIVE, "mixed+direct": _DIRECT}
+#: Linear solvers by the element's treatment of the volume term. With a pressure, the second part of
+#: a name is the preconditioner of the displacement block.
+SOLVERS: dict[str, dict[str, dict[str, Any]]] = {
+    "pointwise": {AUTOMATIC: {}, **_DISPLACEMENT},
+    "mean": {AUTOMATIC: {}, **_DISPLACEMENT, **_MIXED},
+    "pressure": {
+        AUTOMATIC: {},
+        "fgmres+ssor": _ITERATIVE,  # inner CG in single precision, fem_snh.solver.saddle_point
         "minres+hypre": _MINRES | {"fieldsplit_u_pc_type": "hypre"},
         "minres+gamg": _MINRES | {"fieldsplit_u_pc_type": "gamg"},
         "minres+icc": _MINRES | _U_ICC,
-        "direct": DIRECT_SOLVER,
+        "direct": _DIRECT,
     },
 }
-#: The globalization of every run, as all elements have it.
+#: The globalization of the runs that name a Hessian, as all elements have it.
 GLOBALIZATION = "linesearch"
 #: Values of forcing and tolerance.
 FORCINGS = (0.5, 0.1, 5e-3, 1e-8)
@@ -60,9 +68,9 @@ class Choice:
     mesh : str
         The mesh file; empty for a built-in geometry.
     hessian : str
-        Exact, clamp, abs or adaptive.
+        Automatic, or exact, clamp, abs or adaptive with a line search.
     solver : str
-        A name of `SOLVERS`; default: the first one of the element.
+        A name of `SOLVERS`.
     forcing : float
         Largest relative tolerance of a linear solve, -snes_forcing_max.
     tolerance : float
@@ -81,20 +89,18 @@ class Choice:
     element: str
     cells: int | None
     mesh: str = ""
-    hessian: str = "adaptive"
-    solver: str = ""
+    hessian: str = AUTOMATIC
+    solver: str = AUTOMATIC
     forcing: float = 0.1
     tolerance: float = 1e-7
     eigensolver: str = EIGENSOLVERS[0]
     steps: int | None = None
 
     def __post_init__(self) -> None:
-        saddle = ELEMENTS[choose("element", self.element, ELEMENTS)].volume == "pressure"
-        choose("hessian", self.hessian, HESSIANS)
+        choose("element", self.element, ELEMENTS)
+        choose("hessian", self.hessian, (AUTOMATIC, *HESSIANS))
         choose("eigensolver", self.eigensolver, EIGENSOLVERS)
-        solver = self.solver or iterative(self.element)
-        object.__setattr__(self, "solver", solver)
-        choose(f"solver of {self.element}", solver, SOLVERS[saddle])
+        choose(f"solver of {self.element}", self.solver, solvers(self.element))
         for key in ("forcing", "tolerance"):
             number = getattr(self, key)
             plain = isinstance(number, int | float) and not isinstance(number, bool)
@@ -102,18 +108,21 @@ class Choice:
                 raise BadInput(f"{key} = {number}: expected a number > 0")
 
     @property
-    def saddle(self) -> bool:
-        """Return whether the element has an unknown pressure."""
-        return ELEMENTS[self.element].volume == "pressure"
+    def mixed(self) -> bool:
+        """Return whether the solver is one of cell pressures as unknowns."""
+        return self.solver in _MIXED
 
     def values(self) -> dict[str, Any]:
         """Return the keyword arguments of `fem_snh.scenes.load`."""
         where = {"mesh": self.mesh} if self.mesh else {"cells": self.cells}
-        petsc = SOLVERS[self.saddle][self.solver] | {
+        petsc = solvers(self.element)[self.solver] | {
             "snes_forcing_max": self.forcing, "snes_scaled_tol": self.tolerance
         }  # fmt: skip
-        plain = {key: getattr(self, key) for key in ("element", "hessian", "eigensolver")}
-        plain["globalization"] = GLOBALIZATION
+        plain: dict[str, Any] = {key: getattr(self, key) for key in ("element", "eigensolver")}
+        if self.hessian != AUTOMATIC:
+            plain |= {"hessian": self.hessian, "globalization": GLOBALIZATION}
+        if ELEMENTS[self.element].volume == "mean" and self.solver != AUTOMATIC:
+            plain["static_condensation"] = not self.mixed
         plain |= {} if self.steps is None else {"steps": self.steps}
         return plain | where | {f"petsc.{key}": value for key, value in petsc.items()}
 
@@ -137,23 +146,30 @@ class Choice:
         """
         for knob in KNOBS:
             base = self
-            if knob == "forcing" and self.solver == "direct":
+            if knob == "forcing" and self.solver.endswith("direct"):
                 base = replace(self, solver=iterative(self.element))
             for value in knob_values(self.element)[knob]:
                 if getattr(base, knob) != value or base != self:
                     yield replace(base, **{knob: value})
 
 
+def solvers(element: str) -> Mapping[str, dict[str, Any]]:
+    """Return the linear solvers of an element by name, with their PETSc options."""
+    return SOLVERS[ELEMENTS[element].volume]
+
+
 def iterative(element: str) -> str:
-    """Return the default iterative solver of an element."""
-    return next(iter(SOLVERS[ELEMENTS[element].volume == "pressure"]))
+    """Return the program's iterative solver of an element."""
+    return next(name for name, options in solvers(element).items() if options == _ITERATIVE)
 
 
 def knob_values(element: str) -> Mapping[str, tuple[Any, ...]]:
     """Return the values of each knob for an element."""
+    # Of Taylor-Hood elements the automatic choice is adaptive with a line search.
+    same = ("adaptive",) if ELEMENTS[element].volume == "pressure" else ()
     return {
-        "hessian": HESSIANS,
-        "solver": tuple(SOLVERS[ELEMENTS[element].volume == "pressure"]),
+        "hessian": (AUTOMATIC, *(name for name in HESSIANS if name not in same)),
+        "solver": tuple(solvers(element)),
         "forcing": FORCINGS,
         "tolerance": TOLERANCES,
         "eigensolver": EIGENSOLVERS,

@@ -20,6 +20,7 @@ import pandas as pd
 
 from fem_snh import scenes
 from fem_snh.atomic_files import replace_file
+from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.batch import Batch
@@ -28,11 +29,11 @@ from fem_snh.studies.processes import environment, program
 from fem_snh.studies.scene_points import file_digests, run_arguments
 from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
-from fem_snh.studies.tradeoff.grid import SOLVER, Plan, resolutions
-from fem_snh.studies.tradeoff.knobs import KNOBS, SOLVERS
+from fem_snh.studies.tradeoff.grid import Plan, resolutions
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, SOLVERS
 
 _FEATURES = ("mesh", "solver", "forcing", "tolerance", "eigensolver", "default")
-_COST = ("cpu", "peak_memory_mb", "h")
+_COST = ("cpu", "peak_memory_mb", "h", "linear_solver")
 
 
 def tradeoff(
@@ -159,6 +160,8 @@ def _plan(
         choose("knob", knob, KNOBS)
     for knob in base:
         choose("default", knob, (*KNOBS, "steps"))
+    if "hessian" in base:
+        choose("hessian", base["hessian"], (AUTOMATIC, *HESSIANS))
     if "solver" in base:  # an element without this solver keeps its default
         choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
     nus = list(dict.fromkeys(nus)) or [own.nu]
@@ -167,8 +170,7 @@ def _plan(
     scene_values["tolerance"] = own.petsc.get("snes_scaled_tol")
     base = {key: value for key, value in scene_values.items() if value is not None} | base
     lists = resolutions(own, names, meshes)
-    solver = SOLVER.get(own.name, {})
-    plan = Plan(nus, names, lists, base, solver, vary, vary_at, full)
+    plan = Plan(nus, names, lists, base, vary, vary_at, full)
     for nu in nus:
         if not plan.choices(nu):
             raise BadInput(f"nu = {nu}: none of {', '.join(names)} can have it; use P2P1 or Q2Q1")
@@ -212,6 +214,7 @@ def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, An
     found: dict[str, Any] = {
         "cpu": record.get("processor_seconds"),
         "peak_memory_mb": record.get("peak_memory_mb"),
+        "linear_solver": record.get("linear_solver"),
         "h": 1 / cells if cells else (count ** (-1 / 3) if count else None),
     }
     good = [step for step in record.get("steps", []) if step.get("converged")]

@@ -1,0 +1,83 @@
+r"""Choose between the iterative and the direct linear solver.
+
+Let N be the number of nodes and s that of a section which cuts the body in two across its longest
+axis. Sparse factors cost about as many iterations of conjugate gradients as the root of
+:math:`s^3/N`. The number of iterations is proportional to :math:`(1 - 2 \nu)^{-1/2}`, and to
+:math:`N/s^{3/2}` where the body is slender. So both cost the same at a certain value of
+
+.. math:: \frac{s^3}{N^{3/2}} \sqrt{1 - 2 \nu} .
+
+The first factor is 0.2 to 0.5 for beams, 3 for a layer of linear cells, 5 for two layers and
+:math:`n^{3/2}` for a cube of n cells along an edge, whatever the size of beam or layer.
+docs/results/linear_solver.md measures both solvers.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+from fem_snh.errors import choose
+from fem_snh.solver.protocol import NonlinearProblem
+
+#: Values of ``-snes_linear_solver``; the default first.
+CHOICES = ("automatic", "iterative", "direct")
+#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) of a displacement problem, and the largest
+#: s^3/N^(3/2) of one with cell pressures, whose iterations do not depend on nu (measured:
+#: python -m benchmarks linear_solvers; docs/results/linear_solver.md).
+_MAX_DISPLACEMENT, _MAX_CELL_PRESSURES = 0.15, 4.0
+#: Nodes above which factors are never chosen; measured up to 33,282.
+_MAX_NODES = 50_000
+
+
+class LinearChoice(NamedTuple):
+    """A linear solver, and why the program chose it; the reason is empty if the user did.
+
+    Attributes
+    ----------
+    direct : bool
+        Sparse factors instead of iterations.
+    reason : str
+    """
+
+    direct: bool
+    reason: str = ""
+
+
+def choose_linear_solver(problem: NonlinearProblem, wanted: str = CHOICES[0]) -> LinearChoice:
+    """Return the linear solver of a problem. Collective.
+
+    Parameters
+    ----------
+    problem : NonlinearProblem
+    wanted : str
+        One of `CHOICES`.
+
+    Raises
+    ------
+    BadInput
+        For an unknown value.
+    """
+    if choose("snes_linear_solver", wanted, CHOICES) != CHOICES[0]:
+        return LinearChoice(wanted == "direct")
+    saddle = problem.saddle_point
+    if problem.operator != problem.A:
+        return LinearChoice(
+            False, "a load adds matrices of rank one, which are applied without being assembled"
+        )
+    if saddle is not None and not saddle.cell_pressures:
+        return LinearChoice(False, "Taylor-Hood elements: few iterations for every nu and mesh")
+    regime = problem.regime
+    if regime.inertia:
+        return LinearChoice(False, "inertia makes the matrix well conditioned")
+    nodes = regime.nodes
+    if nodes > _MAX_NODES:
+        return LinearChoice(False, f"{nodes} nodes > {_MAX_NODES}: factors would need much memory")
+    value, limit, name = regime.section_nodes**3 / nodes**1.5, _MAX_CELL_PRESSURES, "s^3/N^1.5"
+    if saddle is None:
+        value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
+        limit, name = _MAX_DISPLACEMENT, f"{name} sqrt(1 - 2 nu)"
+    measured = f"{name} = {value:.2g} {'<=' if value <= limit else '>'} {limit:g}"
+    if value <= limit:
+        return LinearChoice(True, f"{measured}: factors cost less than many iterations")
+    return LinearChoice(False, f"{measured}: iterations cost less time and memory than factors")

@@ -1,0 +1,60 @@
+"""The program's choice between the iterative and the direct linear solver."""
+
+from __future__ import annotations
+
+import re
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.fem.regime import section_nodes
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("sizes", [(16, 16, 1), (40, 4, 4), (8, 8, 8)])
+def test_nodes_of_a_section_are_those_of_a_plane(sizes, degree):
+    """Also of a box that is turned in space, with cells that are longer than thick."""
+    steps = np.array([1.0, 1.0, 0.3])
+    axes = [np.arange(n * degree + 1) / degree * h for n, h in zip(sizes, steps, strict=True)]
+    nodes = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3) * steps
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    found = section_nodes(MPI.COMM_SELF, nodes @ turn, (corners @ turn)[None], degree)
+    exact = (sizes[1] * degree + 1) * (sizes[2] * degree + 1)
+    assert found == pytest.approx(exact, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "solver", "reason"),
+    [
+        (
+            {"nu": 0.4999, "element": "Q1"},
+            "preonly+cholesky",
+            r"s\^3/N\^1\.5 sqrt\(1 - 2 nu\) = 0\.041 <= 0\.15: fac",
+        ),
+        ({"nu": 0.49, "element": "Q1"}, "cg+ssor", r"= 0\.41 > 0\.15: iterations cost less"),
+        ({"nu": 0.4999, "scene": "twist", "angle": 0.1}, "cg+ssor", r"= 0\.39 > 0\.15: iter"),
+        ({"nu": 0.499, "element": "Q1P0"}, "preonly+cholesky", r"s\^3/N\^1\.5 = 2\.9 <= 4: fac"),
+        ({"nu": 0.5, "element": "Q2Q1"}, "fgmres+fieldsplit", "Taylor-Hood elements: few"),
+    ],
+)
+def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solver, reason):
+    given = {"cells": 8, "steps": 1, "comm": MPI.COMM_SELF, "progress": False} | values
+    given |= {} if "scene" in given else {"scene": "cook", "force": 10.0}
+    record = fem_snh.run(given.pop("scene"), **given).record
+    chosen = record["defaults"]["linear_solver"]
+    assert record["converged"] and chosen["value"] == record["linear_solver"] == solver
+    assert re.search(reason, chosen["reason"])
+
+
+def test_the_user_chooses_the_linear_solver():
+    given = {"cells": 4, "steps": 1, "nu": 0.4999, "comm": MPI.COMM_SELF, "progress": False}
+    for name, solver in (("iterative", "cg+ssor"), ("direct", "preonly+cholesky")):
+        record = fem_snh.run("cook", petsc={"snes_linear_solver": name}, **given).record
+        assert record["linear_solver"] == solver and "linear_solver" not in record["defaults"]
+    with pytest.raises(BadInput, match="snes_linear_solver = 'exact': expected one of automatic"):
+        fem_snh.run("cook", petsc={"snes_linear_solver": "exact"}, **given)
