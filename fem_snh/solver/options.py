@@ -58,7 +58,7 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_linear_solver": Option(
         CHOICES[0],
-        "iterative, direct (sparse factors), or automatic: `fem_snh.solver.linear_choice` decides",
+        "iterative, direct (sparse factors), or automatic: by slenderness and nu",
         "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(
