@@ -63,10 +63,8 @@ class ProjectedNewton:
         The unit of the residual's norm [N]; it may change between solves.
     history : list of Iteration
         Of the last solve.
-    linear_choice : LinearChoice
-        The linear solver, and why the program chose it.
-    trust_ksp : KSP or None
-        The linear solver of `TrustRegion`; None with a line search.
+    linear_choice, trust_ksp : LinearChoice, KSP or None
+        The linear solver and why it was chosen; that of `TrustRegion`, None with a line search.
     """
 
     #: The class of the search directions; benchmarks replace it to compare others.
