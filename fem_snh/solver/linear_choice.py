@@ -7,9 +7,10 @@ axis. Sparse factors cost about as many iterations of conjugate gradients as the
 
 .. math:: \frac{s^3}{N^{3/2}} \sqrt{1 - 2 \nu} .
 
-The first factor is 0.2 to 0.5 for beams, 3 for a layer of linear cells, 5 for two layers and
-:math:`n^{3/2}` for a cube of n cells along an edge, whatever the size of beam or layer.
-docs/results/linear_solver.md measures both solvers.
+The first factor is 0.2 to 0.5 for bars, 3 for a layer of linear cells, 5 for two layers and
+:math:`n^{3/2}` for a cube of n cells along an edge, whatever the size of bar or layer. A bar is
+solved iteratively: factors keep the symmetry of a compressed one, which then does not buckle, and
+one around a skeleton needs few iterations. docs/results/linear_solver.md measures both solvers.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ CHOICES = ("automatic", "iterative", "direct")
 #: s^3/N^(3/2) of one with cell pressures, whose iterations do not depend on nu (measured:
 #: python -m benchmarks linear_solvers; docs/results/linear_solver.md).
 _MAX_DISPLACEMENT, _MAX_CELL_PRESSURES = 0.15, 4.0
+#: Smaller values of s^3/N^(3/2) are those of bars.
+_MIN_LAYER = 1.5
 #: Nodes above which factors are never chosen; measured up to 33,282.
 _MAX_NODES = 50_000
 
@@ -74,6 +77,10 @@ def choose_linear_solver(problem: NonlinearProblem, wanted: str = CHOICES[0]) ->
     if nodes > _MAX_NODES:
         return LinearChoice(False, f"{nodes} nodes > {_MAX_NODES}: factors would need much memory")
     value, limit, name = regime.section_nodes**3 / nodes**1.5, _MAX_CELL_PRESSURES, "s^3/N^1.5"
+    if value < _MIN_LAYER:
+        return LinearChoice(
+            False, f"{name} = {value:.2g} < {_MIN_LAYER:g}: a bar, which may buckle"
+        )
     if saddle is None:
         value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
         limit, name = _MAX_DISPLACEMENT, f"{name} sqrt(1 - 2 nu)"

@@ -58,7 +58,7 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_linear_solver": Option(
         CHOICES[0],
-        "iterative, direct (sparse factors), or automatic: by slenderness and nu",
+        "iterative, direct (sparse factors), or automatic: direct for layers near nu = 1/2",
         "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(
