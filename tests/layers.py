@@ -108,7 +108,7 @@ ALLOWED = {
     "fem.near_null_space": set(),
     "fem.ghosted_vectors": set(),
     "fem.contact": {"_dolfinx", "fem.mesh", "fem.regions", "fem.skin"},
-    "fem.matrix_layout": {"errors", "_petsc", "fem.numbering", "fem.block_sparsity"},
+    "fem.matrix_layout": {"errors", "_petsc", "kernels", "fem.numbering", "fem.block_sparsity"},
     "fem.assembled_matrix": {
         "_petsc",
         "kernels",
