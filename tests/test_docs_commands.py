@@ -1,8 +1,7 @@
 """Every command of the pages is accepted by its program, and run: as it is, quick, or elsewhere.
 
-The commands of a page's blocks are run as they are (test_docs.py). What takes long, and what is
-named in a text, is run with the options of `QUICK` after its own, of which the last ones count, or
-by the test file that `ELSEWHERE` names.
+Commands of blocks are run as they are (test_docs.py). What is long or in a text is run with
+the options of `QUICK` after its own, the last of which count, or by the file of `ELSEWHERE`.
 """
 
 from __future__ import annotations
