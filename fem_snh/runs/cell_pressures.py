@@ -113,7 +113,7 @@ class CellPressures:
             if (norm := self._residual.norm()) <= tolerance:
                 break
             context.force_scale *= max(_LEAST_CUT, _TARGET * tolerance / norm)
-            # The problem is linear by now: one linear solve reaches the next tolerance.
+            # Near the solution one linear solve reaches the next tolerance.
             if (mixed_norm := self.snes.getFunctionNorm()) > 0:
                 reduction = _LAST_SHARE * context.scaled_tolerance / mixed_norm
                 context.options["snes_forcing_max"] = min(options["snes_forcing_max"], reduction)
