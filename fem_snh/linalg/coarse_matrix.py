@@ -130,29 +130,35 @@ class _Inverse:
 class _Factors:
     """Sparse factors L D L^T by MUMPS; unknowns of a vanishing pivot are zero in a solution."""
 
+    _pc: PETSc.PC
+
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
-        """See `_Solver`."""
-        upper = np.flatnonzero(column >= row)
-        upper = upper[np.lexsort((column[upper], row[upper]))]
-        start = np.searchsorted(row[upper], np.arange(size // COLUMNS + 1))
-        pattern = (of.astype(PETSc.IntType) for of in (start, column[upper]))
-        E = PETSc.Mat().createSBAIJ(
-            size, COLUMNS, csr=(*pattern, blocks[upper]), comm=PETSc.COMM_SELF
-        )
-        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
-        self._pc.setOperators(E)
-        set_direct_factors(self._pc)
-        self._pc.setFactorSetUpSolverType()
-        factors = self._pc.getFactorMatrix()
-        factors.setMumpsIcntl(24, 1)  # vanishing pivots are detected ...
-        factors.setMumpsCntl(3, _ZERO_EIGENVALUE)  # ... below this
+        """See `_Solver`. The pattern is always that of the first call."""
+        if not hasattr(self, "_pc"):
+            self._create(row, column, size)
+        self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
+        self._E.assemble()
         self._pc.setUp()
-        self._rhs, self._solution = E.createVecs()
-        negative: int = factors.getInertia()[0]
-        return negative == 0
+        return self._factors.getInertia()[0] == 0
 
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
         self._rhs.array[:] = rhs
         self._pc.apply(self._rhs, self._solution)
         return self._solution.array.copy()
+
+    def _create(self, row: Array, column: Array, size: int) -> None:
+        """Create the matrix of the upper blocks and its PC, which orders the unknowns once."""
+        upper = np.flatnonzero(column >= row)
+        self._upper = upper = upper[np.lexsort((column[upper], row[upper]))]
+        start = np.searchsorted(row[upper], np.arange(size // COLUMNS + 1))
+        self._pattern = tuple(of.astype(PETSc.IntType) for of in (start, column[upper]))
+        self._E = PETSc.Mat().createSBAIJ(size, COLUMNS, csr=self._pattern, comm=PETSc.COMM_SELF)
+        self._rhs, self._solution = self._E.createVecs()
+        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
+        self._pc.setOperators(self._E)
+        set_direct_factors(self._pc)
+        self._pc.setFactorSetUpSolverType()
+        self._factors = self._pc.getFactorMatrix()
+        self._factors.setMumpsIcntl(24, 1)  # vanishing pivots are detected ...
+        self._factors.setMumpsCntl(3, _ZERO_EIGENVALUE)  # ... below this

@@ -46,10 +46,10 @@ from fem_snh.linalg.halo import Halo
 
 _Reason = PETSc.KSP.ConvergedReason
 
-#: Default of ksp_deflation_subdomains: one for 512 nodes up to 64, then one for 1,500 nodes, and no
+#: Default of ksp_deflation_subdomains: one for 512 nodes up to 64, then one for 1,000 nodes, and no
 #: deflation below 4 (docs/results/speed.md). On smaller bodies the coarse solves cost as much as
 #: the iterations saved.
-_NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1500, 4
+_NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
 AUTOMATIC = -1
 
 

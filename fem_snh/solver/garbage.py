@@ -36,6 +36,7 @@ def free_unused(comm: MPI.Comm) -> None:
 
     Objects of other groups of ranks are left to the calls with their communicators.
     """
+    _clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
     for found in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
         _clean(found.comms)  # a SNES, which refers to its problem
         unused = comm.allreduce(found.problem() is None, op=MPI.LAND)
