@@ -87,7 +87,8 @@ class TrustRegion:
     Far from a solution the filtered Hessian makes faster progress. The region is entered after a
     filtered step that decreases the energy by less than ``-snes_tr_enter_decrease`` of the decrease
     since the start, if it and the step before together leave more than ``-snes_tr_enter_residual``
-    of the residual: near an unstable state. With ``-snes_hessian exact`` it is also entered where
+    of the residual: near an unstable state. Where the solve has been in the region before, one such
+    step is enough to enter it again. With ``-snes_hessian exact`` it is also entered where
     the exact Hessian gives no descent direction. It is exited after any step that leaves less than
     ``-snes_tr_exit_residual`` of the residual.
 
@@ -120,6 +121,7 @@ class TrustRegion:
         self.thresholds = _Thresholds(**given)
         self.radius: float | None = given["delta0"] or None
         self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
+        self._entered_before = False
         self._Ad: PETSc.Vec | None = None
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
@@ -153,7 +155,9 @@ class TrustRegion:
             self.entered = False
         elif step.filter in ("clamp", "abs"):
             little_progress = decrease < self.thresholds.enter_decrease * total_decrease
-            self.entered |= little_progress and two_steps > self.thresholds.enter_residual
+            left = residual_ratio if self._entered_before else two_steps
+            self.entered |= little_progress and left > self.thresholds.enter_residual
+        self._entered_before |= self.entered
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Return the step of the exact model, or that of the clamped one if it has none."""
