@@ -110,7 +110,8 @@ def test_a_scene_has_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert output.startswith("accuracy: ") and "at nu = 0.3 (cook.csv)" in output
     record = json.loads((tmp_path / "run.json").read_text())
     assert record["accuracy"]["error"] <= 0.05 and record["accuracy"]["asked"] == 0.05
-    assert record["material"]["nu"] == 0.2 and record["hessian"] == record["accuracy"]["hessian"]
+    assert record["material"]["nu"] == 0.2
+    assert record["accuracy"]["hessian"] in ("automatic", record["hessian"])
 
 
 @pytest.mark.parametrize("scene", ["cook"])
