@@ -1,7 +1,8 @@
 """Every command of the pages is accepted by its program, and run: as it is, quick, or elsewhere.
 
 Commands of blocks are run as they are (test_docs.py). What is long or in a text is run with
-the options of `QUICK` after its own, the last of which count, or by the file of `ELSEWHERE`.
+the options of `QUICK` after its own, the last of which count, or by the file of `ELSEWHERE`
+(quick_commands.py).
 """
 
 from __future__ import annotations
@@ -28,81 +29,12 @@ from pages import (
     page_commands,
     words_of,
 )
+from quick_commands import BENCH, ELSEWHERE, QUICK
 
 import benchmarks
 from fem_snh import cli, scenes
 from fem_snh.cli.options import SCENE_OPTIONS, assignments, split_petsc, value
 
-_BENCH = "python -m benchmarks"
-#: Beginning of a command -> options that make it quick. The longest beginning counts.
-QUICK = {
-    "fem-snh materials": "",
-    "fem-snh materials --table": "stable_neo_hookean",
-    "fem-snh run": "--cells 3 --steps 1",
-    "fem-snh run squash": "--cells 8 --steps 1",
-    "fem-snh run twist --element P2P1": "--element Q1 --cells 2 --steps 1",
-    f"{_BENCH} assembly": "--elements Q1 --material stable_neo_hookean --cells 2 --repeat 1",
-    f"{_BENCH} contact_patch": "--elements Q1 --upper 2 --stiffness 1 --methods penalty",
-    f"{_BENCH} cell_pressures": "--elements P2P0 --scenes block --nus 0.49 --cells 4",
-    f"{_BENCH} convergence_orders": "--elements Q1 --nus 0.3 --cells 1,2",
-    f"{_BENCH} bounce": "--integrators bdf2 --cells 2 --steps 5",
-    f"{_BENCH} coo_assembly": "--elements Q1 --cells 2 --repeat 1",
-    f"{_BENCH} dolfinx_program": "--parts scene --scene_cells 3 --repeat 1",
-    f"{_BENCH} eigensolvers": "--samples 1 --points 16",
-    f"{_BENCH} bones": "--scene torso --cells 30 --steps 2",
-    f"{_BENCH} elbow": "--cells 12 --nus 0.3 --angles 90 --cells_of_biceps 0",
-    f"{_BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
-    f"{_BENCH} hessian_filters": "--elements Q1 --nus 0.3 --cells 1 --seeds 1",
-    f"{_BENCH} hertz": "--depths 0.2 --cells 2",
-    f"{_BENCH} interface": "--elements Q1P0 --cells 2",
-    f"{_BENCH} linear_iterations": "--cells 3 --nus 0.49 --solvers cg+ssor",
-    f"{_BENCH} linear_solvers": "--bodies layer --elements Q1 --nus 0.4999 --cells 16",
-    f"{_BENCH} memory_traffic": "--cells 3 --repeat 1",
-    f"{_BENCH} mixed_times": "--sizes 2000 --elements P2P1",
-    f"{_BENCH} negative_curvature": "--nus 0.3 --cells 3 --seeds 1 --lbfgs 0,20",
-    f"{_BENCH} petsc_newton": "--cells 3 --nus 0.3 --methods ours,bntr,bntr+icc",
-    f"{_BENCH} petsc_parts": "--scenes twist --cells 2 --steps 1 --repeat 1",
-    f"{_BENCH} plates": "--elements Q1 --integrators semi_implicit --cells 2 --steps 2",
-    f"{_BENCH} quadrature": "--elements Q1 --nus 0.3 --cells 1 --repeat 1",
-    f"{_BENCH} references": "--only uniaxial",
-    f"{_BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
-    f"{_BENCH} start": "--repeat 1",
-    f"{_BENCH} sweep": "--points 6 --cells 2",
-    f"{_BENCH} squash": "--cells 20 --frames 1",
-    f"{_BENCH} stretch_times": "--cells 3 --ways ours --steps 1 --ranks 1 --timeout 60",
-    f"{_BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3 --cells 4",
-    f"{_BENCH} twist": "--cells 2",
-    f"{_BENCH} ufl_filter": "--elements Q1 --cells 2 --amplitude 0.02 --repeat 1",
-    f"{_BENCH} volume_split": "--elements Q1 --bounds 1 --stretches 1 --cells 1",
-}
-#: Beginning of a command -> the test that runs it, or for a script the file that does.
-ELSEWHERE = {
-    ".ci/in-root": ".ci/run",
-    ".ci/run": ".ci/run",
-    "export": "Makefile",
-    "fem-snh doctor": "tests/test_doctor.py",
-    "fem-snh extremes": "tests/test_extremes.py",
-    "fem-snh plot": "tests/test_plots.py",
-    "fem-snh render": "tests/test_render.py",
-    "fem-snh run cook --accuracy": "docs/howto/choose.md",
-    "fem-snh run out/own_mesh/bracket.toml": "tests/test_demos.py",
-    "fem-snh run own.toml": "tests/test_tradeoff.py",
-    "fem-snh run pull --material demos/gent.py:gent": "docs/howto/own_material.md",
-    "fem-snh materials demos/gent.py:gent": "docs/howto/own_material.md",
-    "fem-snh run squeeze.toml": "docs/howto/own_scene.md",
-    "fem-snh run stretch --out out/stretch --resume": "tests/test_resume.py",
-    "fem-snh sweep": "tests/test_sweep.py",
-    "fem-snh tradeoff": "tests/test_tradeoff.py",
-    "make": "Makefile",
-    "python -c": "tests/test_pointwise_extremes.py",
-    "python demos/": "tests/test_demos.py",
-    f"{_BENCH} extremes_page": "tests/test_docs_commands.py",
-    f"{_BENCH} faults": "tests/test_faults.py",
-    f"{_BENCH} felupe_twist": "tests/test_bench.py",
-    f"{_BENCH} ranks": "tests/test_ranks.py",
-    f"{_BENCH} tradeoff_tables": "tests/test_docs_commands.py",
-    "source": "tools/setup",
-}
 _TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M))
 _OPTION = re.compile(r'add_argument\(\s*"(--[\w-]+)"')
 
@@ -129,7 +61,7 @@ def test_commands_are_accepted(page: Path) -> None:
             assert name in parsers or name.isupper(), command
             if not placeholder(words):
                 accept(name, words[2:], parsers[name])
-        elif words[:3] == _BENCH.split():
+        elif words[:3] == BENCH.split():
             if words[3] != "NAME":
                 accept_benchmark(words[3:], command)
         elif words[0] == "make":
