@@ -101,9 +101,7 @@ for name in materials:
 
 if MPI.COMM_WORLD.rank == 0:
     print(f"{result.record['cells']} hexahedra, {len(steps)} steps, Newton {newton:.1f} a step")
-    print(
-        f"at the end {contact[-1]['pairs']} points of the skin touch: {contact[-1]['force']:.0f} N"
-    )
+    print(f"at the end {contact[-1]['pairs']} points touch: {contact[-1]['force']:.0f} N")
     for parts, force in between.most_common():
         print(f"  {' and '.join(sorted(parts))}: {force:.2f} N")
     print(f"solves of a step: at most {max(row['rounds'] for row in contact)}")

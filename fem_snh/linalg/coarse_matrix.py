@@ -105,9 +105,8 @@ class _Inverse:
         """See `_Solver`."""
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
-        E = np.zeros((size // COLUMNS, COLUMNS, size // COLUMNS, COLUMNS))
-        E[row, :, column] = blocks
-        E = E.reshape(size, size)
+        E = np.zeros((size, size))
+        E.reshape(size // COLUMNS, COLUMNS, -1, COLUMNS)[row, :, column] = blocks
         factor, failed = lapack.dpotrf(E, lower=1)
         if not failed:
             lower, failed = lapack.dpotri(factor, lower=1)
