@@ -127,7 +127,12 @@ class _Inverse:
 
 
 class _Factors:
-    """Sparse factors L D L^T by MUMPS; unknowns of a vanishing pivot are zero in a solution."""
+    """Sparse factors L D L^T by MUMPS.
+
+    Of a singular matrix MUMPS sets the unknowns of vanishing pivots to zero. Such a solution has
+    large components in the null space, whose rounding errors in single precision stop conjugate
+    gradients; they are removed, as a pseudo-inverse does.
+    """
 
     _pc: PETSc.PC
 
@@ -138,13 +143,24 @@ class _Factors:
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
         self._E.assemble()
         self._pc.setUp()
+        self._null_space = np.zeros((size, 0))
+        if vanishing := self._factors.getMumpsInfog(28):
+            # With G the solver, E G E = E: r - G E r is in the null space, for every r.
+            null = np.random.default_rng(0).random((size, vanishing))
+            for vector in null.T:
+                self._rhs.array[:] = vector
+                self._E.mult(self._rhs, self._solution)
+                vector -= self.solve(self._solution.array.copy())
+            self._null_space = np.linalg.qr(null)[0]
         return self._factors.getInertia()[0] == 0
 
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
-        self._rhs.array[:] = rhs
+        null = self._null_space
+        self._rhs.array[:] = rhs - null @ (null.T @ rhs)
         self._pc.apply(self._rhs, self._solution)
-        return self._solution.array.copy()
+        solution: Array = self._solution.array - null @ (null.T @ self._solution.array)
+        return solution
 
     def _create(self, row: Array, column: Array, size: int) -> None:
         """Create the matrix of the upper blocks and its PC, which orders the unknowns once."""
