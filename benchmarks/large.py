@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from benchmarks import Row, split_list
-from benchmarks.stretch_times import run_apart
+from benchmarks.stretch_times import run_apart, summary
 from fem_snh.errors import choose
 
 #: Poisson's ratio and cells along the diameter: 8e6 unknowns of P2, 1e6 of Q2Q1 and 2e6 of P2P1.
@@ -45,15 +45,11 @@ def rows(
         settings = {"element": element, "nu": nu, "cells": int(cells) or chosen}
         settings |= {"stretch": stretch, "steps": int(steps)}
         record, status = run_apart({}, settings, int(ranks), timeout, memory)
-        done = record.get("steps", [])
-        newton, linear = (sum(step[key] for step in done) for key in ("newton", "linear"))
-        unknowns, gb = record.get("dofs", 0), record.get("peak_memory_mb", 0) / 1000
-        row: Row = {"element": element, "nu": nu, "cells": settings["cells"], "status": status}
-        row |= {"unknowns": unknowns, "newton": newton, "linear": linear}
-        row["seconds"] = round(sum(step["seconds"] for step in done), 1)
-        parts = record.get("seconds", {})
+        row: Row = {"element": element, "nu": nu, "cells": settings["cells"]}
+        row |= summary(record, status)
+        parts, gb = record.get("seconds", {}), row.pop("peak_memory_mb") / 1000
         row["setup"] = round(parts.get("mesh", 0) + parts.get("setup", 0), 1)
-        row["gb"], row["gb_per_million"] = round(gb, 2), round(gb / max(unknowns, 1) * 1e6, 2)
+        row["gb"], row["gb_per_million"] = gb, round(gb / max(row["dofs"], 1) * 1e6, 2)
         within = gb <= MEMORY.get(element, gb)
         within &= row["gb_per_million"] <= MEMORY_PER_MILLION.get(element, float("inf"))
-        yield row | {"ok": bool(record.get("converged")) and within}
+        yield row | {"ok": row["converged"] and within}

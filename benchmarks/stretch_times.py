@@ -69,7 +69,7 @@ def rows(
             given, one_in = WAYS[way]
             settings = {"cells": int(number), "nu": nu, "steps": max(steps // one_in, 1)}
             record, ended = run_apart(given, settings, int(ranks), timeout, memory)
-            row: Row = {"way": way, "nu": nu, "ranks": ranks} | _summary(record, ended)
+            row: Row = {"way": way, "nu": nu, "ranks": ranks} | summary(record, ended)
             ours = ours or record
             if record is not ours and row["load"] > 0:
                 row["to_ours"] = round(_until(record, row["load"]) / _until(ours, row["load"]), 2)
@@ -110,7 +110,8 @@ def run_apart(
     return record, ended or record.get("status") or (lines[-1] if lines else "failed")
 
 
-def _summary(record: dict[str, Any], ended: str) -> Row:
+def summary(record: dict[str, Any], ended: str) -> Row:
+    """Return the columns of a run: its record and status are those of `run_apart`."""
     good = [step for step in record.get("steps", ()) if step["converged"]]
     every = record.get("steps", ())
     return {
