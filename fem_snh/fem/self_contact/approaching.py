@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from fem_snh.fem.contact.triangles import closest_points, triangle_normals
+from fem_snh.fem.contact.triangles import closest_points
 
 Array = npt.NDArray[Any]
 
@@ -42,8 +42,8 @@ def approaching(
     points: Array,
     normals: Array,
     chosen: Array,
-    x: Array,
-    triangles: Array,
+    corners: Array,
+    outward: Array,
     distance: float,
 ) -> Approaching:
     """Return those samples that are in front of an opposed triangle, closer than a distance.
@@ -54,14 +54,11 @@ def approaching(
         Positions of samples and unit normals of the surface there.
     chosen : (n,) int
         The samples that are searched.
-    x : (points, 3)
-        Positions of the surface's points [m].
-    triangles : (m, 3) int
-        Its triangles.
+    corners, outward : (m, 3, 3), (m, 3)
+        Positions of the corners of the surface's triangles [m], and their unit normals.
     distance : float
         The largest distance [m].
     """
-    corners, outward = x[triangles], triangle_normals(x, triangles)
     # The midpoint of a triangle is farther than its closest point, by its radius at most.
     middles = corners.mean(axis=1)
     radius = float(np.linalg.norm(corners - middles[:, None], axis=2).max(initial=0.0))
@@ -69,10 +66,10 @@ def approaching(
     tree = cKDTree(np.column_stack([middles, distance * outward]))
     wanted = np.column_stack([points, -distance * normals])[chosen]
     bound = ((distance + radius) ** 2 + distance**2 * (2 + 2 * _OPPOSED)) ** 0.5
-    count = min(_EXAMINED, len(triangles))
+    count = min(_EXAMINED, len(corners))
     _, near = tree.query(wanted, np.arange(1, count + 1), distance_upper_bound=bound)
-    found = np.flatnonzero(near[:, 0] < len(triangles))
-    near = np.where(near < len(triangles), near, near[:, :1])[found]
+    found = np.flatnonzero(near[:, 0] < len(corners))
+    near = np.where(near < len(corners), near, near[:, :1])[found]
     sample = chosen[found]
     coordinates, arm = closest_points(points[sample][:, None], corners[near])
     length = np.linalg.norm(arm, axis=2)

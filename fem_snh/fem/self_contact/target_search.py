@@ -102,9 +102,11 @@ class TargetSearch:
         x : (points, 3)
             The positions of the surface's points [m].
         """
-        hits = np.concatenate(self._comm.allgather(self._own_hits(u, x)))
+        points, outward = self.samples.at(x), triangle_normals(x, self._surface.triangles)
+        hits = np.concatenate(self._comm.allgather(self._own_hits(u, x, points, outward)))
         hits = _without_repeated(hits)
-        others = np.concatenate(self._comm.allgather(self._approaching(x, hits[:, 0])))
+        others = self._approaching(x, points, outward, hits[:, 0])
+        others = np.concatenate(self._comm.allgather(others))
         hits = np.concatenate([hits[:, [0, 3, 4, 5, 6]], others])
         hits = hits[np.argsort(hits[:, 0], kind="stable")]
         sample, target = hits[:, 0].astype(int), hits[:, 1].astype(int)
@@ -127,17 +129,19 @@ class TargetSearch:
             spring,
         )
 
-    def _own_hits(self, u: Array, x: Array) -> Array:
-        """Return the samples in this rank's cells and their targets, (n, _COLUMNS)."""
+    def _own_hits(self, u: Array, x: Array, points: Array, outward: Array) -> Array:
+        """Return the samples in this rank's cells and their targets, (n, _COLUMNS).
+
+        ``points`` are the positions of the samples, ``outward`` the triangles' normals.
+        """
         triangle = self.samples.triangle
-        points = self.samples.at(x)
 
         def excluded(sample: Array, cell: Array) -> Array:
             return self._near.share(triangle[sample], cell)
 
         hits = self._cells.find(u, points, excluded)
-        outward, own = triangle_normals(x, self._surface.triangles), triangle[hits.point]
-        normals, size = outward[own], self._sizes[hits.cell]
+        own, size = triangle[hits.point], self._sizes[hits.cell]
+        normals = outward[own]
         bodies = self._cell_bodies[hits.cell]
         target, coordinates, depth = self._reference.closest(hits.X, bodies, normals, outward)
         kept = (depth >= -OUTSIDE * size) & ~self._near.touch(own, target)
@@ -153,18 +157,18 @@ class TargetSearch:
         found = np.column_stack([*columns, coordinates, hits.X])
         return np.asarray(found[kept].reshape(-1, _COLUMNS))
 
-    def _approaching(self, x: Array, inside: Array) -> Array:
+    def _approaching(self, x: Array, points: Array, outward: Array, inside: Array) -> Array:
         """Return this rank's share of samples that may touch in the next solve, (n, 5).
 
-        Columns: sample, triangle, barycentric coordinates (3).
+        Columns: sample, triangle, barycentric coordinates (3). The arguments are those of
+        `_own_hits`, and the samples ``inside`` of the body.
         """
         samples, triangles = self.samples, self._surface.triangles
         count = len(samples)
         first, last = (count * (self._comm.rank + i) // self._comm.size for i in (0, 1))
         chosen = np.setdiff1d(np.arange(first, last), inside.astype(int))
-        normals = triangle_normals(x, triangles)[samples.triangle]
-        distance = _APPROACH * self.size
-        found = approaching(samples.at(x), normals, chosen, x, triangles, distance)
+        normals, distance = outward[samples.triangle], _APPROACH * self.size
+        found = approaching(points, normals, chosen, x[triangles], outward, distance)
         kept = ~self._near.touch(samples.triangle[found.sample], found.triangle)
         columns = found.sample, found.triangle, found.coordinates
         return np.asarray(np.column_stack(columns)[kept].reshape(-1, 5))
