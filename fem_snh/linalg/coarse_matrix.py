@@ -135,6 +135,7 @@ class _Factors:
     """
 
     _pc: PETSc.PC
+    _null_space: Array
 
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
         """See `_Solver`. The pattern is always that of the first call."""
