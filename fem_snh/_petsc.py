@@ -19,6 +19,8 @@ ffi = c_declarations.parse("""
 int MatMPIAIJGetSeqAIJ(void *A, void **diagonal, void **off_diagonal, int **ghosts);
 int MatSeqAIJGetArray(void *A, double **values);
 int MatSeqAIJRestoreArray(void *A, double **values);
+int MatSeqAIJGetArrayRead(void *A, double **values);
+int MatSeqAIJRestoreArrayRead(void *A, double **values);
 int MatGetSize(void *A, int *rows, int *columns);
 int MatGetNonzeroState(void *A, long *state);
 int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr,
@@ -182,28 +184,35 @@ class AIJBlock:
     values: int
     ghosts: np.ndarray
 
-    def block_pattern(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return (indptr, indices) of the blocks of ``size`` unknowns; every block must be full."""
+    def csr(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (indptr, indices), views of PETSc's arrays."""
         n, done = ffi.new("int *"), ffi.new("int *")
         pattern = ffi.new("int *[2]")
         call("MatGetRowIJ", self.handle, 0, 0, 0, n, pattern, pattern + 1, done)
         indptr = np.frombuffer(ffi.buffer(pattern[0], 4 * (n[0] + 1)), np.int32)
-        indices = np.frombuffer(ffi.buffer(pattern[1], 4 * int(indptr[-1])), np.int32)
-        lengths = np.diff(indptr)[::size] // size
-        starts = np.concatenate([[0], np.cumsum(lengths)])
-        inside = np.arange(starts[-1]) - np.repeat(starts[:-1], lengths)
-        return starts, indices[np.repeat(indptr[:-1:size], lengths) + size * inside] // size
+        return indptr, np.frombuffer(ffi.buffer(pattern[1], 4 * int(indptr[-1])), np.int32)
+
+    def array(self) -> np.ndarray:
+        """Return a view of the values."""
+        size = int(self.csr()[0][-1])
+        return np.frombuffer(ffi.buffer(ffi.cast("double *", self.values), 8 * size))
 
 
 @contextmanager
-def aij_blocks(A: PETSc.Mat) -> Iterator[list[AIJBlock]]:
+def aij_blocks(A: PETSc.Mat, read_only: bool = False) -> Iterator[list[AIJBlock]]:
     """Access the value arrays of an AIJ matrix for the duration of a ``with`` block.
+
+    Parameters
+    ----------
+    A : Mat
+    read_only : bool
+        Whether the values are not written to. Otherwise the matrix's state is increased, which
+        tells solvers to set up again.
 
     Yields
     ------
     list of AIJBlock
-        The diagonal block and, on several ranks, the off-diagonal block; their values may be
-        written to.
+        The diagonal block and, on several ranks, the off-diagonal block.
     """
     handle, blocks = ffi.cast("void *", A.handle), ffi.new("void *[2]")
     ghosts: list[np.ndarray] = [np.empty(0, np.int32)] * 2
@@ -216,12 +225,13 @@ def aij_blocks(A: PETSc.Mat) -> Iterator[list[AIJBlock]]:
         ghosts[1] = np.frombuffer(ffi.buffer(columns[0], 4 * count[0]), np.int32).copy()
     arrays = ffi.new("double *[2]")
     present = [k for k in range(2) if blocks[k] != ffi.NULL]
+    access = "ArrayRead" if read_only else "Array"
     for k in present:
-        call("MatSeqAIJGetArray", blocks[k], arrays + k)
+        call(f"MatSeqAIJGet{access}", blocks[k], arrays + k)
     try:
         yield [
             AIJBlock(blocks[k], int(ffi.cast("intptr_t", arrays[k])), ghosts[k]) for k in present
         ]
     finally:
         for k in present:
-            call("MatSeqAIJRestoreArray", blocks[k], arrays + k)
+            call(f"MatSeqAIJRestore{access}", blocks[k], arrays + k)

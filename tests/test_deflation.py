@@ -140,7 +140,7 @@ def test_unconstrained_rigid_motions(comm, subdomains, hold):
     p.A.mult(x, b)
     ksp, y, residual = solve(p, b, rtol=1e-5)
     assert ksp.getConvergedReason() > 0 and residual < 1e-4
-    assert y.norm() < 100 * x.norm()
+    assert y.norm() < 1.5 * x.norm()  # rigid motions are left out
 
 
 @mpi

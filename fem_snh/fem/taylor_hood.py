@@ -24,7 +24,7 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh._petsc import nonzero_state
+from fem_snh._petsc import aij_blocks
 from fem_snh.fem.ghosted_vectors import local_values
 from fem_snh.fem.regions import cell_constant
 from fem_snh.fem.terms.elastic import Part
@@ -76,8 +76,6 @@ class SaddlePoint:
         self._unknowns, self.unit = unknowns, pressure_scale
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         self._parts = parts
-        self._B: PETSc.Mat | None = None
-        self._pattern = (-1, -1)  # of the matrix of which B is a part
 
     @property
     def cell_pressures(self) -> bool:
@@ -166,15 +164,21 @@ class SaddlePoint:
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""
-        u, p = self.index_sets["u"], self.index_sets["p"]
-        if self._pattern != (pattern := nonzero_state(A)):
-            self._B, self._pattern = None, pattern
-        self._B = B = A.createSubMatrix(p, u, self._B)
-        root = B.createVecRight()
-        root.array[:] = np.abs(A.getDiagonal().array_r[: root.getLocalSize()]) ** -0.5
-        B.diagonalScale(R=root)
-        starts, _, b = B.getValuesCSR()
-        return np.add.reduceat(b**2, starts[:-1]) if len(b) else np.zeros(len(starts) - 1)
+        weights = A.getDiagonal()
+        num_u, local = self.index_sets["u"].getLocalSize(), weights.array
+        local[:num_u] = 1 / np.abs(local[:num_u])
+        local[num_u:] = 0.0  # of C
+        d = np.zeros(len(local) - num_u)
+        with aij_blocks(A, read_only=True) as blocks:
+            for k, block in enumerate(blocks):
+                weight = _values_at(weights, block.ghosts) if k else local
+                start, column = block.csr()
+                entries, length = slice(start[num_u], start[-1]), np.diff(start[num_u:])
+                terms = block.array()[entries] ** 2 * weight[column[entries]]
+                filled = length > 0
+                if filled.any():
+                    d[filled] += np.add.reduceat(terms, start[num_u:-1][filled] - start[num_u])
+        return d
 
     @cached_property
     def _shear_compliance(self) -> _ScaledMass:
@@ -225,3 +229,12 @@ class SaddlePoint:
         M = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(M, form)
         return M
+
+
+def _values_at(x: PETSc.Vec, unknowns: np.ndarray) -> np.ndarray:
+    """Return the values of a vector at unknowns of any rank. Collective."""
+    found = PETSc.Vec().createSeq(len(unknowns), comm=PETSc.COMM_SELF)
+    wanted = PETSc.IS().createGeneral(unknowns, comm=PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(x, wanted, found, None)
+    scatter.scatter(x, found)
+    return np.asarray(found.array_r)

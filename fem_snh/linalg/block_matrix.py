@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
+from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.library import MAX_ROW_BLOCKS, declarations
 
 Array = npt.NDArray[Any]
-Pattern = tuple[Array, Array]
 
 #: Floats in a vector register of block_matrix_kernels.h; rows of U are padded to a multiple.
 _LANES = 8
@@ -31,10 +31,10 @@ class SymmetricBlockMatrix:
     ----------
     path : Path
         The library compiled from `fem_snh.linalg.library.source`.
-    diagonal : (indptr, indices)
-        Pattern of the blocks in this rank's columns: each row sorted, symmetric.
-    off_diagonal : (indptr, indices) or None
-        Pattern of the blocks in other ranks' columns, numbered from 0; None on one rank.
+    diagonal : BlockRows
+        The blocks in this rank's columns: each row sorted, the pattern symmetric.
+    off_diagonal : BlockRows or None
+        The blocks in other ranks' columns; None on one rank.
 
     Raises
     ------
@@ -42,9 +42,9 @@ class SymmetricBlockMatrix:
         For a row without a diagonal block or with too many blocks.
     """
 
-    def __init__(self, path: Path, diagonal: Pattern, off_diagonal: Pattern | None) -> None:
+    def __init__(self, path: Path, diagonal: BlockRows, off_diagonal: BlockRows | None) -> None:
         self.ffi, self.lib = build.load(path, declarations())
-        indptr, indices = diagonal
+        indptr, indices = diagonal.indptr, diagonal.indices
         self.rows = len(indptr) - 1
         row = np.repeat(np.arange(self.rows), np.diff(indptr))
         on_diagonal = np.flatnonzero(indices == row)
@@ -64,14 +64,19 @@ class SymmetricBlockMatrix:
             "upper_offset": upper_offset.astype(np.int64),
             "aij_start": indptr.astype(np.int32),
             "aij_diagonal": (on_diagonal - indptr[:-1]).astype(np.int32),
-            "upper": np.zeros(upper_offset[-1], np.float32),
+            "aij_offset": diagonal.row_offset,
+            "aij_stride": diagonal.stride,
+            "upper": np.zeros(upper_offset[-1] + _LANES, np.float32),
             "diagonal": np.zeros(9 * self.rows, np.float32),
             "diagonal_inverse": np.zeros(9 * self.rows, np.float32),
+            "padded_t": np.zeros(4 * self.rows, np.float32),
         }
         if off_diagonal is not None:
-            arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal[0], np.int32)
-            arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal[1], np.int32)
-            arrays["off_diagonal"] = np.zeros(9 * len(off_diagonal[1]), np.float32)
+            arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)
+            arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
+            arrays["off_diagonal_value"] = off_diagonal.offset
+            arrays["off_diagonal_stride"] = off_diagonal.stride
+            arrays["off_diagonal"] = np.zeros(9 * len(off_diagonal.indices), np.float32)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         self.nbytes = sum(array.nbytes for array in arrays.values())
         pointers = {name: self.pointer(array) for name, array in arrays.items()}

@@ -12,11 +12,16 @@ typedef struct {
   const long *upper_offset;     /* [rows + 1] offset of a row's floats in `upper` */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix */
   const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
+  const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
+  const int *aij_stride;        /* [rows] values in each of its three rows: its blocks', then others */
   float *upper;                 /* U */
   float *diagonal;              /* [rows][9] D */
   float *diagonal_inverse;      /* [rows][9] D^-1 */
+  float *padded_t;              /* [rows][4] work space of the backward sweep */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost nodes */
+  const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
+  const int *off_diagonal_stride;   /* [rows] values in each row of unknowns of the AIJ matrix */
   float *off_diagonal;            /* rows of blocks as in U, without padding */
 } SymmetricBlockMatrix;
 

@@ -2,6 +2,7 @@
  * with SSOR in the form of Eisenstat 1981, in which the product with A costs nothing beside the
  * preconditioner's two triangular solves. MAX_ROW_BLOCKS is defined by linalg/library.py. */
 typedef float f8 __attribute__((vector_size(32), aligned(4)));
+typedef float f4 __attribute__((vector_size(16), aligned(4)));
 
 /* Floats in a row of n blocks, padded to a multiple of 8. */
 static inline long padded(int blocks) { return (3L * blocks + 7) / 8 * 8; }
@@ -29,28 +30,34 @@ static inline int invert_block(float *a, float *b) {
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale) {
   long bad = 0;
   for (int i = 0; i < b->rows; i++) {
-    const int all = b->aij_start[i + 1] - b->aij_start[i], n = b->upper_start[i + 1] - b->upper_start[i];
-    const double *row = values + 9L * b->aij_start[i];
+    const int n = b->upper_start[i + 1] - b->upper_start[i];
+    const double *row = values + b->aij_offset[i];
     float *u = b->upper + b->upper_offset[i], *d = b->diagonal + 9L * i;
     const long length = padded(n), from = 3L * b->aij_diagonal[i];
-    for (int k = 0; k < 3; k++, row += 3L * all) {
+    for (int k = 0; k < 3; k++, row += b->aij_stride[i]) {
       for (int c = 0; c < 3; c++) d[3 * k + c] = row[from + c] * scale;
       for (long c = 0; c < 3L * n; c++) u[k * length + c] = row[from + 3 + c] * scale;
       for (long c = 3L * n; c < length; c++) u[k * length + c] = 0;
     }
     bad += !invert_block(d, b->diagonal_inverse + 9L * i);
   }
-  if (b->off_diagonal_start)
-    for (long k = 0; k < 9L * b->off_diagonal_start[b->rows]; k++) b->off_diagonal[k] = off_diagonal[k] * scale;
+  for (int i = 0; b->off_diagonal_start && i < b->rows; i++) {
+    const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
+    for (int k = 0; k < n; k++)
+      for (int r = 0; r < 3; r++) {
+        const double *from = off_diagonal + b->off_diagonal_value[first + k] + r * (long)b->off_diagonal_stride[i];
+        float *to = b->off_diagonal + 9L * first + 3L * (r * n + k);
+        for (int c = 0; c < 3; c++) to[c] = from[c] * scale;
+      }
+  }
   return bad;
 }
 
 double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *values) {
   double most = 0;
   for (int i = 0; i < b->rows; i++) {
-    const long length = 3L * (b->aij_start[i + 1] - b->aij_start[i]);
-    const double *at = values + 9L * b->aij_start[i] + 3L * b->aij_diagonal[i];
-    for (int k = 0; k < 3; k++, at += length + 1) {
+    const double *at = values + b->aij_offset[i] + 3L * b->aij_diagonal[i];
+    for (int k = 0; k < 3; k++, at += b->aij_stride[i] + 1L) {
       if (!isfinite(*at)) return INFINITY;
       most = fmax(most, fabs(*at));
     }
@@ -85,35 +92,31 @@ void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
   }
 }
 
-/* The sum of 8 lanes, pairwise. */
-static inline float sum(f8 v) {
-  return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
-}
-
+/* A copy of t has four lanes for each node, so that one load reads what one store has just written. The nodes that
+ * were computed last enter a row's sums last: the processor computes the others before its predecessor is known.
+ * The fourth lane of a sum is of no use, and is left out. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
-  float x[3 * MAX_ROW_BLOCKS + 8];
   for (int i = b->rows - 1; i >= 0; i--) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = padded(n);
     const float *u = b->upper + b->upper_offset[i];
-    for (int k = 0; k < n; k++) memcpy(x + 3 * k, t + 3L * b->upper_column[first + k], 3 * sizeof *x);
-    for (long c = 3L * n; c < length; c++) x[c] = 0;
-    f8 s0 = {0}, s1 = {0}, s2 = {0};
-    for (long c = 0; c < length; c += 8) {
-      const f8 at = *(const f8 *)(x + c);
-      s0 += *(const f8 *)(u + c) * at;
-      s1 += *(const f8 *)(u + length + c) * at;
-      s2 += *(const f8 *)(u + 2 * length + c) * at;
+    const int *column = b->upper_column + first;
+    f4 s[2][3] = {0};
+    for (int k = n - 1; k >= 0; k--) {
+      const f4 at = *(const f4 *)(b->padded_t + 4L * column[k]);
+      f4 *sum = s[k & 1];
+      for (int r = 0; r < 3; r++) sum[r] += *(const f4 *)(u + r * length + 3L * k) * at;
     }
-    const float s[3] = {sum(s0), sum(s1), sum(s2)};
     float v[3];
     for (int c = 0; c < 3; c++) {
       const long at = 3L * i + c;
+      const f4 both = s[0][c] + s[1][c];
+      w[at] = (both[0] + both[1]) + both[2];
       p[at] = z[at] + beta * p[at];
-      v[c] = p[at] - s[c];
-      w[at] = s[c];
+      v[c] = p[at] - w[at];
     }
     multiply_block(b->diagonal_inverse + 9L * i, v, t + 3L * i);
+    *(f4 *)(b->padded_t + 4L * i) = (f4){t[3L * i], t[3L * i + 1], t[3L * i + 2], 0};
   }
 }
 

@@ -41,7 +41,14 @@ class CoarseMatrix:
         Subdomains of the blocks that this rank computes: all blocks of its own subdomains' rows.
     subdomains : int
         Number of subdomains on all ranks.
+
+    Attributes
+    ----------
+    null_space : (COLUMNS subdomains, n)
+        An orthonormal basis of the vectors y with E y = 0: the rigid motions of a free body.
     """
+
+    null_space: Array
 
     def __init__(self, comm: MPI.Intracomm, row: Array, column: Array, subdomains: int) -> None:
         self._comm = comm
@@ -79,8 +86,11 @@ class CoarseMatrix:
         self._scale = np.where(zero, 0.0, scale)
         blocks *= self._scale[self._row][:, :, None] * self._scale[self._column][:, None]
         blocks[on_diagonal] += np.eye(COLUMNS) * zero[self._row[on_diagonal]][:, None]
-        definite = self._solver.update(self._row, self._column, blocks, self._size)
-        return 0 if definite else int(_Reason.DIVERGED_INDEFINITE_MAT)
+        if not self._solver.update(self._row, self._column, blocks, self._size):
+            return int(_Reason.DIVERGED_INDEFINITE_MAT)
+        null = self._scale.ravel()[:, None] * self._solver.null_space
+        self.null_space = np.linalg.qr(null)[0] if null.size else null
+        return 0
 
     def solve(self, rhs: Array) -> Array:
         """Return E^-1 times a vector of COLUMNS entries for each subdomain."""
@@ -89,7 +99,15 @@ class CoarseMatrix:
 
 
 class _Solver(Protocol):
-    """Solves with a matrix whose diagonal entries are at most 1."""
+    """Solves with a matrix whose diagonal entries are at most 1.
+
+    Attributes
+    ----------
+    null_space : (size, n)
+        An orthonormal basis of the matrix's null space.
+    """
+
+    null_space: Array
 
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
         """Set the matrix; return False if it has a negative eigenvalue."""
@@ -101,12 +119,15 @@ class _Solver(Protocol):
 class _Inverse:
     """The (pseudo-)inverse."""
 
+    null_space: Array
+
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
         """See `_Solver`."""
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
         E = np.zeros((size, size))
         E.reshape(size // COLUMNS, COLUMNS, -1, COLUMNS)[row, :, column] = blocks
+        self.null_space = np.zeros((size, 0))
         factor, failed = lapack.dpotrf(E, lower=1)
         if not failed:
             lower, failed = lapack.dpotri(factor, lower=1)
@@ -117,6 +138,7 @@ class _Inverse:
                 return False
             kept = values > _ZERO_EIGENVALUE
             inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+            self.null_space = vectors[:, ~kept]
         self._inverse = inverse
         return True
 
@@ -135,7 +157,7 @@ class _Factors:
     """
 
     _pc: PETSc.PC
-    _null_space: Array
+    null_space: Array
 
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
         """See `_Solver`. The pattern is always that of the first call."""
@@ -144,7 +166,7 @@ class _Factors:
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
         self._E.assemble()
         self._pc.setUp()
-        self._null_space = np.zeros((size, 0))
+        self.null_space = np.zeros((size, 0))
         if vanishing := self._factors.getMumpsInfog(28):
             # With G the solver, E G E = E: r - G E r is in the null space, for every r.
             null = np.random.default_rng(0).random((size, vanishing))
@@ -152,12 +174,12 @@ class _Factors:
                 self._rhs.array[:] = vector
                 self._E.mult(self._rhs, self._solution)
                 vector -= self.solve(self._solution.array.copy())
-            self._null_space = np.linalg.qr(null)[0]
+            self.null_space = np.linalg.qr(null)[0]
         return self._factors.getInertia()[0] == 0
 
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
-        null = self._null_space
+        null = self.null_space
         self._rhs.array[:] = rhs - null @ (null.T @ rhs)
         self._pc.apply(self._rhs, self._solution)
         solution: Array = self._solution.array - null @ (null.T @ self._solution.array)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
+from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
@@ -97,8 +98,8 @@ class CoarseSpace:
     ----------
     matrix : SymmetricBlockMatrix
         The matrix A.
-    diagonal, off_diagonal : (indptr, indices)
-        Its patterns, as `SymmetricBlockMatrix` takes them.
+    diagonal, off_diagonal : BlockRows
+        Its blocks, as `SymmetricBlockMatrix` takes them.
     subdomain : (rows + ghosts,) int32
         Subdomain of each node, own nodes first.
     subdomains : int
@@ -115,8 +116,8 @@ class CoarseSpace:
     def __init__(
         self,
         matrix: SymmetricBlockMatrix,
-        diagonal: Pattern,
-        off_diagonal: Pattern | None,
+        diagonal: BlockRows,
+        off_diagonal: BlockRows | None,
         subdomain: Array,
         subdomains: int,
     ) -> None:
@@ -124,10 +125,10 @@ class CoarseSpace:
         self.functions = np.zeros((len(subdomain), 3, 4), np.float32)
         rows = matrix.rows
         keys = []
-        for pattern, shift in ((diagonal, 0), (off_diagonal, rows)):
-            if pattern is not None:
-                row = np.repeat(np.arange(rows), np.diff(pattern[0]))
-                keys.append(np.unique(row * subdomains + subdomain[pattern[1] + shift]))
+        for blocks, shift in ((diagonal, 0), (off_diagonal, rows)):
+            if blocks is not None:
+                row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
+                keys.append(np.unique(row * subdomains + subdomain[blocks.indices + shift]))
         row, pair_subdomain = np.divmod(np.unique(np.concatenate(keys)), subdomains)
         pair_start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
         pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
@@ -136,7 +137,7 @@ class CoarseSpace:
         self.arrays = {
             "subdomain": np.ascontiguousarray(subdomain, np.int32),
             "functions": self.functions,
-            "aij_column": np.ascontiguousarray(diagonal[1], np.int32),
+            "aij_column": np.ascontiguousarray(diagonal.indices, np.int32),
             "pair_start": pair_start.astype(np.int32),
             "pair_subdomain": pair_subdomain.astype(np.int32),
             "pair_block": pair_block.astype(np.int32),

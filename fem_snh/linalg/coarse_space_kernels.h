@@ -1,5 +1,4 @@
 /* The functions of coarse_space_api.h. COLUMNS is 12, three components times the four lanes of f4. */
-typedef float f4 __attribute__((vector_size(16), aligned(4)));
 typedef double d4 __attribute__((vector_size(32), aligned(8)));
 
 static inline f4 load4(const float *x) { return *(const f4 *)x; }
@@ -24,18 +23,18 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
     const int pairs = c->pair_start[i + 1] - c->pair_start[i], all = b->aij_start[i + 1] - b->aij_start[i];
     d4 acc[9 * pairs];
     memset(acc, 0, sizeof acc);
-    const double *row = values + 9L * b->aij_start[i];
+    const double *row = values + b->aij_offset[i];
     for (int k = 0; k < all; k++) {
       const int j = c->aij_column[b->aij_start[i] + k];
-      add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), row + 3 * k, 3L * all, scale,
+      add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), row + 3 * k, b->aij_stride[i], scale,
                 c->functions + COLUMNS * (long)j);
     }
     if (b->off_diagonal_start) {
       const int from = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - from;
       for (int k = 0; k < n; k++) {
         const int j = c->rows + b->off_diagonal_column[from + k];
-        add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), off_diagonal + 9L * from + 3 * k, 3L * n, scale,
-                  c->functions + COLUMNS * (long)j);
+        add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), off_diagonal + b->off_diagonal_value[from + k],
+                  b->off_diagonal_stride[i], scale, c->functions + COLUMNS * (long)j);
       }
     }
     const float *g = c->functions + COLUMNS * (long)i;
@@ -89,13 +88,16 @@ void coarse_prolong(const CoarseSpace *c, const float *y, float *x) {
 void matrix_coupled_unknowns(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, unsigned char *coupled) {
   for (int i = 0; i < b->rows; i++) {
     const long all = 3L * (b->aij_start[i + 1] - b->aij_start[i]);
-    const long others = b->off_diagonal_start ? 3L * (b->off_diagonal_start[i + 1] - b->off_diagonal_start[i]) : 0;
     for (int r = 0; r < 3; r++) {
-      const double *row = values + 9L * b->aij_start[i] + r * all;
+      const double *row = values + b->aij_offset[i] + r * (long)b->aij_stride[i];
       const long diagonal = 3L * b->aij_diagonal[i] + r;
       int any = 0;
       for (long k = 0; k < all && !any; k++) any = k != diagonal && row[k] != 0;
-      for (long k = 0; k < others && !any; k++) any = off_diagonal[9L * b->off_diagonal_start[i] + r * others + k] != 0;
+      if (b->off_diagonal_start)
+        for (int k = b->off_diagonal_start[i]; k < b->off_diagonal_start[i + 1] && !any; k++) {
+          const double *block = off_diagonal + b->off_diagonal_value[k] + r * (long)b->off_diagonal_stride[i];
+          any = block[0] != 0 || block[1] != 0 || block[2] != 0;
+        }
       coupled[3L * i + r] = any;
     }
   }

@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import AIJBlock, aij_blocks
-from fem_snh._petsc import ffi as petsc_ffi
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
 from fem_snh.linalg.halo import Halo
@@ -142,9 +141,8 @@ class ColumnsCG:
 
 def _rows(block: AIJBlock) -> tuple[Array, Array, Array]:
     """Return copies of the row starts, columns and values of an AIJ block."""
-    start, column = (np.ascontiguousarray(a, np.int32) for a in block.block_pattern(1))
-    values = petsc_ffi.buffer(petsc_ffi.cast("double *", block.values), 8 * len(column))
-    return start, column, np.frombuffer(values).copy()
+    start, column = block.csr()
+    return start.copy(), column.copy(), block.array().copy()
 
 
 def _aligned(rows: int) -> Array:

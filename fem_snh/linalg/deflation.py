@@ -33,9 +33,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.linalg.block_matrix import Pattern, SymmetricBlockMatrix
+from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
+from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.library import COLUMNS
 
@@ -53,8 +54,8 @@ class Deflation:
         The ranks.
     matrix : SymmetricBlockMatrix
         The matrix A.
-    diagonal, off_diagonal : (indptr, indices)
-        Its patterns, as `SymmetricBlockMatrix` takes them.
+    diagonal, off_diagonal : BlockRows
+        Its blocks, as `SymmetricBlockMatrix` takes them.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
     coordinates : (rows, 3)
@@ -67,8 +68,8 @@ class Deflation:
         self,
         comm: MPI.Intracomm,
         matrix: SymmetricBlockMatrix,
-        diagonal: Pattern,
-        off_diagonal: Pattern | None,
+        diagonal: BlockRows,
+        off_diagonal: BlockRows | None,
         halo: Halo | None,
         coordinates: Array,
         subdomains: int,
@@ -126,19 +127,29 @@ class Deflation:
         self._matrix.lib.coarse_image_subtract(self._coarse.struct, self._single_pointer, w)
 
     def finish(self, x: Any) -> None:
-        """Replace x by Q b + P^T x."""
-        self._single[:] = self._Qb - self._solve("coarse_image_transposed", x)
+        """Replace x by Q b + P^T x, without the part in the null space of A.
+
+        Where A is singular, rounding errors grow in its null space, which no residual shows.
+        """
+        coarse = self._Qb - self._solve("coarse_image_transposed", x)
+        if (null := self._E.null_space).size:
+            coarse -= null @ (null.T @ (self._product("coarse_restrict", x) + coarse))
+        self._single[:] = coarse
         self._matrix.lib.coarse_prolong(self._coarse.struct, self._single_pointer, x)
 
     def _solve(self, transposed: str, vector: Any) -> Array:
-        """Store E^-1 y in _single, for y = Z^T v (coarse_restrict) or y = (A Z)^T v."""
+        """Store E^-1 y in _single, for the y of `_product`."""
+        solution = self._E.solve(self._product(transposed, vector))
+        self._single[:] = solution
+        return solution
+
+    def _product(self, transposed: str, vector: Any) -> Array:
+        """Return y = Z^T v (coarse_restrict) or y = (A Z)^T v (coarse_image_transposed)."""
         self._rhs[:] = 0
         getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, self._rhs)
-        solution = self._E.solve(self._rhs)
-        self._single[:] = solution
-        return solution
+        return self._rhs
 
     def _update_functions(self, free: Array) -> None:
         """Compute Z if the set of coupled unknowns changed."""

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import nonzero_state
+from fem_snh.linalg.displacement_blocks import stored_in
 from fem_snh.linalg.ssor_system import AUTOMATIC, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -31,7 +32,9 @@ _MIN_ITERATION_LIMIT = 100
 
 
 class EisenstatCG:
-    """A KSP of type "python" for a symmetric AIJ matrix of 3x3 blocks. Collective.
+    """A KSP of type "python" for a symmetric matrix of 3x3 blocks. Collective.
+
+    The matrix is an AIJ matrix or one of `fem_snh.linalg.displacement_blocks.part_of`.
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
@@ -82,13 +85,12 @@ class EisenstatCG:
         Nothing is done if neither the matrix object nor its values changed, unless ``force``. The
         sparsity pattern is read if it or the matrix object changed.
         """
-        pattern = (A.handle, nonzero_state(A))
+        pattern = (A.handle, nonzero_state(stored_in(A)))
         if self._pattern != pattern:
             self._system = SSORSystem(A, self._coordinates, self._subdomains)
             self._pattern, self._state = pattern, -1
         if self._state != A.stateGet() or force:
-            self._failure = self._system.update(A)
-            self._state = A.stateGet()  # access to the matrix's arrays raises it
+            self._failure, self._state = self._system.update(A), A.stateGet()
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b from x = 0, whatever ``x`` holds."""

@@ -42,6 +42,7 @@ from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
 from fem_snh.linalg.deflation import Deflation
+from fem_snh.linalg.displacement_blocks import displacement_blocks, stored_in
 from fem_snh.linalg.halo import Halo
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -62,7 +63,8 @@ class SSORSystem:
     Parameters
     ----------
     A : PETSc.Mat
-        The matrix; its pattern is read here, its values by `update`.
+        The matrix, or one of `displacement_blocks.part_of`; its pattern is read here, its values by
+        `update`.
     coordinates : (rows, 3) or None
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
@@ -84,19 +86,17 @@ class SSORSystem:
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
         path = on_root(self.comm, build.library, library.source())
-        with aij_blocks(A) as (diagonal, *off_diagonal):
-            ghosted = off_diagonal[0] if off_diagonal else None
-            patterns = diagonal.block_pattern(3), ghosted.block_pattern(3) if ghosted else None
-            self._matrix = SymmetricBlockMatrix(path, *patterns)
-            ghosts = ghosted.ghosts[::3] // 3 if ghosted else None
-        first = A.getOwnershipRanges() // 3
-        self._halo = None if ghosts is None else Halo(self.comm, first, ghosts)
+        stored = displacement_blocks(A)
+        blocks = stored.diagonal, stored.off_diagonal
+        self._matrix = SymmetricBlockMatrix(path, *blocks)
+        shared = stored.off_diagonal is not None
+        self._halo = Halo(self.comm, stored.first, stored.ghosts) if shared else None
         self.deflation = None
         if subdomains == AUTOMATIC:
             subdomains = _default_subdomains(self.unknowns // 3)
         if coordinates is not None and subdomains > 0:
             self.deflation = Deflation(
-                self.comm, self._matrix, *patterns, self._halo, coordinates, subdomains
+                self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains
             )
         size = 3 * self._matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
@@ -119,7 +119,7 @@ class SSORSystem:
         int
             0, or a negative ``KSP.ConvergedReason`` if the matrix is not finite or indefinite.
         """
-        with aij_blocks(A) as (diagonal, *off_diagonal):
+        with aij_blocks(stored_in(A), read_only=True) as (diagonal, *off_diagonal):
             largest = self._matrix.largest_diagonal_entry(diagonal.values)
             largest = self.comm.allreduce(largest, op=MPI.MAX)
             if not isfinite(largest):

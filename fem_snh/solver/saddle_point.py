@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
-from typing import Any
+from typing import Any, Literal, cast
 
 from petsc4py import PETSc
 
 import numpy as np
 
 from fem_snh._petsc import set_operators
-from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.protocol import Array, SaddlePoint
 from fem_snh.solver.step import State, Step
 
+#: A preconditioner by blocks: ours, or PETSc's.
+Blocks = BlockTriangular | Literal["fieldsplit"]
 #: Iterations after which the approximate solution is used as a search direction. A solve takes 3 to
 #: 12 (docs/results/elements_taylor_hood.md); MINRES with its diagonal preconditioner up to 30.
 MAX_IT = 100
@@ -29,20 +31,22 @@ _INNER_MAX_IT = 50
 _FLEXIBLE = ("fgmres", "gcr")
 #: Outer solvers that require a symmetric positive definite preconditioner.
 _SYMMETRIC = ("minres", "symmlq")
-#: Options of the block "p", and those of the block "u" where the inner solver is not `EisenstatCG`.
-#: BoomerAMG's smoothers converge for every positive definite matrix. GAMG's polynomial smoother
-#: needs an estimate of the largest eigenvalue; where it is too low, the preconditioner is
-#: indefinite.
-_P_OPTIONS = {"fieldsplit_p_ksp_type": "preonly", "fieldsplit_p_pc_type": "bjacobi"}
-_U_OPTIONS = {
+#: Options of a fieldsplit's blocks. BoomerAMG's smoothers converge for every positive definite
+#: matrix. GAMG's polynomial smoother needs an estimate of the largest eigenvalue; where it is too
+#: low, the preconditioner is indefinite.
+_BLOCK_OPTIONS = {
+    "fieldsplit_p_ksp_type": "preonly",
+    "fieldsplit_p_pc_type": "bjacobi",
     "fieldsplit_u_ksp_type": "preonly",
     "fieldsplit_u_pc_type": "hypre",
     "fieldsplit_u_pc_hypre_boomeramg_strong_threshold": "0.7",
 }
 
 
-def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: str = "") -> None:
-    r"""Make ``ksp`` flexible GMRES with a block-triangular PETSc fieldsplit. Collective.
+def configure(
+    ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, coordinates: Array, prefix: str = ""
+) -> None:
+    r"""Make ``ksp`` flexible GMRES with a block-triangular preconditioner. Collective.
 
     The preconditioner is
 
@@ -50,19 +54,39 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: s
 
         \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1} .
 
-    The block "u" is the filtered Hessian. The block "p" replaces the Schur complement
+    The block "u" is the Hessian, filtered where it is indefinite, and is solved by `EisenstatCG` to
+    the relative tolerance `INNER_RTOL`. The block "p" replaces the Schur complement
     -(B H^-1 B^T + C) by the pressure's mass matrix divided by the moduli: by the inf-sup condition
     the two are spectrally equivalent, with bounds that depend neither on nu nor on the mesh
     (Elman, Silvester & Wathen 2014, section 4.2). With exact blocks the preconditioned matrix has
     the eigenvalue 1 and those of :math:`\tilde S^{-1} S`, which are positive (Benzi, Golub & Liesen
     2005, section 10.1.2).
 
-    With the option ``ksp_type minres`` the preconditioner is block-diagonal and definite.
+    Where an option sets another solver or preconditioner for the block "u", the preconditioner is
+    PETSc's fieldsplit. So it is with an outer solver that requires the same preconditioner in every
+    iteration; with the option ``ksp_type minres`` it is block-diagonal and definite.
+
+    Parameters
+    ----------
+    ksp : KSP
+    A : Mat
+    saddle_point : SaddlePoint
+    coordinates : (rows, 3)
+        Reference coordinates [m] of this rank's nodes.
+    prefix : str
+        Prefix of the PETSc options.
     """
     ksp.setType(PETSc.KSP.Type.FGMRES)
     ksp.setTolerances(max_it=MAX_IT)
     ksp.setGMRESRestart(MAX_IT)  # with PETSc's 30, solves with cell pressures take up to twice
+    set_operators(ksp, A, A)
     pc = ksp.getPC()
+    if _has_inner_iteration(prefix):
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(
+            BlockTriangular(A, saddle_point, coordinates, prefix, INNER_RTOL, _INNER_MAX_IT)
+        )
+        return
     pc.setType(PETSc.PC.Type.FIELDSPLIT)
     pc.setFieldSplitIS(*saddle_point.index_sets.items())
     pc.setFieldSplitType(PETSc.PC.CompositeType.SCHUR)
@@ -70,38 +94,18 @@ def configure(ksp: PETSc.KSP, A: PETSc.Mat, saddle_point: SaddlePoint, prefix: s
     diagonal = _outer_solver(prefix) in _SYMMETRIC
     pc.setFieldSplitSchurFactType(kinds.DIAG if diagonal else kinds.UPPER)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle_point.schur_approximation)
-    set_operators(ksp, A, A)
 
 
 def block_options(prefix: str) -> dict[str, str]:
-    """Return the defaults of the blocks' PETSc options, given the user's under ``prefix``."""
-    return _P_OPTIONS if _has_inner_iteration(prefix) else _P_OPTIONS | _U_OPTIONS
+    """Return the defaults of a fieldsplit's PETSc options, given the user's under ``prefix``."""
+    return {} if _has_inner_iteration(prefix) else _BLOCK_OPTIONS
 
 
-def set_up_blocks(pc: PETSc.PC, coordinates: Array, prefix: str) -> None:
-    """Set up the fieldsplit; its blocks read their options now, and only now. Collective.
-
-    The block "u" is solved by `EisenstatCG` to the relative tolerance `INNER_RTOL`, unless an
-    option sets another solver or preconditioner for it, or an outer solver that requires the same
-    preconditioner in every iteration.
-
-    Parameters
-    ----------
-    pc : PC
-        The fieldsplit of `configure`.
-    coordinates : (rows, 3)
-        Reference coordinates [m] of this rank's nodes.
-    prefix : str
-        Prefix of the PETSc options.
-    """
-    pc.setUp()
-    if _has_inner_iteration(prefix):
-        inner = pc.getFieldSplitSubKSP()[0]
-        inner.setTolerances(rtol=INNER_RTOL, atol=0.0, max_it=_INNER_MAX_IT)
-        inner.setType(PETSc.KSP.Type.PYTHON)
-        inner.setPythonContext(EisenstatCG(coordinates))
-        inner.getPC().setType(PETSc.PC.Type.NONE)
-        inner.setFromOptions()  # tolerances and the number of deflation subdomains
+def preconditioner_by_blocks(pc: PETSc.PC) -> Blocks | None:
+    """Return `BlockTriangular`, "fieldsplit" for PETSc's, or None for another preconditioner."""
+    if pc.getType() == PETSc.PC.Type.PYTHON:
+        return cast("BlockTriangular", pc.getPythonContext())
+    return "fieldsplit" if pc.getType() == PETSc.PC.Type.FIELDSPLIT else None
 
 
 def _outer_solver(prefix: str) -> str:
@@ -110,9 +114,12 @@ def _outer_solver(prefix: str) -> str:
 
 
 def _has_inner_iteration(prefix: str) -> bool:
-    """Return whether the options leave the block "u" to `EisenstatCG`."""
-    given = PETSc.Options(prefix)
-    chosen = any(given.hasName(f"fieldsplit_u_{key}") for key in ("ksp_type", "pc_type"))
+    """Return whether the options leave the preconditioner to `BlockTriangular`."""
+    given, names = (
+        PETSc.Options(prefix),
+        ("pc_type", "fieldsplit_u_ksp_type", "fieldsplit_u_pc_type"),
+    )
+    chosen = any(given.hasName(name) for name in names)
     return _outer_solver(prefix) in _FLEXIBLE and not chosen
 
 

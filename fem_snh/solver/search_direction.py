@@ -5,18 +5,19 @@ Both globalizations call it once an iteration.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from functools import cached_property, partial
 
 from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE, set_operators
+from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
 from fem_snh.solver.protocol import SaddlePoint
-from fem_snh.solver.saddle_point import frozen_preconditioner
+from fem_snh.solver.saddle_point import Blocks, frozen_preconditioner, preconditioner_by_blocks
 from fem_snh.solver.step import Direction, State, Step
 
 _Linear = PETSc.KSP.ConvergedReason
@@ -74,33 +75,46 @@ class SearchDirection:
         self._retry = float(options["snes_adaptive_retry"])
         #: Norm of the residual where the exact Hessian was last found indefinite [N].
         self._indefinite = float("inf")
+        #: Whether the exact Hessian has been positive definite as a block of the preconditioner.
+        self._exact_blocks = True
 
     def compute(self, start: State, d: PETSc.Vec) -> Direction:
         """Set ``d`` to the search direction at ``start``. Collective."""
         norm, direction = start.residual.norm(), Direction()
         A, P = self.snes.getJacobian()[:2]
         ksp = self.snes.getKSP()
-        for direction.filter in self._filters(norm):
-            # The inner CG and MINRES require a definite preconditioner: the blocks of the
-            # fieldsplit come from the clamped Hessian, whatever the operator is.
-            split = (
-                self._saddle_point if ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT else None
-            )
-            clamped = split is not None and direction.filter == "exact"
-            direction.filtered_points = self.assemble(
-                start.x, "clamp" if clamped else direction.filter
-            )
-            if split is not None:
-                split.update_schur_approximation(P)
+        blocks = preconditioner_by_blocks(ksp.getPC()) if self._saddle_point else None
+        for direction.filter, block_filter in self._attempts(norm, blocks):
+            direction.filtered_points = self.assemble(start.x, block_filter)
+            if blocks is not None and self._saddle_point:
+                self._saddle_point.update_schur_approximation(P)
+            unlike = direction.filter != block_filter and direction.filtered_points > 0
             if direction.filter == "exact" and not direction.filtered_points:
                 direction.filter = "none needed"
-            exact = partial(self.assemble, start.x, "exact") if direction.filtered_points else None
-            with frozen_preconditioner(ksp, A, P, exact) if clamped else nullcontext():
+            exact = partial(self.assemble, start.x, "exact") if unlike else None
+            with frozen_preconditioner(ksp, A, P, exact) if blocks else nullcontext():
                 direction.slope = self._solve(A, P, start.residual, d, direction)
             if direction.slope is not None:
                 return direction
             self._indefinite = norm
         return direction
+
+    def _attempts(self, norm: float, blocks: Blocks | None) -> Iterator[tuple[str, str]]:
+        """Yield the filters to try, in this order, at a residual of this norm.
+
+        The first is that of the operator, the second that of the preconditioner's blocks, which
+        must be positive definite. Whether the exact Hessian is, `BlockTriangular` finds out.
+        """
+        for filter in self._filters(norm):
+            if blocks is not None and filter == "exact":
+                if isinstance(blocks, BlockTriangular) and self._exact_blocks:
+                    yield filter, filter
+                    if not blocks.indefinite:
+                        continue
+                    self._exact_blocks = False
+                yield filter, "clamp"
+            else:
+                yield filter, filter
 
     def accept_step(self, start_norm: float, step: Step) -> None:
         """Record from a short step that the Hessian at its start was indefinite.

@@ -55,7 +55,7 @@ def create(
     Notes
     -----
     The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible GMRES
-    with a block-triangular fieldsplit and `EisenstatCG` in its displacement block. Setting
+    with a block-triangular preconditioner and `EisenstatCG` in its displacement block. Setting
     ``-ksp_type`` or ``-pc_type`` replaces `EisenstatCG` by PETSc's; the default is then CG with
     Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of each rank's
     block, with options under ``-trust_``. The relative tolerance of linear solves is between 1e-3
@@ -94,7 +94,7 @@ def create(
         with callback_errors(), default_options(prefix, built_in if saddle or region else {}):
             snes.setFromOptions()
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
-                saddle_point.set_up_blocks(ksp.getPC(), problem.coordinates, prefix)
+                ksp.getPC().setUp()  # the blocks read their options now, and only now
             if region:
                 context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
     except PETSc.Error as error:
@@ -121,10 +121,15 @@ def default_globalization(problem: NonlinearProblem) -> str:
 
 
 def linear_solver_name(snes: PETSc.SNES) -> str:
-    """Return linear solver and preconditioner: "cg+ssor" for `EisenstatCG`, else PETSc's names."""
+    """Return linear solver and preconditioner by PETSc's names, or by these for our own.
+
+    "cg+ssor" for `EisenstatCG`, "block_triangular" for `BlockTriangular`.
+    """
     ksp = snes.getKSP()
-    ours = isinstance(ksp.getPythonContext(), EisenstatCG) if ksp.getType() == "python" else False
-    return "cg+ssor" if ours else f"{ksp.getType()}+{ksp.getPC().getType()}"
+    if ksp.getType() == PETSc.KSP.Type.PYTHON:
+        return "cg+ssor"
+    kind = ksp.getPC().getType()
+    return f"{ksp.getType()}+{'block_triangular' if kind == PETSc.PC.Type.PYTHON else kind}"
 
 
 def _configure_linear_solver(
@@ -139,7 +144,7 @@ def _configure_linear_solver(
     if choice.direct:
         set_direct_solver(ksp)
     elif problem.saddle_point:
-        saddle_point.configure(ksp, problem.A, problem.saddle_point, prefix)
+        saddle_point.configure(ksp, problem.A, problem.saddle_point, problem.coordinates, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
         # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.

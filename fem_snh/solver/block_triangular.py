@@ -1,0 +1,121 @@
+r"""The block-triangular preconditioner of a saddle-point problem, without copies of the blocks.
+
+PETSc's fieldsplit copies the blocks of the assembled matrix. `BlockTriangular` applies
+
+.. math::
+
+    \begin{pmatrix} \tilde H & B^T \\ 0 & -\tilde S \end{pmatrix}^{-1}
+
+(`fem_snh.solver.saddle_point`) to the same effect and copies B^T alone: `EisenstatCG`, its solver
+with H, has a copy in single precision anyway.
+"""
+
+from __future__ import annotations
+
+from math import nan
+
+from petsc4py import PETSc
+
+from fem_snh._petsc import nonzero_state
+from fem_snh.linalg.displacement_blocks import part_of
+from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver.protocol import Array, SaddlePoint
+
+_Linear = PETSc.KSP.ConvergedReason
+#: Reasons after which a solve with H has no solution. After others it has an inaccurate one.
+_FAILED = (
+    _Linear.DIVERGED_INDEFINITE_MAT,
+    _Linear.DIVERGED_INDEFINITE_PC,
+    _Linear.DIVERGED_NANORINF,
+)
+
+
+class BlockTriangular:
+    """A PC of type "python": the preconditioner, with `EisenstatCG` as its solver with H.
+
+    Its two solvers read the options of the fieldsplit's, under ``-fieldsplit_u_`` and
+    ``-fieldsplit_p_``.
+
+    Parameters
+    ----------
+    A : Mat
+        The matrix of displacement and pressure.
+    saddle_point : SaddlePoint
+    coordinates : (nodes, 3)
+        Reference coordinates [m] of this rank's nodes.
+    prefix : str
+        Prefix of the PETSc options.
+    rtol, max_it : float, int
+        Relative tolerance and iterations of a solve with H.
+
+    Attributes
+    ----------
+    indefinite : bool
+        Whether a solve with H since the last set-up found it indefinite.
+    """
+
+    def __init__(
+        self,
+        A: PETSc.Mat,
+        saddle_point: SaddlePoint,
+        coordinates: Array,
+        prefix: str,
+        rtol: float,
+        max_it: int,
+    ) -> None:
+        self._saddle_point, self._unknowns = saddle_point, 3 * len(coordinates)
+        self._H, S = part_of(A, self._unknowns), saddle_point.schur_approximation
+        self._B_transposed, self._pattern = PETSc.Mat(), (-1, -1)
+        self._vectors = *self._H.createVecs(), *S.createVecs()
+        self.indefinite = False
+        self.u, self.p = u, p = [PETSc.KSP().create(block.comm) for block in (self._H, S)]
+        u.setOptionsPrefix(f"{prefix}fieldsplit_u_")
+        u.setOperators(self._H)
+        u.setTolerances(rtol=rtol, atol=0.0, max_it=max_it)
+        u.setType(PETSc.KSP.Type.PYTHON)
+        u.setPythonContext(EisenstatCG(coordinates))
+        u.getPC().setType(PETSc.PC.Type.NONE)
+        p.setOptionsPrefix(f"{prefix}fieldsplit_p_")
+        p.setOperators(S)
+        p.setType(PETSc.KSP.Type.PREONLY)
+        p.getPC().setType(PETSc.PC.Type.BJACOBI)
+        for solver in (u, p):
+            solver.setFromOptions()
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Read the matrix's values; PETSc calls this."""
+        A = pc.getOperators()[1]
+        if self._pattern != (pattern := nonzero_state(A)):
+            self._B_transposed, self._pattern = PETSc.Mat(), pattern
+        sets = self._saddle_point.index_sets
+        self._B_transposed = A.createSubMatrix(
+            sets["u"], sets["p"], self._B_transposed if self._B_transposed.handle else None
+        )
+        self._H.stateIncrease()
+        self.u.getPythonContext().update_matrix(self._H)
+        self.p.setUp()
+        self.indefinite = False
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Compute y = P^-1 x, or NaN if H is indefinite; PETSc calls this."""
+        n, (f, u, g, p) = self._unknowns, self._vectors
+        g.array[:] = x.array_r[n:]
+        self.p.solve(g, p)
+        self._B_transposed.mult(p, f)
+        f.array[:] = x.array_r[:n] - f.array_r
+        self.u.solve(f, u)
+        self.indefinite |= self.u.getConvergedReason() in _FAILED
+        y.array[:n], y.array[n:] = u.array_r, p.array_r
+        if self.indefinite:
+            y.set(nan)
+
+    def destroy(self, pc: PETSc.PC) -> None:
+        """Destroy what the preconditioner created; PETSc calls this."""
+        for created in (self.u, self.p, self._H, self._B_transposed, *self._vectors):
+            created.destroy()
+
+    def view(self, pc: PETSc.PC, viewer: PETSc.Viewer) -> None:
+        """Print the solvers of the blocks, as part of ``-snes_view``."""
+        viewer.printfASCII("  block-triangular, with the solvers of the blocks\n")
+        for solver in (self.u, self.p):
+            solver.view(viewer)
