@@ -14,7 +14,7 @@ import numpy.typing as npt
 from fem_snh.errors import BadInput
 from fem_snh.kernels import build
 from fem_snh.linalg.displacement_blocks import BlockRows
-from fem_snh.linalg.library import MAX_ROW_BLOCKS, declarations
+from fem_snh.linalg.library import declarations
 
 Array = npt.NDArray[Any]
 
@@ -39,7 +39,7 @@ class SymmetricBlockMatrix:
     Raises
     ------
     BadInput
-        For a row without a diagonal block or with too many blocks.
+        For a row without a diagonal block.
     """
 
     def __init__(self, path: Path, diagonal: BlockRows, off_diagonal: BlockRows | None) -> None:
@@ -48,11 +48,10 @@ class SymmetricBlockMatrix:
         self.rows = len(indptr) - 1
         row = np.repeat(np.arange(self.rows), np.diff(indptr))
         on_diagonal = np.flatnonzero(indices == row)
-        longest = np.diff(indptr).max(initial=0)
-        if len(on_diagonal) != self.rows or longest > MAX_ROW_BLOCKS:
+        if len(on_diagonal) != self.rows:
             raise BadInput(
-                "the built-in linear solver: expected a matrix with a diagonal block and at most "
-                f"{MAX_ROW_BLOCKS} blocks in every row (set -ksp_type for another solver)"
+                "the built-in linear solver: expected a matrix with a diagonal block in every row "
+                "(set -ksp_type for another solver)"
             )
         above = indices > row
         upper_start = np.concatenate([[0], np.cumsum(np.bincount(row[above], minlength=self.rows))])
@@ -69,7 +68,7 @@ class SymmetricBlockMatrix:
             "upper": np.zeros(upper_offset[-1] + _LANES, np.float32),
             "diagonal": np.zeros(9 * self.rows, np.float32),
             "diagonal_inverse": np.zeros(9 * self.rows, np.float32),
-            "padded_t": np.zeros(4 * self.rows, np.float32),
+            "lanes": np.zeros(4 * self.rows, np.float32),
         }
         if off_diagonal is not None:
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)

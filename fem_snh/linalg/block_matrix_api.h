@@ -17,7 +17,7 @@ typedef struct {
   float *upper;                 /* U */
   float *diagonal;              /* [rows][9] D */
   float *diagonal_inverse;      /* [rows][9] D^-1 */
-  float *padded_t;              /* [rows][4] work space of the backward sweep */
+  float *lanes;                 /* [rows][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost nodes */
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
@@ -38,8 +38,8 @@ void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w);
 /* p = z + beta p, t = (D + U)^-1 p, w = U t. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);
 
-/* q = t + (D + L)^-1 (w + the other ranks' columns times their t, in `ghosts`). Overwrites w; returns p.q. */
-double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, float *w, float *q);
+/* q = t + (D + L)^-1 (w + the other ranks' columns times their t, in `ghosts`). Returns p.q. */
+double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, const float *w, float *q);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
 double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float *t, const float *q, float *x, float *r, float *z);

@@ -1,7 +1,6 @@
 /* The functions of block_matrix_api.h: two sweeps and a vector update make an iteration of conjugate gradients
  * with SSOR in the form of Eisenstat 1981, in which the product with A costs nothing beside the
- * preconditioner's two triangular solves. MAX_ROW_BLOCKS is defined by linalg/library.py. */
-typedef float f8 __attribute__((vector_size(32), aligned(4)));
+ * preconditioner's two triangular solves. */
 typedef float f4 __attribute__((vector_size(16), aligned(4)));
 
 /* Floats in a row of n blocks, padded to a multiple of 8. */
@@ -71,73 +70,90 @@ static inline void multiply_block(const float *m, const float *x, float *y) {
   for (int k = 0; k < 3; k++) y[k] = m[3 * k] * p + m[3 * k + 1] * q + m[3 * k + 2] * r;
 }
 
-/* Forward substitution: row i of the solution y is final when it is reached, and L_ki y_i is subtracted from
- * the rows k > i; L_ki is the transpose of the stored U_ik. */
-void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
-  float product[3 * MAX_ROW_BLOCKS + 8];
+/* The sweeps work on vectors of four lanes a node, so that one load reads what one store has just written. The
+ * fourth lane of a product is that of the next block, and is never used. */
+static inline f4 load3(const float *x) { return (f4){x[0], x[1], x[2], 0}; }
+static inline void store3(float *to, f4 x) { for (int c = 0; c < 3; c++) to[c] = x[c]; }
+static inline f4 at4(const float *x) { return *(const f4 *)x; }
+
+/* m x for a 3x3 block. */
+static inline f4 multiply_lanes(const float *m, f4 x) {
+  f4 y = {0};
+  for (int k = 0; k < 3; k++) y[k] = m[3 * k] * x[0] + m[3 * k + 1] * x[1] + m[3 * k + 2] * x[2];
+  return y;
+}
+
+/* Forward substitution in `lanes`: row i of the solution y is final when it is reached, and L_ki y_i is subtracted
+ * from the rows k > i; L_ki is the transpose of the stored U_ik. */
+static void solve_lower_lanes(const SymmetricBlockMatrix *b) {
   for (int i = 0; i < b->rows; i++) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = padded(n);
     const float *u = b->upper + b->upper_offset[i];
-    float y[3];
-    multiply_block(b->diagonal_inverse + 9L * i, w + 3L * i, y);
-    memcpy(w + 3L * i, y, sizeof y);
-    for (long c = 0; c < length; c += 8)
-      *(f8 *)(product + c) = *(const f8 *)(u + c) * y[0] + *(const f8 *)(u + length + c) * y[1] +
-                           *(const f8 *)(u + 2 * length + c) * y[2];
-    for (int k = 0; k < n; k++) {
-      float *to = w + 3L * b->upper_column[first + k];
-      for (int c = 0; c < 3; c++) to[c] -= product[3 * k + c];
+    const f4 y = multiply_lanes(b->diagonal_inverse + 9L * i, at4(b->lanes + 4L * i));
+    *(f4 *)(b->lanes + 4L * i) = y;
+    for (int k = 0; k < n; k++, u += 3) {
+      const f4 product = at4(u) * y[0] + at4(u + length) * y[1] + at4(u + 2 * length) * y[2];
+      *(f4 *)(b->lanes + 4L * b->upper_column[first + k]) -= product;
     }
   }
 }
 
-/* A copy of t has four lanes for each node, so that one load reads what one store has just written. The nodes that
- * were computed last enter a row's sums last: the processor computes the others before its predecessor is known.
- * The fourth lane of a sum is of no use, and is left out. */
+void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
+  for (long i = 0; i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load3(w + 3 * i);
+  solve_lower_lanes(b);
+  for (long i = 0; i < b->rows; i++) store3(w + 3 * i, at4(b->lanes + 4 * i));
+}
+
+/* The nodes that were computed last enter a row's sums last: the processor computes the others before its
+ * predecessor is known. Two sums for each component halve the chain of additions. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
-  for (int i = b->rows - 1; i >= 0; i--) {
+  for (long i = b->rows - 1; i >= 0; i--) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = padded(n);
     const float *u = b->upper + b->upper_offset[i];
-    const int *column = b->upper_column + first;
-    f4 s[2][3] = {0};
-    for (int k = n - 1; k >= 0; k--) {
-      const f4 at = *(const f4 *)(b->padded_t + 4L * column[k]);
-      f4 *sum = s[k & 1];
-      for (int r = 0; r < 3; r++) sum[r] += *(const f4 *)(u + r * length + 3L * k) * at;
+    f4 x0 = {0}, y0 = {0}, z0 = {0}, x1 = {0}, y1 = {0}, z1 = {0};
+    int k = n - 1;
+    for (; k > 0; k -= 2) {
+      const int *column = b->upper_column + first + k;
+      const f4 t0 = at4(b->lanes + 4L * column[0]), t1 = at4(b->lanes + 4L * column[-1]);
+      const float *u0 = u + 3L * k, *u1 = u0 - 3;
+      x0 += at4(u0) * t0; y0 += at4(u0 + length) * t0; z0 += at4(u0 + 2 * length) * t0;
+      x1 += at4(u1) * t1; y1 += at4(u1 + length) * t1; z1 += at4(u1 + 2 * length) * t1;
     }
-    float v[3];
-    for (int c = 0; c < 3; c++) {
-      const long at = 3L * i + c;
-      const f4 both = s[0][c] + s[1][c];
-      w[at] = (both[0] + both[1]) + both[2];
-      p[at] = z[at] + beta * p[at];
-      v[c] = p[at] - w[at];
+    if (k == 0) {
+      const f4 t1 = at4(b->lanes + 4L * b->upper_column[first]);
+      x1 += at4(u) * t1; y1 += at4(u + length) * t1; z1 += at4(u + 2 * length) * t1;
     }
-    multiply_block(b->diagonal_inverse + 9L * i, v, t + 3L * i);
-    *(f4 *)(b->padded_t + 4L * i) = (f4){t[3L * i], t[3L * i + 1], t[3L * i + 2], 0};
+    x0 += x1; y0 += y1; z0 += z1;
+    const f4 s = {(x0[0] + x0[1]) + x0[2], (y0[0] + y0[1]) + y0[2], (z0[0] + z0[1]) + z0[2], 0};
+    const f4 direction = load3(z + 3 * i) + beta * load3(p + 3 * i);
+    const f4 solution = multiply_lanes(b->diagonal_inverse + 9 * i, direction - s);
+    *(f4 *)(b->lanes + 4 * i) = solution;
+    store3(p + 3 * i, direction); store3(w + 3 * i, s); store3(t + 3 * i, solution);
   }
 }
 
-double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, float *w, float *q) {
-  if (b->off_diagonal_start)
-    for (int i = 0; i < b->rows; i++) {
+double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, const float *w, float *q) {
+  for (long i = 0; i < b->rows; i++) {
+    f4 s = load3(w + 3 * i);
+    if (b->off_diagonal_start) {
       const int first = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - first;
       const float *row = b->off_diagonal + 9L * first;
-      for (int r = 0; r < 3 && n; r++, row += 3L * n) {
-        float s = 0;
+      for (int r = 0; r < 3 && n; r++, row += 3L * n)
         for (int k = 0; k < n; k++)
-          for (int c = 0; c < 3; c++) s += row[3 * k + c] * ghosts[3L * b->off_diagonal_column[first + k] + c];
-        w[3L * i + r] += s;
-      }
+          for (int c = 0; c < 3; c++) s[r] += row[3 * k + c] * ghosts[3L * b->off_diagonal_column[first + k] + c];
     }
-  matrix_solve_lower(b, w);
-  double dot = 0;
-  for (long k = 0; k < 3L * b->rows; k++) {
-    q[k] = t[k] + w[k];
-    dot += (double)p[k] * q[k];
+    *(f4 *)(b->lanes + 4 * i) = s;
   }
+  solve_lower_lanes(b);
+  double dot = 0;
+  for (long i = 0; i < b->rows; i++)
+    for (int c = 0; c < 3; c++) {
+      const float value = t[3 * i + c] + b->lanes[4 * i + c];
+      q[3 * i + c] = value;
+      dot += (double)p[3 * i + c] * value;
+    }
   return dot;
 }
 

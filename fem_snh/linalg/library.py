@@ -7,8 +7,6 @@ from pathlib import Path
 _DECLARATIONS = ("block_matrix_api.h", "coarse_space_api.h")
 _FUNCTIONS = ("block_matrix_kernels.h", "coarse_space_kernels.h")
 
-#: Longest block row (a stack buffer in C). Rows of the elements here have at most a few hundred.
-MAX_ROW_BLOCKS = 4096
 #: Columns of Z per subdomain: one constant and three linear functions for each of 3 components.
 COLUMNS = 12
 
@@ -25,7 +23,6 @@ def source() -> str:
         [
             "#include <math.h>",
             "#include <string.h>",
-            f"#define MAX_ROW_BLOCKS {MAX_ROW_BLOCKS}",
             f"#define COLUMNS {COLUMNS}",
             declarations(),
             *functions,
