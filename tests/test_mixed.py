@@ -16,7 +16,7 @@ from fem_snh._petsc import default_options
 from fem_snh.errors import BadInput
 from fem_snh.fem import modes
 from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
@@ -80,24 +80,38 @@ def test_linear_iterations_depend_neither_on_nu_nor_on_the_mesh(element):
     assert by_mesh[1] <= 1.25 * by_mesh[0]
 
 
+def schur_eigenvalues(element, cells, nu):
+    """The eigenvalues of the preconditioned Schur complement of a deformed cube."""
+    body = cube(MPI.COMM_SELF, element.cell, cells, 0.05)
+    made = material("stable_neo_hookean", E=1.0, nu=nu)
+    p = create_problem(body, element, made, hold=[Hold("left")])
+    n = 3 * len(p.coordinates)
+    p.x.array[:n] = wave(0.1)(p.V.tabulate_dof_coordinates()).ravel()
+    p.prescribe(p.x)
+    p.jacobian(p.x, "clamp")
+    p.saddle_point.update_schur_approximation(p.A)
+    A = dense(p.A)
+    H, B, C = A[:n, :n], A[n:, :n], -A[n:, n:]
+    S = B @ np.linalg.solve(H, B.T) + C
+    return eigh(S, -dense(p.saddle_point.schur_approximation), eigvals_only=True)
+
+
 @taylor_hood
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 def test_bounds_of_the_schur_complement(element, nu):
-    """The eigenvalues of the preconditioned Schur complement, on two meshes of a deformed body."""
+    """On two meshes."""
     for cells in (2, 3):
-        body = cube(MPI.COMM_SELF, ELEMENTS[element].cell, cells, 0.05)
-        made = material("stable_neo_hookean", E=1.0, nu=nu)
-        p = create_problem(body, ELEMENTS[element], made, hold=[Hold("left")])
-        n = 3 * len(p.coordinates)
-        p.x.array[:n] = wave(0.1)(p.V.tabulate_dof_coordinates()).ravel()
-        p.prescribe(p.x)
-        p.jacobian(p.x, "clamp")
-        p.saddle_point.update_schur_approximation(p.A)
-        A = dense(p.A)
-        H, B, C = A[:n, :n], A[n:, :n], -A[n:, n:]
-        S = B @ np.linalg.solve(H, B.T) + C
-        values = eigh(S, -dense(p.saddle_point.schur_approximation), eigvals_only=True)
+        values = schur_eigenvalues(ELEMENTS[element], cells, nu)
         assert 0.4 < values[0] and values[-1] < 3.5
+
+
+@pytest.mark.parametrize("element, meshes", [("Q1P0", (3, 6)), ("P2P0", (2, 3))])
+@pytest.mark.parametrize("nu", [0.3, 0.4999])
+def test_bounds_of_the_schur_complement_of_cell_pressures(element, meshes, nu):
+    """Also for pressures that alternate from cell to cell, the more cells the less B^T p."""
+    for cells in meshes:
+        values = schur_eigenvalues(with_cell_pressures(ELEMENTS[element]), cells, nu)
+        assert 0.15 < values[0] and values[-1] < 3
 
 
 @mpi

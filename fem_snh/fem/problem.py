@@ -128,7 +128,7 @@ class Problem:
         self.A = self.matrix.mat
         self.saddle_point: SaddlePoint | None = None
         if isinstance(unknowns, DisplacementPressure):
-            self.saddle_point = SaddlePoint(unknowns, self.elastic.parts, scale)
+            self.saddle_point = SaddlePoint(unknowns, self.elastic.parts, scale, self.A)
         else:
             free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))

@@ -25,6 +25,7 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import aij_blocks
+from fem_snh.fem.cell_schur import CellSchur
 from fem_snh.fem.ghosted_vectors import local_values
 from fem_snh.fem.regions import cell_constant
 from fem_snh.fem.terms.elastic import Part
@@ -34,7 +35,7 @@ from fem_snh.fem.unknowns import DisplacementPressure
 #: right, but at clamped boundaries and large strains it is too small, which costs more iterations
 #: than an approximation that is too large (docs/results/elements_taylor_hood.md).
 _SCALE = 1.5
-#: The same for pressures that are constant in each cell (docs/results/elements_cell_pressures.md).
+#: The same for the mean pressures of `CellSchur` (docs/results/elements_cell_pressures.md).
 _CELL_SCALE = 0.75
 
 
@@ -56,6 +57,8 @@ class SaddlePoint:
         The body's materials, with the energies that the element evaluates.
     pressure_scale : float
         Unit of the pressure unknown [Pa/m].
+    A : PETSc.Mat
+        The problem's matrix, of which the pattern is read.
 
     Attributes
     ----------
@@ -72,8 +75,9 @@ class SaddlePoint:
         unknowns: DisplacementPressure,
         parts: Sequence[Part],
         pressure_scale: float,
+        A: PETSc.Mat,
     ) -> None:
-        self._unknowns, self.unit = unknowns, pressure_scale
+        self._unknowns, self.unit, self._A = unknowns, pressure_scale, A
         self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
         self._parts = parts
 
@@ -99,8 +103,11 @@ class SaddlePoint:
         """The mass matrix of the pressure with the coefficient -(1/mu + 1/U''(1)) [m^3/Pa].
 
         With the shear modulus at rest it is spectrally equivalent to the Schur complement for any
-        Poisson's ratio (inf-sup condition). `update_schur_approximation` improves it.
+        Poisson's ratio (inf-sup condition). `update_schur_approximation` improves it. For pressures
+        that are constant in each cell it is that of `CellSchur`.
         """
+        if self.cell_pressures:
+            return self._cell_schur.matrix
         coefficients = [
             -1 / mu - 1 / part.loops.constants.volume_stiffness for mu, part in self._moduli()
         ]
@@ -141,19 +148,23 @@ class SaddlePoint:
         unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
         With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
         s / (1 + s lambda_local/mu), which is that value at s = 1/2. Without a free node s is 1/2.
+        That is for continuous pressures; `CellSchur` is for others.
 
         Parameters
         ----------
         A : PETSc.Mat
             The assembled Hessian.
         """
+        if self.cell_pressures:
+            self._cell_schur.update(A)
+            return
         d = self._diagonal_of_schur_complement(A)
         shear = self._shear_compliance
         mass = shear.matrix.getDiagonal().array_r
         sums = self.Q.mesh.comm.allreduce(np.array([d.sum(), mass.sum()]))
         s = d / mass * sums[1] / (2 * sums[0]) if sums[0] else np.full(len(d), 0.5)
         ratio = self._lambda_over_mu
-        factor = (_CELL_SCALE if self.cell_pressures else _SCALE) * s / (1 + s * ratio)
+        factor = _SCALE * s / (1 + s * ratio)
         root = shear.matrix.createVecLeft()
         root.array[:] = np.sqrt(factor)
         schur, same = self.schur_approximation, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
@@ -161,6 +172,13 @@ class SaddlePoint:
         schur.diagonalScale(root, root)
         schur.scale(-shear.scale)
         schur.axpy(-self._volume_compliance.scale, self._volume_compliance.matrix, same)
+
+    @cached_property
+    def _cell_schur(self) -> CellSchur:
+        """The approximation for pressures that are constant in each cell."""
+        shear = self._shear_compliance
+        mass = _CELL_SCALE * shear.scale * shear.matrix.getDiagonal().array_r
+        return CellSchur(self._A, self.index_sets, mass / (2 + self._lambda_over_mu))
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""

@@ -46,7 +46,7 @@ class BlockTriangular:
     prefix : str
         Prefix of the PETSc options.
     rtol, max_it : float, int
-        Relative tolerance and iterations of a solve with H.
+        Relative tolerance and iterations of a solve with a block.
 
     Attributes
     ----------
@@ -78,6 +78,11 @@ class BlockTriangular:
         p.setOptionsPrefix(f"{prefix}fieldsplit_p_")
         p.setOperators(S)
         p.setType(PETSc.KSP.Type.PREONLY)
+        if (
+            saddle_point.cell_pressures
+        ):  # no mass matrix: its condition grows as the mesh is refined
+            p.setType(PETSc.KSP.Type.GMRES)
+            p.setTolerances(rtol=rtol, atol=0.0, max_it=max_it)
         p.getPC().setType(PETSc.PC.Type.BJACOBI)
         for solver in (u, p):
             solver.setFromOptions()

@@ -141,6 +141,8 @@ class Predictor:
         problem, x = self.problem, self.problem.x
         rhs, step = linearised_residual(problem), self.problem.x.duplicate()
         problem.jacobian(x, "clamp")
+        if problem.saddle_point:
+            problem.saddle_point.update_schur_approximation(problem.A)
         ksp = self.snes.getKSP()
         ksp.setOperators(problem.operator, problem.A)
         smallest = _SADDLE_RTOL if problem.saddle_point else _RTOL

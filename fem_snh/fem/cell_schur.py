@@ -1,0 +1,93 @@
+r"""The Schur complement of pressures that are constant in each cell.
+
+A mass matrix, as for Taylor-Hood elements, is not spectrally equivalent to
+:math:`B H^{-1} B^T`: pressures that nearly alternate from cell to cell (`Q1P0`), or that the nodes
+of P2 do not see (`P2P0`), have B^T p close to zero, the more so the finer the mesh. The sparse
+
+.. math::
+
+    \tilde S = B D^{-1} B^T + C + N, \quad D = \mathrm{diag}(H),
+
+has the same small eigenvalues, as B^T p is then a load of short wavelength, for which H is close to
+a multiple of D. Where p is smooth, :math:`B D^{-1} B^T` is too small; N is the mass matrix of the
+mean of the pressure around each node, which vanishes where the pressure alternates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh._petsc import aij_blocks, nonzero_state
+
+
+class CellSchur:
+    """The approximation of the Schur complement, as a negative definite matrix. Collective.
+
+    Parameters
+    ----------
+    A : PETSc.Mat
+        The matrix of displacement and pressure; its pattern is read here, its values by `update`.
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the unknowns of each field.
+    mass : (owned pressures,)
+        The sum of each row of N.
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        The approximation; before the first `update` it is that of smooth pressures alone.
+    """
+
+    def __init__(self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], mass: np.ndarray) -> None:
+        self._sets, self._mass = index_sets, mass
+        self._set_pattern(A)
+        self.matrix = self._N.copy()
+        self._add_to_diagonal(mass)
+        self.matrix.scale(-1.0)
+
+    def update(self, A: PETSc.Mat) -> None:
+        """Adapt the approximation to a matrix. Collective."""
+        if self._pattern != nonzero_state(A):
+            self._set_pattern(A)  # the pressures' part is the same
+        B_transposed, same = self._B_transposed, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        A.createSubMatrix(self._sets["u"], self._sets["p"], B_transposed)
+        diagonal, root = A.getDiagonal(), B_transposed.createVecLeft()
+        num_u = root.getLocalSize()
+        root.array[:] = np.abs(diagonal.array_r[:num_u]) ** -0.5
+        B_transposed.diagonalScale(L=root)
+        B_transposed.transposeMatMult(B_transposed, result=self._product)
+        self._product.copy(self.matrix, same)
+        self.matrix.axpy(1.0, self._N, same)
+        self._add_to_diagonal(-diagonal.array_r[num_u:])  # the block of the pressures is -C
+        self.matrix.scale(-1.0)
+
+    def _add_to_diagonal(self, values: np.ndarray) -> None:
+        diagonal = self.matrix.createVecLeft()
+        diagonal.array[:] = values
+        self.matrix.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD)
+
+    def _set_pattern(self, A: PETSc.Mat) -> None:
+        """Create N and the matrices that `update` computes."""
+        self._pattern = nonzero_state(A)
+        # A pressure's mean around a node is the mean over the cells that have the node.
+        mean = A.createSubMatrix(self._sets["u"], self._sets["p"])
+        with aij_blocks(mean) as blocks:
+            for block in blocks:
+                block.array()[:] = 1.0
+        ones, root = mean.createVecs()
+        ones.set(1.0)
+        mean.mult(ones, root)
+        root.sqrtabs()
+        root.reciprocal()
+        mean.diagonalScale(L=root)
+        self._N = mean.transposeMatMult(mean)
+        sums = self._N.createVecLeft()
+        self._N.mult(ones, sums)
+        sums.array[:] = np.sqrt(self._mass / sums.array_r)
+        self._N.diagonalScale(sums, sums)
+        self._B_transposed = mean
+        self._product = mean.transposeMatMult(mean)
