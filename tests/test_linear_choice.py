@@ -43,8 +43,8 @@ def test_nodes_of_a_section_are_those_of_a_plane(sizes, degree):
             "cg+ssor",
             "< 1.5: a bar",
         ),
-        ({"nu": 0.499, "element": "Q1P0"}, "preonly+cholesky", r"s\^3/N\^1\.5 = 2\.9 <= 4: fac"),
-        ({"nu": 0.5, "element": "Q2Q1"}, "fgmres+block_triangular", "Taylor-Hood elements: few"),
+        ({"nu": 0.499, "element": "Q1P0"}, "fgmres+block_triangular", "an unknown pressure: few"),
+        ({"nu": 0.5, "element": "Q2Q1"}, "fgmres+block_triangular", "an unknown pressure: few"),
     ],
 )
 def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solver, reason):

@@ -23,10 +23,9 @@ from fem_snh.solver.protocol import NonlinearProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
 CHOICES = ("automatic", "iterative", "direct")
-#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) of a displacement problem, and the largest
-#: s^3/N^(3/2) of one with cell pressures, whose iterations do not depend on nu (measured:
-#: python -m benchmarks linear_solvers; docs/results/linear_solver.md).
-_MAX_DISPLACEMENT, _MAX_CELL_PRESSURES = 0.15, 4.0
+#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) (measured: python -m benchmarks
+#: linear_solvers; docs/results/linear_solver.md).
+_MAX = 0.15
 #: Smaller values of s^3/N^(3/2) are those of bars.
 _MIN_LAYER = 1.5
 #: Nodes above which factors are never chosen; measured up to 33,282.
@@ -63,28 +62,25 @@ def choose_linear_solver(problem: NonlinearProblem, wanted: str = CHOICES[0]) ->
     """
     if choose("snes_linear_solver", wanted, CHOICES) != CHOICES[0]:
         return LinearChoice(wanted == "direct")
-    saddle = problem.saddle_point
     if problem.operator != problem.A:
         return LinearChoice(
             False, "a load adds matrices of rank one, which are applied without being assembled"
         )
-    if saddle is not None and not saddle.cell_pressures:
-        return LinearChoice(False, "Taylor-Hood elements: few iterations for every nu and mesh")
+    if problem.saddle_point is not None:
+        return LinearChoice(False, "an unknown pressure: few iterations for every nu and mesh")
     regime = problem.regime
     if regime.inertia:
         return LinearChoice(False, "inertia makes the matrix well conditioned")
     nodes = regime.nodes
     if nodes > _MAX_NODES:
         return LinearChoice(False, f"{nodes} nodes > {_MAX_NODES}: factors would need much memory")
-    value, limit, name = regime.section_nodes**3 / nodes**1.5, _MAX_CELL_PRESSURES, "s^3/N^1.5"
+    value, name = regime.section_nodes**3 / nodes**1.5, "s^3/N^1.5"
     if value < _MIN_LAYER:
         return LinearChoice(
             False, f"{name} = {value:.2g} < {_MIN_LAYER:g}: a bar, which may buckle"
         )
-    if saddle is None:
-        value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
-        limit, name = _MAX_DISPLACEMENT, f"{name} sqrt(1 - 2 nu)"
-    measured = f"{name} = {value:.2g} {'<=' if value <= limit else '>'} {limit:g}"
-    if value <= limit:
+    value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
+    measured = f"{name} sqrt(1 - 2 nu) = {value:.2g} {'<=' if value <= _MAX else '>'} {_MAX:g}"
+    if value <= _MAX:
         return LinearChoice(True, f"{measured}: factors cost less than many iterations")
     return LinearChoice(False, f"{measured}: iterations cost less time and memory than factors")
