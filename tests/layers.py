@@ -43,6 +43,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     ("fem.nodal_mass", "fem.stored_matrix", "fem.bone_conditions", "fem.bone_blend"),
     ("fem.terms", "fem.unknowns", "fem.rank_one"),
+    ("fem.pressure_masses",),
+    ("fem.nodal_schur", "fem.cell_schur"),
     (
         "fem.taylor_hood",
         "fem.measures",
@@ -182,7 +184,7 @@ THIRD_PARTY = {
         "fem.ufl_stretches",
         "fem.ufl_forms",
         "fem.terms",
-        "fem.taylor_hood",
+        "fem.pressure_masses",
         "fem.nodal_projection",
     },
     "gmsh": {"fem.gmsh_input"},

@@ -1,8 +1,8 @@
 r"""The Schur complement of pressures that are constant in each cell.
 
 A mass matrix, as for Taylor-Hood elements, is not spectrally equivalent to
-:math:`B H^{-1} B^T`: pressures that nearly alternate from cell to cell (`Q1P0`), or that the nodes
-of P2 do not see (`P2P0`), have B^T p close to zero, the more so the finer the mesh. The sparse
+:math:`B H^{-1} B^T`: pressures that nearly alternate from cell to cell (Q1P0), or that the nodes
+of P2 do not see (P2P0), have B^T p close to zero, the more so the finer the mesh. The sparse
 
 .. math::
 
@@ -22,6 +22,11 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
+from fem_snh.fem.pressure_masses import PressureMasses
+
+#: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
+#: (docs/results/elements_cell_pressures.md).
+_SCALE = 0.75
 
 
 class CellSchur:
@@ -33,8 +38,7 @@ class CellSchur:
         The matrix of displacement and pressure; its pattern is read here, its values by `update`.
     index_sets : dict of PETSc.IS
         {"u": IS, "p": IS}, the unknowns of each field.
-    mass : (owned pressures,)
-        The sum of each row of N.
+    masses : PressureMasses
 
     Attributes
     ----------
@@ -42,11 +46,14 @@ class CellSchur:
         The approximation; before the first `update` it is that of smooth pressures alone.
     """
 
-    def __init__(self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], mass: np.ndarray) -> None:
-        self._sets, self._mass = index_sets, mass
+    def __init__(
+        self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], masses: PressureMasses
+    ) -> None:
+        self._sets = index_sets
+        self._sums = _SCALE * masses.shear_compliance.diagonal / (2 + masses.lambda_over_mu)
         self._set_pattern(A)
         self.matrix = self._N.copy()
-        self._add_to_diagonal(mass)
+        self._add_to_diagonal(self._sums)
         self.matrix.scale(-1.0)
 
     def update(self, A: PETSc.Mat) -> None:
@@ -87,7 +94,7 @@ class CellSchur:
         self._N = mean.transposeMatMult(mean)
         sums = self._N.createVecLeft()
         self._N.mult(ones, sums)
-        sums.array[:] = np.sqrt(self._mass / sums.array_r)
+        sums.array[:] = np.sqrt(self._sums / sums.array_r)
         self._N.diagonalScale(sums, sums)
         self._B_transposed = mean
         self._product = mean.transposeMatMult(mean)
