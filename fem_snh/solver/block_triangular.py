@@ -65,7 +65,8 @@ class BlockTriangular:
     ) -> None:
         self._saddle_point, self._unknowns = saddle_point, 3 * len(coordinates)
         self._H, S = part_of(A, self._unknowns), saddle_point.schur_approximation
-        self._B_transposed, self._pattern = PETSc.Mat(), (-1, -1)
+        self._B_transposed: PETSc.Mat | None = None
+        self._pattern = (-1, -1)
         self._vectors = *self._H.createVecs(), *S.createVecs()
         self.indefinite = False
         self.u, self.p = u, p = [PETSc.KSP().create(block.comm) for block in (self._H, S)]
@@ -78,9 +79,7 @@ class BlockTriangular:
         p.setOptionsPrefix(f"{prefix}fieldsplit_p_")
         p.setOperators(S)
         p.setType(PETSc.KSP.Type.PREONLY)
-        if (
-            saddle_point.cell_pressures
-        ):  # no mass matrix: its condition grows as the mesh is refined
+        if saddle_point.cell_pressures:  # the condition of S grows as the mesh is refined
             p.setType(PETSc.KSP.Type.GMRES)
             p.setTolerances(rtol=rtol, atol=0.0, max_it=max_it)
         p.getPC().setType(PETSc.PC.Type.BJACOBI)
@@ -91,11 +90,9 @@ class BlockTriangular:
         """Read the matrix's values; PETSc calls this."""
         A = pc.getOperators()[1]
         if self._pattern != (pattern := nonzero_state(A)):
-            self._B_transposed, self._pattern = PETSc.Mat(), pattern
+            self._B_transposed, self._pattern = None, pattern
         sets = self._saddle_point.index_sets
-        self._B_transposed = A.createSubMatrix(
-            sets["u"], sets["p"], self._B_transposed if self._B_transposed.handle else None
-        )
+        self._B_transposed = A.createSubMatrix(sets["u"], sets["p"], self._B_transposed)
         self._H.stateIncrease()
         self.u.getPythonContext().update_matrix(self._H)
         self.p.setUp()
@@ -103,6 +100,7 @@ class BlockTriangular:
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = P^-1 x, or NaN if H is indefinite; PETSc calls this."""
+        assert self._B_transposed is not None
         n, (f, u, g, p) = self._unknowns, self._vectors
         g.array[:] = x.array_r[n:]
         self.p.solve(g, p)
@@ -117,7 +115,8 @@ class BlockTriangular:
     def destroy(self, pc: PETSc.PC) -> None:
         """Destroy what the preconditioner created; PETSc calls this."""
         for created in (self.u, self.p, self._H, self._B_transposed, *self._vectors):
-            created.destroy()
+            if created is not None:
+                created.destroy()
 
     def view(self, pc: PETSc.PC, viewer: PETSc.Viewer) -> None:
         """Print the solvers of the blocks, as part of ``-snes_view``."""
