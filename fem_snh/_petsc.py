@@ -194,8 +194,12 @@ class AIJBlock:
 
     def array(self) -> np.ndarray:
         """Return a view of the values."""
-        size = int(self.csr()[0][-1])
-        return np.frombuffer(ffi.buffer(ffi.cast("double *", self.values), 8 * size))
+        return values_at(self.values, int(self.csr()[0][-1]))
+
+
+def values_at(address: int, size: int) -> np.ndarray:
+    """Return the memory at an address as an array of float64."""
+    return np.frombuffer(ffi.buffer(ffi.cast("double *", address), 8 * size))
 
 
 @contextmanager

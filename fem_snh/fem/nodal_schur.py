@@ -12,6 +12,7 @@ import numpy as np
 
 from fem_snh._petsc import aij_blocks
 from fem_snh.fem.pressure_masses import PressureMasses
+from fem_snh.linalg.halo import Halo
 
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
 #: right, but at clamped boundaries and large strains it is too small, which costs more iterations
@@ -86,7 +87,12 @@ class NodalSchur:
         d = np.zeros(len(local) - num_u)
         with aij_blocks(A, read_only=True) as blocks:
             for k, block in enumerate(blocks):
-                weight = _values_at(weights, block.ghosts) if k else local
+                weight = local
+                if k:
+                    comm, first = A.comm.tompi4py(), A.getOwnershipRanges()
+                    halo = Halo(comm, first, block.ghosts, 1, np.float64)
+                    halo.exchange(local)
+                    weight = halo.ghosts.ravel()
                 start, column = block.csr()
                 entries, length = slice(start[num_u], start[-1]), np.diff(start[num_u:])
                 terms = block.array()[entries] ** 2 * weight[column[entries]]
@@ -94,12 +100,3 @@ class NodalSchur:
                 if filled.any():
                     d[filled] += np.add.reduceat(terms, start[num_u:-1][filled] - start[num_u])
         return d
-
-
-def _values_at(x: PETSc.Vec, unknowns: np.ndarray) -> np.ndarray:
-    """Return the values of a vector at unknowns of any rank. Collective."""
-    found = PETSc.Vec().createSeq(len(unknowns), comm=PETSc.COMM_SELF)
-    wanted = PETSc.IS().createGeneral(unknowns, comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(x, wanted, found, None)
-    scatter.scatter(x, found)
-    return np.asarray(found.array_r)

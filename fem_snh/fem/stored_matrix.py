@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import daxpy
 
-from fem_snh._petsc import aij_blocks, ffi
+from fem_snh._petsc import aij_blocks, values_at
 from fem_snh.fem.assembled_matrix import BlockMatrix
 
 Array = npt.NDArray[Any]
@@ -50,12 +50,12 @@ class StoredMatrix:
             self._change_layout(target)
         sizes = self._layout.num_values
         if self._constrained is None:
-            self._constrained = _entries(self.mat, sizes, target.constrained_dofs)
+            self._constrained = _entries(self.mat, target.constrained_dofs)
         with aij_blocks(self.mat) as blocks:
             for k, block in enumerate(blocks):
-                values = _array(target.addresses[k], sizes[k])
+                values = values_at(target.addresses[k], sizes[k])
                 if sizes[k]:
-                    daxpy(_array(block.values, sizes[k]), values, a=factor)
+                    daxpy(block.array(), values, a=factor)
                 values[self._constrained[k]] = 0.0
 
     def _change_layout(self, matrix: BlockMatrix) -> None:
@@ -66,15 +66,13 @@ class StoredMatrix:
         self._constrained = None
 
 
-def _entries(A: PETSc.Mat, sizes: tuple[int, int], dofs: Array) -> list[Array]:
+def _entries(A: PETSc.Mat, dofs: Array) -> list[Array]:
     """Return the offsets of the values in rows and columns of some dofs. Collective.
 
     Parameters
     ----------
     A : PETSc.Mat
         A matrix of the layout.
-    sizes : tuple of int
-        The number of values in its diagonal and in its off-diagonal block.
     dofs : (n,) int
         Dofs that this rank owns, as indices into a vector's local array.
 
@@ -88,19 +86,8 @@ def _entries(A: PETSc.Mat, sizes: tuple[int, int], dofs: Array) -> list[Array]:
     others.set(1.0)
     others.array[dofs] = 0.0
     with aij_blocks(ones) as blocks:
-        for block, size in zip(blocks, sizes, strict=False):
-            _array(block.values, size)[:] = 1.0
+        for block in blocks:
+            block.array()[:] = 1.0
     ones.diagonalScale(others, others)
     with aij_blocks(ones) as blocks:
-        return [
-            np.flatnonzero(_array(block.values, size) == 0)
-            for block, size in zip(blocks, sizes, strict=False)
-        ]
-
-
-def _array(address: int, size: int) -> Array:
-    """Return the memory at an address as an array of float64."""
-    if not size:
-        return np.empty(0)
-    pointer = ffi.cast("double *", address)
-    return np.frombuffer(ffi.buffer(pointer, 8 * size), dtype=np.float64)
+        return [np.flatnonzero(block.array() == 0) for block in blocks]

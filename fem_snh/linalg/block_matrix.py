@@ -18,8 +18,8 @@ from fem_snh.linalg.library import declarations
 
 Array = npt.NDArray[Any]
 
-#: Floats in a vector register of block_matrix_kernels.h; rows of U are padded to a multiple.
-_LANES = 8
+#: Floats in a vector register of block_matrix_kernels.h.
+_LANES = 4
 
 
 class SymmetricBlockMatrix:
@@ -55,17 +55,14 @@ class SymmetricBlockMatrix:
             )
         above = indices > row
         upper_start = np.concatenate([[0], np.cumsum(np.bincount(row[above], minlength=self.rows))])
-        floats = 3 * _padded(3 * np.diff(upper_start))
-        upper_offset = np.concatenate([[0], np.cumsum(floats)])
         arrays: dict[str, Array] = {
             "upper_start": upper_start.astype(np.int32),
             "upper_column": indices[above].astype(np.int32),
-            "upper_offset": upper_offset.astype(np.int64),
             "aij_start": indptr.astype(np.int32),
             "aij_diagonal": (on_diagonal - indptr[:-1]).astype(np.int32),
             "aij_offset": diagonal.row_offset,
             "aij_stride": diagonal.stride,
-            "upper": np.zeros(upper_offset[-1] + _LANES, np.float32),
+            "upper": np.zeros(9 * upper_start[-1] + _LANES, np.float32),
             "diagonal": np.zeros(9 * self.rows, np.float32),
             "diagonal_inverse": np.zeros(9 * self.rows, np.float32),
             "lanes": np.zeros(4 * self.rows, np.float32),
@@ -113,8 +110,3 @@ class SymmetricBlockMatrix:
     def addresses(self, *values: int) -> list[Any]:
         """Return addresses of doubles as C pointers."""
         return [self.ffi.cast("double *", address) for address in values]
-
-
-def _padded(lengths: Array) -> Array:
-    """Return lengths rounded up to a multiple of _LANES."""
-    return (lengths + _LANES - 1) // _LANES * _LANES

@@ -3,18 +3,16 @@
 
 /* One rank's rows of a symmetric matrix of 3x3 blocks in single precision. Its columns are those of this
  * rank, A = L + D + L^T, and those of other ranks (the off-diagonal block of PETSc's AIJ format). D is block
- * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is three rows of 3 n floats,
- * each padded to a multiple of 8. */
+ * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is three rows of 3 n floats. */
 typedef struct {
   int rows;                     /* block rows */
   const int *upper_start;       /* [rows + 1] index of a row's first block in U */
   const int *upper_column;      /* block columns of U */
-  const long *upper_offset;     /* [rows + 1] offset of a row's floats in `upper` */
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix */
   const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
   const int *aij_stride;        /* [rows] values in each of its three rows: its blocks', then others */
-  float *upper;                 /* U */
+  float *upper;                 /* U, and four floats more, as loads of a last block read beyond it */
   float *diagonal;              /* [rows][9] D */
   float *diagonal_inverse;      /* [rows][9] D^-1 */
   float *lanes;                 /* [rows][4] work space of the sweeps */
@@ -22,7 +20,7 @@ typedef struct {
   const int *off_diagonal_column; /* ghost nodes */
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
   const int *off_diagonal_stride;   /* [rows] values in each row of unknowns of the AIJ matrix */
-  float *off_diagonal;            /* rows of blocks as in U, without padding */
+  float *off_diagonal;            /* rows of blocks as in U */
 } SymmetricBlockMatrix;
 
 /* Copy the values of an AIJ matrix, times `scale`, and invert D. Returns the number of block rows whose

@@ -3,9 +3,6 @@
  * preconditioner's two triangular solves. */
 typedef float f4 __attribute__((vector_size(16), aligned(4)));
 
-/* Floats in a row of n blocks, padded to a multiple of 8. */
-static inline long padded(int blocks) { return (3L * blocks + 7) / 8 * 8; }
-
 /* b = a^-1 of a symmetric 3x3 matrix. Returns 0 if it is not positive definite to single precision. A nearly
  * singular one, such as that of a node without stiffness in a clamped Hessian, is shifted by e, the size of
  * its rounding errors (1e-6 of its trace; 1e-12 of the matrix's largest entry, which is scaled to 1). */
@@ -31,12 +28,11 @@ long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const doub
   for (int i = 0; i < b->rows; i++) {
     const int n = b->upper_start[i + 1] - b->upper_start[i];
     const double *row = values + b->aij_offset[i];
-    float *u = b->upper + b->upper_offset[i], *d = b->diagonal + 9L * i;
-    const long length = padded(n), from = 3L * b->aij_diagonal[i];
+    float *u = b->upper + 9L * b->upper_start[i], *d = b->diagonal + 9L * i;
+    const long length = 3L * n, from = 3L * b->aij_diagonal[i];
     for (int k = 0; k < 3; k++, row += b->aij_stride[i]) {
       for (int c = 0; c < 3; c++) d[3 * k + c] = row[from + c] * scale;
-      for (long c = 0; c < 3L * n; c++) u[k * length + c] = row[from + 3 + c] * scale;
-      for (long c = 3L * n; c < length; c++) u[k * length + c] = 0;
+      for (long c = 0; c < length; c++) u[k * length + c] = row[from + 3 + c] * scale;
     }
     bad += !invert_block(d, b->diagonal_inverse + 9L * i);
   }
@@ -64,20 +60,14 @@ double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *valu
   return most;
 }
 
-/* y = m x for a 3x3 block. */
-static inline void multiply_block(const float *m, const float *x, float *y) {
-  const float p = x[0], q = x[1], r = x[2];
-  for (int k = 0; k < 3; k++) y[k] = m[3 * k] * p + m[3 * k + 1] * q + m[3 * k + 2] * r;
-}
-
 /* The sweeps work on vectors of four lanes a node, so that one load reads what one store has just written. The
  * fourth lane of a product is that of the next block, and is never used. */
 static inline f4 load3(const float *x) { return (f4){x[0], x[1], x[2], 0}; }
 static inline void store3(float *to, f4 x) { for (int c = 0; c < 3; c++) to[c] = x[c]; }
-static inline f4 at4(const float *x) { return *(const f4 *)x; }
+static inline f4 load4(const float *x) { return *(const f4 *)x; }
 
 /* m x for a 3x3 block. */
-static inline f4 multiply_lanes(const float *m, f4 x) {
+static inline f4 multiply_block(const float *m, f4 x) {
   f4 y = {0};
   for (int k = 0; k < 3; k++) y[k] = m[3 * k] * x[0] + m[3 * k + 1] * x[1] + m[3 * k + 2] * x[2];
   return y;
@@ -88,12 +78,12 @@ static inline f4 multiply_lanes(const float *m, f4 x) {
 static void solve_lower_lanes(const SymmetricBlockMatrix *b) {
   for (int i = 0; i < b->rows; i++) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
-    const long length = padded(n);
-    const float *u = b->upper + b->upper_offset[i];
-    const f4 y = multiply_lanes(b->diagonal_inverse + 9L * i, at4(b->lanes + 4L * i));
+    const long length = 3L * n;
+    const float *u = b->upper + 9L * b->upper_start[i];
+    const f4 y = multiply_block(b->diagonal_inverse + 9L * i, load4(b->lanes + 4L * i));
     *(f4 *)(b->lanes + 4L * i) = y;
     for (int k = 0; k < n; k++, u += 3) {
-      const f4 product = at4(u) * y[0] + at4(u + length) * y[1] + at4(u + 2 * length) * y[2];
+      const f4 product = load4(u) * y[0] + load4(u + length) * y[1] + load4(u + 2 * length) * y[2];
       *(f4 *)(b->lanes + 4L * b->upper_column[first + k]) -= product;
     }
   }
@@ -102,7 +92,7 @@ static void solve_lower_lanes(const SymmetricBlockMatrix *b) {
 void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
   for (long i = 0; i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load3(w + 3 * i);
   solve_lower_lanes(b);
-  for (long i = 0; i < b->rows; i++) store3(w + 3 * i, at4(b->lanes + 4 * i));
+  for (long i = 0; i < b->rows; i++) store3(w + 3 * i, load4(b->lanes + 4 * i));
 }
 
 /* The nodes that were computed last enter a row's sums last: the processor computes the others before its
@@ -110,25 +100,25 @@ void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {
   for (long i = b->rows - 1; i >= 0; i--) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
-    const long length = padded(n);
-    const float *u = b->upper + b->upper_offset[i];
+    const long length = 3L * n;
+    const float *u = b->upper + 9L * b->upper_start[i];
     f4 x0 = {0}, y0 = {0}, z0 = {0}, x1 = {0}, y1 = {0}, z1 = {0};
     int k = n - 1;
     for (; k > 0; k -= 2) {
       const int *column = b->upper_column + first + k;
-      const f4 t0 = at4(b->lanes + 4L * column[0]), t1 = at4(b->lanes + 4L * column[-1]);
+      const f4 t0 = load4(b->lanes + 4L * column[0]), t1 = load4(b->lanes + 4L * column[-1]);
       const float *u0 = u + 3L * k, *u1 = u0 - 3;
-      x0 += at4(u0) * t0; y0 += at4(u0 + length) * t0; z0 += at4(u0 + 2 * length) * t0;
-      x1 += at4(u1) * t1; y1 += at4(u1 + length) * t1; z1 += at4(u1 + 2 * length) * t1;
+      x0 += load4(u0) * t0; y0 += load4(u0 + length) * t0; z0 += load4(u0 + 2 * length) * t0;
+      x1 += load4(u1) * t1; y1 += load4(u1 + length) * t1; z1 += load4(u1 + 2 * length) * t1;
     }
     if (k == 0) {
-      const f4 t1 = at4(b->lanes + 4L * b->upper_column[first]);
-      x1 += at4(u) * t1; y1 += at4(u + length) * t1; z1 += at4(u + 2 * length) * t1;
+      const f4 t1 = load4(b->lanes + 4L * b->upper_column[first]);
+      x1 += load4(u) * t1; y1 += load4(u + length) * t1; z1 += load4(u + 2 * length) * t1;
     }
     x0 += x1; y0 += y1; z0 += z1;
     const f4 s = {(x0[0] + x0[1]) + x0[2], (y0[0] + y0[1]) + y0[2], (z0[0] + z0[1]) + z0[2], 0};
     const f4 direction = load3(z + 3 * i) + beta * load3(p + 3 * i);
-    const f4 solution = multiply_lanes(b->diagonal_inverse + 9 * i, direction - s);
+    const f4 solution = multiply_block(b->diagonal_inverse + 9 * i, direction - s);
     *(f4 *)(b->lanes + 4 * i) = solution;
     store3(p + 3 * i, direction); store3(w + 3 * i, s); store3(t + 3 * i, solution);
   }
@@ -164,7 +154,7 @@ double matrix_cg_update(const SymmetricBlockMatrix *b, float alpha, const float 
       x[i + c] += alpha * t[i + c];
       r[i + c] -= alpha * q[i + c];
     }
-    multiply_block(b->diagonal + 3 * i, r + i, z + i);
+    store3(z + i, multiply_block(b->diagonal + 3 * i, load3(r + i)));
     for (int c = 0; c < 3; c++) dot += (double)r[i + c] * z[i + c];
   }
   return dot;

@@ -1,8 +1,6 @@
 /* The functions of coarse_space_api.h. COLUMNS is 12, three components times the four lanes of f4. */
 typedef double d4 __attribute__((vector_size(32), aligned(8)));
 
-static inline f4 load4(const float *x) { return *(const f4 *)x; }
-
 /* acc[3][3] += scale * a 3x3 block, whose rows are `step` doubles apart, times a node's functions g. */
 static inline void add_block(d4 *acc, const double *block, long step, double scale, const float *g) {
   for (int r = 0; r < 3; r++)
