@@ -56,8 +56,9 @@ class Ratio(solver.SearchDirection):
             self._model = start.energy, direction.slope, Ad.dot(d)
         return direction
 
-    def accept_step(self, start_norm: float, step: solver.Step) -> None:
+    def accepts(self, start_norm: float, step: solver.Step) -> bool:
         self._length = step.length
+        return True
 
 
 def _turn(angle: float) -> dict[str, Any]:

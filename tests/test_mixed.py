@@ -20,6 +20,8 @@ from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.pointwise import material
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
+from fem_snh.solver.globalization import LineSearchNewton
+from fem_snh.solver.line_search import SHORT
 
 mpi = pytest.mark.mpi
 TAYLOR_HOOD = [e.name for e in ELEMENTS.values() if e.volume == "pressure"]
@@ -66,6 +68,21 @@ def test_every_direction_descends_on_the_merit_function(element, hessian, monkey
     result = turned(element=element, nu=0.49, hessian=hessian)
     assert result.converged
     assert len(slopes) == result.steps[-1]["newton"] and all(s < 0 for s in slopes)
+
+
+@taylor_hood
+def test_no_step_along_an_exact_direction_is_short(element, monkeypatch):
+    """It is the sign of an indefinite Hessian: the filtered direction replaces it."""
+    steps, step = [], LineSearchNewton.step
+
+    def recorded(self, *arguments):
+        steps.append(step(self, *arguments))
+        return steps[-1]
+
+    monkeypatch.setattr(LineSearchNewton, "step", recorded)
+    assert turned(element=element, nu=0.499, steps=2, angle=pi).converged
+    exact = [step.length for step in steps if step.filter == "exact"]
+    assert 0 < len(exact) < len(steps) and min(exact) >= SHORT
 
 
 @mpi

@@ -46,15 +46,22 @@ class LineSearchNewton:
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
         """Take one step from ``start`` to ``trial``; ``d`` becomes the direction. Collective."""
-        norm, direction = start.residual.norm(), self.direction.compute(start, d)
+        norm, step = start.residual.norm(), self._search(start, d, trial)
+        if not self.direction.accepts(norm, step):
+            linear, step = step.linear, self._search(start, d, trial)
+            step.linear += linear
+            self.direction.accepts(norm, step)
+        if step.end is not None and self.quasi_newton is not None:
+            self.quasi_newton.continue_from(step, norm)
+        return step
+
+    def _search(self, start: State, d: PETSc.Vec, trial: State) -> Step:
+        """Search along the direction at ``start``."""
+        direction = self.direction.compute(start, d)
         step = Step(diverged=_Reason.DIVERGED_LINEAR_SOLVE)
         if direction.slope is not None:
             step = self.line_search.search(start, d, direction.slope, trial)
             step.diverged = 0 if step.end else _Reason.DIVERGED_LINE_SEARCH
         step.filter, step.filtered_points = direction.filter, direction.filtered_points
         step.linear = direction.linear
-        if step.end is not None:
-            if self.quasi_newton is not None:
-                self.quasi_newton.continue_from(step, norm)
-            self.direction.accept_step(norm, step)
         return step

@@ -116,14 +116,17 @@ class SearchDirection:
             else:
                 yield filter, filter
 
-    def accept_step(self, start_norm: float, step: Step) -> None:
-        """Record from a short step that the Hessian at its start was indefinite.
+    def accepts(self, start_norm: float, step: Step) -> bool:
+        """Return whether to keep a step; if not, `compute` now gives the filtered direction.
 
         In a saddle-point problem an indefinite Hessian may give a descent direction of the merit
-        function; only the short step shows it. ``start_norm`` is the residual's norm at the start.
+        function; only a short step along it, or none, shows it. ``start_norm`` is the residual's
+        norm at the start.
         """
-        if self._saddle_point is not None and step.length < SHORT and not step.limited:
-            self._indefinite = start_norm
+        if self._saddle_point is None or step.length >= SHORT or step.limited:
+            return True
+        self._indefinite = start_norm
+        return self.hessian != "adaptive" or step.filter != "exact"
 
     def _filters(self, norm: float) -> list[str]:
         """Return the filters to try, in this order, at a residual of this norm."""
