@@ -32,8 +32,6 @@ def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat
             Probe(name="axis", point=(aspect / 4, 0, 0)),
             Probe(name="inside", point=(aspect / 2, 0.25, 0.25)),
         ],
-        # With looser linear solves, the number of Newton iterations depends on the number of ranks.
-        petsc={"snes_forcing_max": 5e-3},
         load_name="stretch",
         load_range=(1, stretch),
     )
