@@ -125,8 +125,8 @@ def rows(
     most : int
         Limit on the Newton iterations.
     factors : bool
-        Use incomplete Cholesky factors, the preconditioner of the trust region, for every policy;
-        L-BFGS iterations need a good preconditioner.
+        Precondition with incomplete Cholesky factors outside the trust region: L-BFGS iterations
+        need a good preconditioner.
 
     Yields
     ------

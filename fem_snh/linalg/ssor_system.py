@@ -171,6 +171,18 @@ class SSORSystem:
         vectors = (v[key] for key in "tqxrz")
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, alpha, *vectors))
 
+    def precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Compute y = M^-1 x, scaled so that single precision does not overflow."""
+        size = x.norm(PETSc.NormType.INFINITY)
+        size = size if isfinite(size) and size > 0 else 1.0
+        matrix, v = self._matrix, self._pointers
+        self._r[:] = x.array_r / size
+        self._vectors["p"][:] = 0
+        matrix.lib.matrix_solve_lower(matrix.struct, v["r"])
+        self.update_vectors(0.0)  # z = D r
+        matrix.lib.matrix_backward_sweep(matrix.struct, 0.0, v["z"], v["p"], v["t"], v["w"])
+        y.array[:] = size * self.scale * self._t
+
     def direction_norm_squared(self) -> float:
         """Return p.D^-1 p."""
         return self._sum(self._matrix.weighted_norm_squared(self._vectors["p"]))

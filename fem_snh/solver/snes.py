@@ -57,11 +57,10 @@ def create(
     The linear solver is `EisenstatCG` with deflation; of a saddle-point problem, flexible GMRES
     with a block-triangular preconditioner and `EisenstatCG` in its displacement block. Setting
     ``-ksp_type`` or ``-pc_type`` replaces `EisenstatCG` by PETSc's; the default is then CG with
-    Jacobi. In the trust region it is Steihaug's CG with incomplete Cholesky factors of each rank's
-    block, with options under ``-trust_``. The relative tolerance of linear solves is between 1e-3
-    and 0.1 (`ForcingTerm`). Where a step starts far from the solution (the twist), the path of
-    inexact solves depends on rounding, and so on the number of ranks; ``-snes_forcing_max 5e-3``
-    makes it repeatable.
+    Jacobi. In the trust region it is Steihaug's CG with `SSOR`, with options under ``-trust_``. The
+    relative tolerance of linear solves is between 1e-3 and 0.1 (`ForcingTerm`). Where a step starts
+    far from the solution (the twist), the path of inexact solves depends on rounding, and so on the
+    number of ranks; ``-snes_forcing_max 5e-3`` makes it repeatable.
     """
     garbage.free_unused(problem.comm)
     saddle = problem.saddle_point
@@ -89,9 +88,9 @@ def create(
     ksp = snes.getKSP()
     context.linear_choice = _configure_linear_solver(ksp, problem, prefix)
     region = globalization == "trust_region"
-    built_in = saddle_point.block_options(prefix) if saddle else trust_region.LINEAR_OPTIONS
+    built_in = saddle_point.block_options(prefix) if saddle else {}
     try:
-        with callback_errors(), default_options(prefix, built_in if saddle or region else {}):
+        with callback_errors(), default_options(prefix, built_in):
             snes.setFromOptions()
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the blocks read their options now, and only now

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi, set_operators
 from fem_snh.errors import choose
+from fem_snh.linalg.ssor import SSOR
 from fem_snh.solver.globalization import LineSearchNewton
 from fem_snh.solver.line_search import SHORT
 from fem_snh.solver.options import Values
@@ -22,12 +23,6 @@ _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 
 #: Linear solvers that accept a radius. PETSc's gltr does too, but frees memory twice.
 SOLVERS = ("stcg", "nash")
-#: Defaults of the linear solver's PETSc options.
-LINEAR_OPTIONS = {
-    "trust_ksp_type": "stcg",
-    "trust_pc_type": "bjacobi",
-    "trust_sub_pc_type": "icc",
-}
 
 
 def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
@@ -44,6 +39,9 @@ def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp.setOptionsPrefix(f"{prefix}trust_")
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     set_operators(ksp, A, P)
+    ksp.setType("stcg")
+    ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+    ksp.getPC().setPythonContext(SSOR())
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
         ksp.getPC().setUp()  # the blocks read their options now, and only now
