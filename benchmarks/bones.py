@@ -94,7 +94,7 @@ def measure(scene: scenes.Scene, out: str | None = None) -> Row:
     }
     contacts = [step["self_contact"] for step in accepted if "self_contact" in step]
     if contacts:
-        size = scene.mesh.cell  # type: ignore[union-attr]
+        size = scene.mesh.cell  # type: ignore[union-attr]  # the scenes are lattices
         row |= {
             "rounds": max(contact["rounds"] for contact in contacts),
             "penetration": max(contact["penetration"] for contact in contacts) / size,

@@ -52,9 +52,3 @@ class BlockSparsity:
         """Return the offset of the first value of each of these blocks in the value array."""
         block = self._pattern.find(rows, columns)
         return self.row_offsets[rows] + self._offset_in_row[block]
-
-
-def concatenated_ranges(starts: Array, lengths: Array) -> Array:
-    """Return the concatenation of the ranges starts[i], ..., starts[i] + lengths[i] - 1."""
-    ends = np.cumsum(lengths)
-    return np.repeat(starts - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
-from fem_snh.fem.block_sparsity import BlockSparsity, concatenated_ranges
+from fem_snh.fem.block_sparsity import BlockSparsity
 from fem_snh.fem.numbering import MixedDofMap
-from fem_snh.kernels.block_pattern import BlockPattern
+from fem_snh.kernels.block_pattern import BlockPattern, concatenated_ranges
 
 Array = npt.NDArray[Any]
 

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import call, ffi
-from fem_snh.fem.block_sparsity import concatenated_ranges
 from fem_snh.fem.matrix_layout import MatrixLayout
 from fem_snh.fem.numbering import MixedDofMap
+from fem_snh.kernels.block_pattern import concatenated_ranges
 
 Array = npt.NDArray[Any]
 

@@ -85,3 +85,9 @@ def _int32(numbers: Array) -> Array:
 def _library() -> tuple[Any, Any]:
     declarations = header("block_pattern_api.h")
     return build.load(build.library(header("block_pattern.h")), declarations)
+
+
+def concatenated_ranges(starts: Array, lengths: Array) -> Array:
+    """Return the concatenation of the ranges starts[i], ..., starts[i] + lengths[i] - 1."""
+    ends = np.cumsum(lengths)
+    return np.repeat(starts - (ends - lengths), lengths) + np.arange(ends[-1] if len(ends) else 0)

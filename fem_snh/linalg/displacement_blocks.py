@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import AIJBlock, aij_blocks
+from fem_snh.kernels.block_pattern import concatenated_ranges
 
 Array = npt.NDArray[Any]
 
@@ -164,8 +165,7 @@ def _chosen_blocks(block: AIJBlock, rows: int, number: Array) -> BlockRows:
     """
     start, column = block.csr()
     begin, stride = start[: 3 * rows : 3].astype(np.int64), np.diff(start[: 3 * rows + 1])[::3]
-    before = np.cumsum(stride) - stride
-    offset = np.repeat(begin - before, stride) + np.arange(stride.sum())
+    offset = concatenated_ranges(begin, stride)
     node = number[column[offset]]
     chosen = node >= 0
     row = np.repeat(np.arange(rows), stride)[chosen]
