@@ -131,7 +131,7 @@ ALLOWED = {
         "fem.matrix_layout",
         "fem.assembled_matrix",
     },
-    "fem.sent_rows": {"_petsc", "fem.numbering", "fem.block_sparsity", "fem.matrix_layout"},
+    "fem.sent_rows": {"_petsc", "kernels", "fem.numbering", "fem.matrix_layout"},
     "fem.stored_matrix": {"_petsc", "fem.assembled_matrix"},
     "fem.regions": {"errors", "_dolfinx", "kernels", "fem.mesh"},
     "fem.boundary_conditions": {"_dolfinx", "fem.mesh"},
