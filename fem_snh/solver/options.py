@@ -117,7 +117,7 @@ OPTIONS: dict[str, Option] = {
         12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius"
     ),
     "snes_tr_enter_decrease": Option(
-        0.02, "entered when a filtered step decreases the energy by less than this part of the "
+        0.03, "entered when a filtered step decreases the energy by less than this part of the "
         "decrease since the start, ...", _MEASURED,
     ),
     "snes_tr_enter_residual": Option(
