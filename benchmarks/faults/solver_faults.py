@@ -21,7 +21,7 @@ def _run_first_steps(trial: Trial, ranks: int) -> None:
 def indefinite_preconditioner(folder: Path) -> Row:
     """Smooth multigrid by a Chebyshev polynomial for eigenvalues that the matrix does not have.
 
-    With a line search: the trust region has a linear solver of its own, with which the run converges.
+    With a line search: the trust region has a linear solver of its own, and the run converges.
     """
     trial = Trial(folder)
     _run_first_steps(trial, 1)
