@@ -29,7 +29,8 @@ def solver(A, kind="stcg"):
 @mpi
 def test_it_is_ssor_of_each_ranks_rows(comm):
     """M = (D + L) D^-1 (D + L)^T with the 3x3 blocks on the diagonal as D, to single precision."""
-    A = body(comm, cells=3).A
+    p = body(comm, cells=3)
+    A, ksp = p.A, solver(p.A)
     first, last = A.getOwnershipRange()
     own = np.arange(first, last, dtype=PETSc.IntType)
     rows = A.getValues(own, own)
@@ -38,9 +39,8 @@ def test_it_is_ssor_of_each_ranks_rows(comm):
     lower = np.where(block[:, None] >= block, rows, 0.0)
     x, y = A.createVecs()
     x.setRandom()
-    pc = solver(A).getPC()
-    pc.setUp()
-    pc.apply(x, y)
+    ksp.getPC().setUp()
+    ksp.getPC().apply(x, y)
     exact = np.linalg.solve(lower.T, D @ np.linalg.solve(lower, x.array))
     assert np.abs(y.array - exact).max() <= 1e-4 * np.abs(exact).max()
 
