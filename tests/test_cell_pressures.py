@@ -31,6 +31,13 @@ def _solved(A: PETSc.Mat, b: PETSc.Vec) -> PETSc.Vec:
 
 
 @mpi
+def test_linear_iterations_do_not_grow_with_the_number_of_ranks():
+    """At most 10 a Newton iteration on 91,000 unknowns."""
+    (step,) = fem_snh.run("stretch", element="Q1P0", cells=32, **STRETCH).steps
+    assert step["converged"] and step["linear"] <= 10 * step["newton"]
+
+
+@mpi
 @pytest.mark.parametrize("element", ["Q1P0", "P2P0"])
 @pytest.mark.parametrize("name", ["stable_neo_hookean", "neo_hookean_bower"])
 def test_eliminating_the_cell_pressures_gives_the_condensed_element(comm, element, name):
