@@ -179,7 +179,7 @@ class SSORSystem:
         self._r[:] = x.array_r / size
         self._vectors["p"][:] = 0
         matrix.lib.matrix_solve_lower(matrix.struct, v["r"])
-        self.update_vectors(0.0)  # z = D r
+        matrix.lib.matrix_cg_update(matrix.struct, 0.0, *(v[key] for key in "tqxrz"))  # z = D r
         matrix.lib.matrix_backward_sweep(matrix.struct, 0.0, v["z"], v["p"], v["t"], v["w"])
         y.array[:] = size * self.scale * self._t
 

@@ -50,13 +50,12 @@ class LineSearchNewton:
         if not self.direction.accepts(norm, step):
             linear, step = step.linear, self._search(start, d, trial)
             step.linear += linear
-            self.direction.accepts(norm, step)
         if step.end is not None and self.quasi_newton is not None:
             self.quasi_newton.continue_from(step, norm)
         return step
 
     def _search(self, start: State, d: PETSc.Vec, trial: State) -> Step:
-        """Search along the direction at ``start``."""
+        """Return the step of the line search along the direction at ``start``."""
         direction = self.direction.compute(start, d)
         step = Step(diverged=_Reason.DIVERGED_LINEAR_SOLVE)
         if direction.slope is not None:
