@@ -23,6 +23,7 @@ import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.fem.pressure_masses import PressureMasses
+from fem_snh.linalg.matrix_parts import Diagonal, PressureColumns
 
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
 #: (docs/results/elements_cell_pressures.md).
@@ -49,7 +50,7 @@ class CellSchur:
     def __init__(
         self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], masses: PressureMasses
     ) -> None:
-        self._sets = index_sets
+        self._sets, self._diagonal = index_sets, Diagonal()
         self._sums = _SCALE * masses.shear_compliance.diagonal / (2 + masses.lambda_over_mu)
         self._set_pattern(A)
         self.matrix = self._N.copy()
@@ -58,18 +59,18 @@ class CellSchur:
 
     def update(self, A: PETSc.Mat) -> None:
         """Adapt the approximation to a matrix. Collective."""
-        if self._pattern != nonzero_state(A):
+        if self._columns.pattern != nonzero_state(A):
             self._set_pattern(A)  # the pressures' part is the same
-        B_transposed, same = self._B_transposed, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-        A.createSubMatrix(self._sets["u"], self._sets["p"], B_transposed)
-        diagonal, root = A.getDiagonal(), B_transposed.createVecLeft()
+        self._columns.update(A)
+        B_transposed, same = self._columns.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        diagonal, root = self._diagonal.values(A), B_transposed.createVecLeft()
         num_u = root.getLocalSize()
-        root.array[:] = np.abs(diagonal.array_r[:num_u]) ** -0.5
+        root.array[:] = np.abs(diagonal[:num_u]) ** -0.5
         B_transposed.diagonalScale(L=root)
         B_transposed.transposeMatMult(B_transposed, result=self._product)
         self._product.copy(self.matrix, same)
         self.matrix.axpy(1.0, self._N, same)
-        self._add_to_diagonal(-diagonal.array_r[num_u:])  # the block of the pressures is -C
+        self._add_to_diagonal(-diagonal[num_u:])  # the block of the pressures is -C
         self.matrix.scale(-1.0)
 
     def _add_to_diagonal(self, values: np.ndarray) -> None:
@@ -79,9 +80,9 @@ class CellSchur:
 
     def _set_pattern(self, A: PETSc.Mat) -> None:
         """Create N and the matrices that `update` computes."""
-        self._pattern = nonzero_state(A)
+        self._columns = PressureColumns(A, self._sets)
         # A pressure's mean around a node is the mean over the cells that have the node.
-        mean = A.createSubMatrix(self._sets["u"], self._sets["p"])
+        mean = self._columns.matrix
         with aij_blocks(mean) as blocks:
             for block in blocks:
                 block.array()[:] = 1.0
@@ -96,5 +97,4 @@ class CellSchur:
         self._N.mult(ones, sums)
         sums.array[:] = np.sqrt(self._sums / sums.array_r)
         self._N.diagonalScale(sums, sums)
-        self._B_transposed = mean
         self._product = mean.transposeMatMult(mean)

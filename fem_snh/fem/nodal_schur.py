@@ -13,6 +13,7 @@ import numpy as np
 from fem_snh._petsc import aij_blocks
 from fem_snh.fem.pressure_masses import PressureMasses
 from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.matrix_parts import Diagonal
 
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
 #: right, but at clamped boundaries and large strains it is too small, which costs more iterations
@@ -37,7 +38,7 @@ class NodalSchur:
     """
 
     def __init__(self, masses: PressureMasses, num_u: int) -> None:
-        self._masses, self._num_u = masses, num_u
+        self._masses, self._num_u, self._diagonal = masses, num_u, Diagonal()
         self.matrix = masses.shear_compliance.matrix.copy()
         self.matrix.scale(-masses.shear_compliance.scale)
         self._subtract_volume_compliance()
@@ -80,8 +81,7 @@ class NodalSchur:
 
     def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
         """(owned pressures,) diag(B D^-1 B^T)."""
-        weights = A.getDiagonal()
-        num_u, local = self._num_u, weights.array
+        num_u, local = self._num_u, self._diagonal.values(A)
         local[:num_u] = 1 / np.abs(local[:num_u])
         local[num_u:] = 0.0  # of C
         d = np.zeros(len(local) - num_u)

@@ -1,0 +1,89 @@
+"""Parts of an assembled AIJ matrix: its diagonal, and the block B^T of displacement and pressure.
+
+PETSc searches the diagonal in every row and sorts the columns of a submatrix each time. Here the
+positions of the entries are found once, and their values are copied from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh._petsc import AIJBlock, aij_blocks, nonzero_state
+
+Array = npt.NDArray[Any]
+
+
+class Diagonal:
+    """The diagonal of a square AIJ matrix, all of whose diagonal entries are in the pattern."""
+
+    def __init__(self) -> None:
+        self._pattern = (-1, -1)
+
+    def values(self, A: PETSc.Mat) -> Array:
+        """Return a copy of the diagonal, (owned rows,)."""
+        with aij_blocks(A, read_only=True) as (block, *_):
+            if self._pattern != (pattern := nonzero_state(A)):
+                self._offsets, self._pattern = _diagonal_offsets(*block.csr()), pattern
+            values: Array = block.array()[self._offsets]
+            return values
+
+
+class PressureColumns:
+    """The block B^T of a matrix of displacement and pressure: the pressure's columns. Collective.
+
+    Parameters
+    ----------
+    A : PETSc.Mat
+        An AIJ matrix whose rows begin with those of the displacement on every rank
+        (`fem_snh.fem.numbering`). Its pattern is read here, its values by `update`.
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the unknowns of each field.
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        B^T, with rows of the displacement and columns of the pressure.
+    pattern : tuple
+        The `nonzero_state` of ``A`` at construction.
+    """
+
+    def __init__(self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS]) -> None:
+        self.pattern = nonzero_state(A)
+        self.matrix = A.createSubMatrix(index_sets["u"], index_sets["p"])
+        rows = index_sets["u"].getLocalSize()
+        first, counts = A.getOwnershipRanges(), np.array(A.comm.tompi4py().allgather(rows))
+        with aij_blocks(A, read_only=True) as (diagonal, *off_diagonal):
+            own = np.arange(A.getLocalSize()[1]) >= rows
+            self._offsets = [_offsets(diagonal, rows, own)]
+            for block in off_diagonal:
+                owner = np.searchsorted(first, block.ghosts, side="right") - 1
+                pressures = block.ghosts - first[owner] >= counts[owner]
+                self._offsets.append(_offsets(block, rows, pressures))
+
+    def update(self, A: PETSc.Mat) -> None:
+        """Copy the values."""
+        with aij_blocks(A, read_only=True) as given, aij_blocks(self.matrix) as own:
+            for source, target, offsets in zip(given, own, self._offsets, strict=True):
+                np.take(source.array(), offsets, out=target.array(), mode="clip")
+
+
+def _diagonal_offsets(start: Array, column: Array) -> Array:
+    """Return the offset of each row's diagonal entry, by bisection in all rows at once."""
+    row, low, high = np.arange(len(start) - 1), start[:-1].copy(), start[1:] - 1
+    while (low < high).any():
+        middle = (low + high) // 2
+        before = column[middle] < row
+        low, high = np.where(before, middle + 1, low), np.where(before, high, middle)
+    return low
+
+
+def _offsets(block: AIJBlock, rows: int, chosen: Array) -> Array:
+    """Return the offsets of the entries in the first ``rows`` rows and the ``chosen`` columns."""
+    start, column = block.csr()
+    return np.flatnonzero(chosen[column[: start[rows]]])

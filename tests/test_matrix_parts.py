@@ -1,0 +1,40 @@
+"""The parts of an assembled matrix, against PETSc's own extraction of them."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from bodies import Hold, cube, wave
+from volume_energies import mpi, set_state
+
+from fem_snh.fem.create_problem import create_problem
+from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
+from fem_snh.kernels.pointwise import material
+from fem_snh.linalg.matrix_parts import Diagonal, PressureColumns
+
+
+def _mixed_problem(comm, element):
+    kind = ELEMENTS[element]
+    kind = kind if element == "Q2Q1" else with_cell_pressures(kind)
+    chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
+    problem = create_problem(cube(comm, kind.cell, 3, 0.05), kind, chosen, hold=[Hold("left")])
+    return set_state(problem, wave(0.05))
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q2Q1", "P2P0"])
+def test_values_are_those_of_petsc(comm, element):
+    """The diagonal and B^T, also after the matrix has changed."""
+    problem = _mixed_problem(comm, element)
+    sets, A = problem.saddle_point.index_sets, problem.A
+    columns, diagonal = PressureColumns(A, sets), Diagonal()
+    for filter in ("exact", "clamp"):
+        problem.jacobian(problem.x, filter)
+        columns.update(A)
+        expected = A.createSubMatrix(sets["u"], sets["p"])
+        assert expected.norm() > 0
+        expected.axpy(-1.0, columns.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        assert expected.norm() == 0
+        assert np.array_equal(diagonal.values(A), A.getDiagonal().array)
