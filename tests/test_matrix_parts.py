@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -12,7 +14,7 @@ from volume_energies import mpi, set_state
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.pointwise import material
-from fem_snh.linalg.matrix_parts import Diagonal, PressureColumns
+from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
 
 
 def _mixed_problem(comm, element):
@@ -26,15 +28,16 @@ def _mixed_problem(comm, element):
 @mpi
 @pytest.mark.parametrize("element", ["Q2Q1", "P2P0"])
 def test_values_are_those_of_petsc(comm, element):
-    """The diagonal and B^T, also after the matrix has changed."""
+    """The diagonal and the blocks, also after the matrix has changed."""
     problem = _mixed_problem(comm, element)
-    sets, A = problem.saddle_point.index_sets, problem.A
-    columns, diagonal = PressureColumns(A, sets), Diagonal()
+    sets, A, diagonal = problem.saddle_point.index_sets, problem.A, Diagonal()
+    parts = {fields: Submatrix(A, sets, *fields) for fields in product("up", "up")}
     for filter in ("exact", "clamp"):
         problem.jacobian(problem.x, filter)
-        columns.update(A)
-        expected = A.createSubMatrix(sets["u"], sets["p"])
-        assert expected.norm() > 0
-        expected.axpy(-1.0, columns.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        assert expected.norm() == 0
         assert np.array_equal(diagonal.values(A), A.getDiagonal().array)
+        for (rows, columns), part in parts.items():
+            part.update(A)
+            expected = A.createSubMatrix(sets[rows], sets[columns])
+            assert expected.norm() > 0
+            expected.axpy(-1.0, part.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            assert expected.norm() == 0

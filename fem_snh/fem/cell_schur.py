@@ -23,7 +23,7 @@ import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.fem.pressure_masses import PressureMasses
-from fem_snh.linalg.matrix_parts import Diagonal, PressureColumns
+from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
 
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
 #: (docs/results/elements_cell_pressures.md).
@@ -59,15 +59,17 @@ class CellSchur:
 
     def update(self, A: PETSc.Mat) -> None:
         """Adapt the approximation to a matrix. Collective."""
-        if self._columns.pattern != nonzero_state(A):
+        if self._B.pattern != nonzero_state(A):
             self._set_pattern(A)  # the pressures' part is the same
-        self._columns.update(A)
-        B_transposed, same = self._columns.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-        diagonal, root = self._diagonal.values(A), B_transposed.createVecLeft()
-        num_u = root.getLocalSize()
-        root.array[:] = np.abs(diagonal[:num_u]) ** -0.5
-        B_transposed.diagonalScale(L=root)
-        B_transposed.transposeMatMult(B_transposed, result=self._product)
+        B, B_transposed = self._B.matrix, self._B_transposed.matrix
+        for block in (self._B, self._B_transposed):
+            block.update(A)
+        diagonal, inverse = self._diagonal.values(A), B_transposed.createVecLeft()
+        num_u = inverse.getLocalSize()
+        inverse.array[:] = 1 / np.abs(diagonal[:num_u])
+        B_transposed.diagonalScale(L=inverse)
+        B.matMult(B_transposed, result=self._product)
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
         self._product.copy(self.matrix, same)
         self.matrix.axpy(1.0, self._N, same)
         self._add_to_diagonal(-diagonal[num_u:])  # the block of the pressures is -C
@@ -80,21 +82,23 @@ class CellSchur:
 
     def _set_pattern(self, A: PETSc.Mat) -> None:
         """Create N and the matrices that `update` computes."""
-        self._columns = PressureColumns(A, self._sets)
+        self._B, self._B_transposed = (
+            Submatrix(A, self._sets, *fields) for fields in (("p", "u"), ("u", "p"))
+        )
         # A pressure's mean around a node is the mean over the cells that have the node.
-        mean = self._columns.matrix
-        with aij_blocks(mean) as blocks:
-            for block in blocks:
-                block.array()[:] = 1.0
-        ones, root = mean.createVecs()
+        mean, mean_transposed = self._B.matrix, self._B_transposed.matrix
+        for matrix in (mean, mean_transposed):
+            with aij_blocks(matrix) as blocks:
+                for block in blocks:
+                    block.array()[:] = 1.0
+        cells_of_nodes, ones = mean_transposed.createVecLeft(), mean_transposed.createVecRight()
         ones.set(1.0)
-        mean.mult(ones, root)
-        root.sqrtabs()
-        root.reciprocal()
-        mean.diagonalScale(L=root)
-        self._N = mean.transposeMatMult(mean)
+        mean_transposed.mult(ones, cells_of_nodes)
+        cells_of_nodes.reciprocal()
+        mean_transposed.diagonalScale(L=cells_of_nodes)
+        self._N = mean.matMult(mean_transposed)
         sums = self._N.createVecLeft()
         self._N.mult(ones, sums)
         sums.array[:] = np.sqrt(self._sums / sums.array_r)
         self._N.diagonalScale(sums, sums)
-        self._product = mean.transposeMatMult(mean)
+        self._product = mean.matMult(mean_transposed)

@@ -1,4 +1,4 @@
-"""Parts of an assembled AIJ matrix: its diagonal, and the block B^T of displacement and pressure.
+"""Parts of an assembled AIJ matrix: its diagonal, and the blocks of displacement and pressure.
 
 PETSc searches the diagonal in every row and sorts the columns of a submatrix each time. Here the
 positions of the entries are found once, and their values are copied from there.
@@ -34,8 +34,8 @@ class Diagonal:
             return values
 
 
-class PressureColumns:
-    """The block B^T of a matrix of displacement and pressure: the pressure's columns. Collective.
+class Submatrix:
+    """A block of a matrix of displacement and pressure, such as B or B^T. Collective.
 
     Parameters
     ----------
@@ -44,27 +44,33 @@ class PressureColumns:
         (`fem_snh.fem.numbering`). Its pattern is read here, its values by `update`.
     index_sets : dict of PETSc.IS
         {"u": IS, "p": IS}, the unknowns of each field.
+    rows, columns : str
+        The fields of the block, "u" or "p".
 
     Attributes
     ----------
     matrix : PETSc.Mat
-        B^T, with rows of the displacement and columns of the pressure.
+        The block.
     pattern : tuple
         The `nonzero_state` of ``A`` at construction.
     """
 
-    def __init__(self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS]) -> None:
+    def __init__(
+        self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], rows: str, columns: str
+    ) -> None:
         self.pattern = nonzero_state(A)
-        self.matrix = A.createSubMatrix(index_sets["u"], index_sets["p"])
-        rows = index_sets["u"].getLocalSize()
-        first, counts = A.getOwnershipRanges(), np.array(A.comm.tompi4py().allgather(rows))
-        with aij_blocks(A, read_only=True) as (diagonal, *off_diagonal):
-            own = np.arange(A.getLocalSize()[1]) >= rows
-            self._offsets = [_offsets(diagonal, rows, own)]
-            for block in off_diagonal:
-                owner = np.searchsorted(first, block.ghosts, side="right") - 1
-                pressures = block.ghosts - first[owner] >= counts[owner]
-                self._offsets.append(_offsets(block, rows, pressures))
+        self.matrix = A.createSubMatrix(index_sets[rows], index_sets[columns])
+        (size, _), (num_u, _) = A.getLocalSize(), index_sets["u"].getSizes()
+        chosen = slice(num_u) if rows == "u" else slice(num_u, size)
+        first, counts = A.getOwnershipRanges(), np.array(A.comm.tompi4py().allgather(num_u))
+        own = np.arange(size) + first[A.comm.rank]
+        self._offsets = []
+        with aij_blocks(A, read_only=True) as blocks:
+            for block in blocks:
+                column = block.ghosts if self._offsets else own
+                owner = np.searchsorted(first, column, side="right") - 1
+                is_u = column - first[owner] < counts[owner]
+                self._offsets.append(_offsets(block, chosen, is_u == (columns == "u")))
 
     def update(self, A: PETSc.Mat) -> None:
         """Copy the values."""
@@ -83,7 +89,8 @@ def _diagonal_offsets(start: Array, column: Array) -> Array:
     return low
 
 
-def _offsets(block: AIJBlock, rows: int, chosen: Array) -> Array:
-    """Return the offsets of the entries in the first ``rows`` rows and the ``chosen`` columns."""
+def _offsets(block: AIJBlock, rows: slice, columns: Array) -> Array:
+    """Return the offsets of the entries in these rows and in the columns where ``columns``."""
     start, column = block.csr()
-    return np.flatnonzero(chosen[column[: start[rows]]])
+    begin, end = start[rows.start or 0], start[rows.stop]
+    return begin + np.flatnonzero(columns[column[begin:end]])

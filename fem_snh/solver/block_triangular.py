@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import nonzero_state
 from fem_snh.linalg.displacement_blocks import part_of
-from fem_snh.linalg.matrix_parts import PressureColumns
+from fem_snh.linalg.matrix_parts import Submatrix
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.protocol import Array, SaddlePoint
 
@@ -69,7 +69,7 @@ class BlockTriangular:
     ) -> None:
         self._saddle_point, self._unknowns = saddle_point, 3 * len(coordinates)
         self._H, S = part_of(A, self._unknowns), saddle_point.schur_approximation
-        self._columns: PressureColumns | None = None
+        self._B_transposed: Submatrix | None = None
         self._vectors = *self._H.createVecs(), *S.createVecs()
         self.indefinite = False
         self.u, self.p = u, p = [PETSc.KSP().create(block.comm) for block in (self._H, S)]
@@ -92,9 +92,9 @@ class BlockTriangular:
     def setUp(self, pc: PETSc.PC) -> None:
         """Read the matrix's values; PETSc calls this."""
         A = pc.getOperators()[1]
-        if self._columns is None or self._columns.pattern != nonzero_state(A):
-            self._columns = PressureColumns(A, self._saddle_point.index_sets)
-        self._columns.update(A)
+        if self._B_transposed is None or self._B_transposed.pattern != nonzero_state(A):
+            self._B_transposed = Submatrix(A, self._saddle_point.index_sets, "u", "p")
+        self._B_transposed.update(A)
         self._H.stateIncrease()
         self.u.getPythonContext().update_matrix(self._H)
         self.p.setUp()
@@ -102,11 +102,11 @@ class BlockTriangular:
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = P^-1 x, or NaN if H is indefinite; PETSc calls this."""
-        assert self._columns is not None
+        assert self._B_transposed is not None
         n, (f, u, g, p) = self._unknowns, self._vectors
         g.array[:] = x.array_r[n:]
         self.p.solve(g, p)
-        self._columns.matrix.mult(p, f)
+        self._B_transposed.matrix.mult(p, f)
         f.array[:] = x.array_r[:n] - f.array_r
         self.u.solve(f, u)
         self.indefinite |= self.u.getConvergedReason() in _FAILED
