@@ -65,7 +65,7 @@ class SymmetricBlockMatrix:
             "upper": np.zeros(9 * upper_start[-1] + _LANES, np.float32),
             "diagonal": np.zeros(9 * self.rows, np.float32),
             "diagonal_inverse": np.zeros(9 * self.rows, np.float32),
-            "lanes": np.zeros(4 * self.rows, np.float32),
+            "lanes": np.zeros(8 * self.rows, np.float32),
         }
         if off_diagonal is not None:
             arrays["off_diagonal_start"] = np.ascontiguousarray(off_diagonal.indptr, np.int32)

@@ -15,7 +15,7 @@ typedef struct {
   float *upper;                 /* U, and four floats more, as loads of a last block read beyond it */
   float *diagonal;              /* [rows][9] D */
   float *diagonal_inverse;      /* [rows][9] D^-1 */
-  float *lanes;                 /* [rows][4] work space of the sweeps */
+  float *lanes;                 /* [rows][2][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost nodes */
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
@@ -32,6 +32,9 @@ double matrix_largest_diagonal(const SymmetricBlockMatrix *b, const double *valu
 
 /* w = (D + L)^-1 w. */
 void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w);
+
+/* The same, in one sweep with y = (D + L)^-1 other. Returns y.D y, the square of other's natural norm. */
+double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const float *other);
 
 /* p = z + beta p, t = (D + U)^-1 p, w = U t. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);

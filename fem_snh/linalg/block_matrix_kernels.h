@@ -73,26 +73,49 @@ static inline f4 multiply_block(const float *m, f4 x) {
   return y;
 }
 
-/* Forward substitution in `lanes`: row i of the solution y is final when it is reached, and L_ki y_i is subtracted
- * from the rows k > i; L_ki is the transpose of the stored U_ik. */
-static void solve_lower_lanes(const SymmetricBlockMatrix *b) {
+/* Forward substitution of one or two right-hand sides in `lanes`, those of a node side by side: row i of a solution
+ * y is final when it is reached, and L_ki y_i is subtracted from the rows k > i; L_ki is the transpose of the
+ * stored U_ik. */
+static inline __attribute__((always_inline)) void solve_lower_lanes(const SymmetricBlockMatrix *b, const int sides) {
   for (int i = 0; i < b->rows; i++) {
     const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
     const long length = 3L * n;
     const float *u = b->upper + 9L * b->upper_start[i];
-    const f4 y = multiply_block(b->diagonal_inverse + 9L * i, load4(b->lanes + 4L * i));
-    *(f4 *)(b->lanes + 4L * i) = y;
+    f4 y[2];
+    for (int s = 0; s < sides; s++) {
+      float *at = b->lanes + 4L * (sides * i + s);
+      *(f4 *)at = y[s] = multiply_block(b->diagonal_inverse + 9L * i, load4(at));
+    }
     for (int k = 0; k < n; k++, u += 3) {
-      const f4 product = load4(u) * y[0] + load4(u + length) * y[1] + load4(u + 2 * length) * y[2];
-      *(f4 *)(b->lanes + 4L * b->upper_column[first + k]) -= product;
+      const f4 u0 = load4(u), u1 = load4(u + length), u2 = load4(u + 2 * length);
+      float *at = b->lanes + 4L * sides * b->upper_column[first + k];
+      for (int s = 0; s < sides; s++) {
+        const f4 product = u0 * y[s][0] + u1 * y[s][1] + u2 * y[s][2];
+        *(f4 *)(at + 4 * s) -= product;
+      }
     }
   }
 }
 
 void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w) {
   for (long i = 0; i < b->rows; i++) *(f4 *)(b->lanes + 4 * i) = load3(w + 3 * i);
-  solve_lower_lanes(b);
+  solve_lower_lanes(b, 1);
   for (long i = 0; i < b->rows; i++) store3(w + 3 * i, load4(b->lanes + 4 * i));
+}
+
+double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const float *other) {
+  for (long i = 0; i < b->rows; i++) {
+    *(f4 *)(b->lanes + 8 * i) = load3(w + 3 * i);
+    *(f4 *)(b->lanes + 8 * i + 4) = load3(other + 3 * i);
+  }
+  solve_lower_lanes(b, 2);
+  double norm_squared = 0;
+  for (long i = 0; i < b->rows; i++) {
+    store3(w + 3 * i, load4(b->lanes + 8 * i));
+    const f4 y = load4(b->lanes + 8 * i + 4), z = multiply_block(b->diagonal + 9 * i, y);
+    for (int c = 0; c < 3; c++) norm_squared += (double)y[c] * z[c];
+  }
+  return norm_squared;
 }
 
 /* The nodes that were computed last enter a row's sums last: the processor computes the others before its
@@ -136,7 +159,7 @@ double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const
     }
     *(f4 *)(b->lanes + 4 * i) = s;
   }
-  solve_lower_lanes(b);
+  solve_lower_lanes(b, 1);
   double dot = 0;
   for (long i = 0; i < b->rows; i++)
     for (int c = 0; c < 3; c++) {

@@ -17,7 +17,7 @@ import numpy as np
 
 from fem_snh._petsc import nonzero_state
 from fem_snh.linalg.displacement_blocks import stored_in
-from fem_snh.linalg.ssor_system import AUTOMATIC, SSORSystem
+from fem_snh.linalg.ssor_system import AUTOMATIC, CycleStart, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
@@ -104,23 +104,22 @@ class EisenstatCG:
         if self._failure:
             ksp.setConvergedReason(self._failure)
             return
-        # The tolerance is relative to the norm of b, not to that of the deflated P b.
-        norm, unit, rho = system.start_cycle(residual, deflate=False)
-        if not isfinite(norm):
+        start = system.start_cycle(residual)
+        if not isfinite(start.norm):
             ksp.setConvergedReason(_Reason.DIVERGED_INDEFINITE_PC)
             return
-        self._test_convergence(ksp, its, norm)
+        # The tolerance is relative to the norm of b, not to that of the deflated P b.
+        self._test_convergence(ksp, its, start.norm)
         while not ksp.getConvergedReason():
-            if its or system.deflation:
-                norm, unit, rho = system.start_cycle(residual, deflate=True)
-            if norm > _MIN_REDUCTION * previous:
+            if start.deflated_norm > _MIN_REDUCTION * previous:
                 ksp.setConvergedReason(_Reason.DIVERGED_BREAKDOWN)
                 return
-            its, previous = self._run_cycle(ksp, its, norm, rho), norm
-            system.add_solution(x, unit)
+            its, previous = self._run_cycle(ksp, its, start), start.deflated_norm
+            system.add_solution(x, start.unit)
             if not ksp.getConvergedReason():  # another refinement cycle
                 A.mult(x, residual)
                 residual.aypx(-1.0, b)
+                start = system.start_cycle(residual)
 
     def _test_convergence(self, ksp: PETSc.KSP, its: int, norm: float) -> bool:
         """Report iteration and norm to the KSP; return whether to stop."""
@@ -137,12 +136,12 @@ class EisenstatCG:
         ksp.monitor(its, norm)
         return bool(reason)
 
-    def _run_cycle(self, ksp: PETSc.KSP, its: int, norm: float, rho: float) -> int:
+    def _run_cycle(self, ksp: PETSc.KSP, its: int, start: CycleStart) -> int:
         """Iterate (Saad 2003, alg. 9.1) until the KSP's test or the cycle's reduction.
 
-        ``norm`` and ``rho`` are those at the start; returns the number of iterations so far.
+        Returns the number of iterations so far, of which there were ``its`` before.
         """
-        system, beta, start = self._system, 0.0, rho
+        system, beta, rho = self._system, 0.0, start.rho
         if rho == 0:  # the coarse component is the whole solution
             self._test_convergence(ksp, its + 1, 0.0)
             return its + 1
@@ -161,8 +160,8 @@ class EisenstatCG:
                 ksp.setConvergedReason(_breakdown_reason(new))
                 return its
             its += 1
-            ratio = sqrt(max(new, 0.0) / start)
-            if self._test_convergence(ksp, its, norm * ratio) or ratio <= _CYCLE_REDUCTION:
+            ratio = sqrt(max(new, 0.0) / start.rho)
+            if self._test_convergence(ksp, its, start.deflated_norm * ratio) or ratio <= _CYCLE_REDUCTION:
                 return its
             if singular:  # the direction is in the null space: no further progress
                 ksp.setConvergedReason(_Reason.CONVERGED_HAPPY_BREAKDOWN)

@@ -28,6 +28,7 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 from __future__ import annotations
 
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -52,6 +53,28 @@ _Reason = PETSc.KSP.ConvergedReason
 #: the iterations saved.
 _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
 AUTOMATIC = -1
+
+
+class CycleStart(NamedTuple):
+    """How a run of conjugate gradients starts.
+
+    Attributes
+    ----------
+    norm : float
+        The residual's natural norm, sqrt(r.M^-1 r).
+    deflated_norm : float
+        That of the deflated residual, P r.
+    unit : float
+        The factor of the solution: the vectors are scaled, so that single precision does not
+        overflow.
+    rho : float
+        r.z of the scaled vectors.
+    """
+
+    norm: float
+    deflated_norm: float
+    unit: float
+    rho: float
 
 
 class SSORSystem:
@@ -130,29 +153,24 @@ class SSORSystem:
                 return int(_Reason.DIVERGED_INDEFINITE_PC)
             return self.deflation.update(*values, self.scale) if self.deflation else 0
 
-    def start_cycle(self, residual: PETSc.Vec, deflate: bool) -> tuple[float, float, float]:
-        """Start conjugate gradients for a residual from x = 0.
-
-        Returns
-        -------
-        norm : float
-            The residual's natural norm, sqrt(r.M^-1 r).
-        unit : float
-            The factor of the cycle's solution: the vectors are scaled, so that single precision
-            does not overflow.
-        rho : float
-            r.z of the scaled vectors.
-        """
+    def start_cycle(self, residual: PETSc.Vec) -> CycleStart:
+        """Start conjugate gradients for a residual from x = 0, or from the coarse component."""
         size = residual.norm(PETSc.NormType.INFINITY)
         size = size if isfinite(size) and size > 0 else 1.0
+        lib, struct, v = self._matrix.lib, self._matrix.struct, self._pointers
         self._r[:] = residual.array_r / size
-        if deflate and self.deflation:
-            self.deflation.start(self._pointers["r"])
         for key in "xptq":
             self._vectors[key][:] = 0
-        self._matrix.lib.matrix_solve_lower(self._matrix.struct, self._pointers["r"])
-        rho = self.update_vectors(0.0)
-        return size * sqrt(self.scale * max(rho, 0.0)), size * self.scale, rho
+        if self.deflation:
+            self._vectors["z"][:] = self._r
+            self.deflation.start(v["r"])
+            whole = self._sum(lib.matrix_solve_lower_both(struct, v["r"], v["z"]))
+            rho = self.update_vectors(0.0)
+        else:
+            lib.matrix_solve_lower(struct, v["r"])
+            whole = rho = self.update_vectors(0.0)
+        norms = (size * sqrt(self.scale * max(square, 0.0)) for square in (whole, rho))
+        return CycleStart(*norms, size * self.scale, rho)
 
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
