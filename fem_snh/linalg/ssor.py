@@ -6,7 +6,6 @@ from math import inf
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import nonzero_state
 from fem_snh.linalg.ssor_system import SSORSystem
 
 
@@ -22,19 +21,18 @@ class SSOR:
 
     def create(self, pc: PETSc.PC) -> None:
         """Set an empty state; PETSc calls this."""
-        self._pattern = (-1, (-1, -1))  # of the matrix last used
-        self._system: SSORSystem
+        self._system: SSORSystem | None = None
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Copy the matrix; PETSc calls this where its values have changed."""
         P = pc.getOperators()[1]
-        pattern = (P.handle, nonzero_state(P))
-        if self._pattern != pattern:
-            self._system, self._pattern = SSORSystem(P, None), pattern
+        if self._system is None or not self._system.fits(P):
+            self._system = SSORSystem(P, None)
         self._failed = bool(self._system.update(P))
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = M^-1 x; infinite values tell the KSP that M is not finite or indefinite."""
+        assert self._system is not None, "before `setUp`"
         if self._failed:
             y.set(inf)
         else:

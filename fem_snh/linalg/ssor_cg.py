@@ -15,8 +15,6 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import nonzero_state
-from fem_snh.linalg.displacement_blocks import stored_in
 from fem_snh.linalg.ssor_system import AUTOMATIC, CycleStart, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
@@ -66,13 +64,18 @@ class EisenstatCG:
 
     def create(self, ksp: PETSc.KSP) -> None:
         """Set an empty state; PETSc calls this."""
-        self._pattern, self._state = (-1, (-1, -1)), -1  # of the matrix last used
-        self._system: SSORSystem
+        self._made: SSORSystem | None = None
+        self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
         """Read ``ksp_deflation_subdomains``: 0 for none, -1 for a number by the matrix's size."""
         options = PETSc.Options(ksp.getOptionsPrefix())
         self._subdomains = options.getInt("ksp_deflation_subdomains", AUTOMATIC)
+
+    @property
+    def _system(self) -> SSORSystem:
+        assert self._made is not None, "before `update_matrix`"
+        return self._made
 
     @property
     def nbytes(self) -> int:
@@ -85,10 +88,8 @@ class EisenstatCG:
         Nothing is done if neither the matrix object nor its values changed, unless ``force``. The
         sparsity pattern is read if it or the matrix object changed.
         """
-        pattern = (A.handle, nonzero_state(stored_in(A)))
-        if self._pattern != pattern:
-            self._system = SSORSystem(A, self._coordinates, self._subdomains)
-            self._pattern, self._state = pattern, -1
+        if self._made is None or not self._made.fits(A):
+            self._made, self._state = SSORSystem(A, self._coordinates, self._subdomains), -1
         if self._state != A.stateGet() or force:
             self._failure, self._state = self._system.update(A), A.stateGet()
 
@@ -161,7 +162,8 @@ class EisenstatCG:
                 return its
             its += 1
             ratio = sqrt(max(new, 0.0) / start.rho)
-            if self._test_convergence(ksp, its, start.deflated_norm * ratio) or ratio <= _CYCLE_REDUCTION:
+            converged = self._test_convergence(ksp, its, start.deflated_norm * ratio)
+            if converged or ratio <= _CYCLE_REDUCTION:
                 return its
             if singular:  # the direction is in the null space: no further progress
                 ksp.setConvergedReason(_Reason.CONVERGED_HAPPY_BREAKDOWN)

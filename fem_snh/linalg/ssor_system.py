@@ -36,7 +36,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh._petsc import aij_blocks
+from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.errors import BadInput, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg import library
@@ -108,6 +108,7 @@ class SSORSystem:
                 "the built-in linear solver"
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
+        self._pattern = _pattern(A)
         path = on_root(self.comm, build.library, library.source())
         stored = displacement_blocks(A)
         blocks = stored.diagonal, stored.off_diagonal
@@ -133,6 +134,10 @@ class SSORSystem:
     def nbytes(self) -> int:
         """Return the bytes on this rank that an iteration reads twice (the copy of A, and A Z)."""
         return self._matrix.nbytes + (self.deflation.nbytes if self.deflation else 0)
+
+    def fits(self, A: PETSc.Mat) -> bool:
+        """Return whether ``A`` is the matrix given at construction, with the same pattern."""
+        return self._pattern == _pattern(A)
 
     def update(self, A: PETSc.Mat) -> int:
         """Copy the values of the matrix, scaled to a largest diagonal entry of 1, and deflate.
@@ -214,6 +219,11 @@ class SSORSystem:
     def _sum(self, own: float) -> float:
         """Return the sum over all ranks."""
         return own if self.comm.size == 1 else float(self.comm.allreduce(own))
+
+
+def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
+    """Return numbers that tell a matrix and its pattern from others."""
+    return A.handle, nonzero_state(stored_in(A))
 
 
 def _default_subdomains(nodes: int) -> int:
