@@ -64,7 +64,7 @@ class Submatrix:
         chosen = slice(num_u) if rows == "u" else slice(num_u, size)
         first, counts = A.getOwnershipRanges(), np.array(A.comm.tompi4py().allgather(num_u))
         own = np.arange(size) + first[A.comm.rank]
-        self._offsets = []
+        self._offsets: list[Array] = []
         with aij_blocks(A, read_only=True) as blocks:
             for block in blocks:
                 column = block.ghosts if self._offsets else own

@@ -174,8 +174,8 @@ class SSORSystem:
         else:
             lib.matrix_solve_lower(struct, v["r"])
             whole = rho = self.update_vectors(0.0)
-        norms = (size * sqrt(self.scale * max(square, 0.0)) for square in (whole, rho))
-        return CycleStart(*norms, size * self.scale, rho)
+        norm, deflated = (size * sqrt(self.scale * max(square, 0.0)) for square in (whole, rho))
+        return CycleStart(norm, deflated, size * self.scale, rho)
 
     def update_direction(self, beta: float) -> float:
         """Compute p = z + beta p and q = A-hat p (deflated); return the curvature p.q = t.A t."""
