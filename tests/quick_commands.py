@@ -27,7 +27,7 @@ QUICK = {
     f"{BENCH} linear_iterations": "--cells 3 --nus 0.49 --solvers cg+ssor",
     f"{BENCH} linear_solvers": "--bodies layer --elements Q1 --nus 0.4999 --cells 16",
     f"{BENCH} memory_traffic": "--cells 3 --repeat 1",
-    f"{BENCH} mixed_times": "--sizes 2000 --elements P2P1",
+    f"{BENCH} mixed_times": "--sizes 2000 --elements P2P1 --rounds 1",
     f"{BENCH} negative_curvature": "--nus 0.3 --cells 3 --seeds 1 --lbfgs 0,20",
     f"{BENCH} petsc_newton": "--cells 3 --nus 0.3 --methods ours,bntr,bntr+icc",
     f"{BENCH} petsc_parts": "--scenes twist --cells 2 --steps 1 --repeat 1",
