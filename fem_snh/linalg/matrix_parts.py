@@ -80,7 +80,7 @@ class Submatrix:
 
 
 def _diagonal_offsets(start: Array, column: Array) -> Array:
-    """Return the offset of each row's diagonal entry, by bisection in all rows at once."""
+    """Return the offset of each row's diagonal entry, by bisection in all rows together."""
     row, low, high = np.arange(len(start) - 1), start[:-1].copy(), start[1:] - 1
     while (low < high).any():
         middle = (low + high) // 2

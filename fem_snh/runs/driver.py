@@ -15,7 +15,6 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh.errors import BadInput, RenamedKey, on_every, on_root
-from fem_snh.fem import modes
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
@@ -169,6 +168,8 @@ def _solve(
             with interrupts.postponed():
                 recorder.add_step(step)
         if scene.modes and setup.stepper.done:
+            from fem_snh.fem import modes
+
             prefix = f"{solver.PREFIX}modes_"
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():

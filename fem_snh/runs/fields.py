@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx
-from fem_snh.fem.modes import Modes
 from fem_snh.fem.problem import Problem
 
 if TYPE_CHECKING:
+    from fem_snh.fem.modes import Modes
     from fem_snh.runs.obstacle_series import ObstacleSeries
     from fem_snh.runs.requested_fields import RequestedFields
     from fem_snh.runs.skin_series import SkinSeries

@@ -9,7 +9,7 @@ import json
 import platform
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -23,8 +23,10 @@ from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
 from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.tables import flat, table_text
-from fem_snh.runs.transient import Transient
 from fem_snh.scenes import MaterialChoice, Scene
+
+if TYPE_CHECKING:
+    from fem_snh.runs.transient import Transient
 
 #: Columns of steps.csv that every run has.
 COLUMNS = (

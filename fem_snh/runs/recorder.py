@@ -6,14 +6,16 @@ import resource
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.fem.modes import Modes
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.fields import Fields, write_modes
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.stepping import Stepper
+
+if TYPE_CHECKING:
+    from fem_snh.fem.modes import Modes
 
 
 class Recorder:

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
-from fem_snh.fem import elements, modes
+from fem_snh.fem import elements
 from fem_snh.fem import mesh as meshes
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.initial_state import set_initial_state
@@ -27,7 +27,6 @@ from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.result import Result
 from fem_snh.runs.stepping import Stepper
-from fem_snh.runs.transient import create_dynamics, start_motion
 
 if TYPE_CHECKING:
     from fem_snh.fem.bone_nodes import BoneNodes
@@ -102,6 +101,8 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
+        from fem_snh.fem import modes
+
         modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
@@ -109,6 +110,8 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
     transient = None
     if motions and scene.time:
+        from fem_snh.runs.transient import start_motion
+
         transient = start_motion(problem, motions[0], scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
     bones = _bone_records(problem) if scene.bone else None
@@ -164,6 +167,8 @@ def make_problem(
     def terms(mesh: meshes.Mesh, u: Any, regions: Any, dirichlet: Any) -> list[Term]:
         if not scene.time or motions is None:
             return load_terms(scene, mesh, u, regions, dirichlet)
+        from fem_snh.runs.transient import create_dynamics
+
         motions.append(create_dynamics(scene.time, u, regions, dirichlet))
         loads = load_terms(scene, mesh, u, regions, dirichlet, motions[-1].mass)
         return [*loads, *motions[-1].terms]

@@ -15,10 +15,10 @@ from fem_snh.fem.problem import Problem
 from fem_snh.runs.cell_pressures import CellPressures
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.step_size import StepSize
-from fem_snh.runs.transient import Transient
 
 if TYPE_CHECKING:
     from fem_snh.runs.bones import BoneRecords
+    from fem_snh.runs.transient import Transient
 
 
 class Stepper:
