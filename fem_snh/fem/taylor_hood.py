@@ -91,6 +91,11 @@ class SaddlePoint:
         """Adapt the approximation to the assembled Hessian. Collective."""
         self._schur.update(A)
 
+    def begin_step(self) -> None:
+        """Keep nothing of the approximation from the last step: a resumed run takes its path."""
+        if isinstance(self._schur, CellSchur):
+            self._schur.begin_step()
+
     @cached_property
     def _schur(self) -> NodalSchur | CellSchur:
         if self.cell_pressures:

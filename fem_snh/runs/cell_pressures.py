@@ -75,6 +75,7 @@ class CellPressures:
         self._read_displacement()
         saddle_point, residual = mixed.saddle_point, mixed.x.duplicate()
         assert saddle_point is not None
+        saddle_point.begin_step()
         pressures = saddle_point.pressure_dofs(mixed.x)
         pressures[:] = 0.0
         # At the start of a scene the displacement need not be an equilibrium: |p| <= E.
