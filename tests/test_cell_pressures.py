@@ -72,6 +72,38 @@ def test_eliminating_the_cell_pressures_gives_the_condensed_element(comm, elemen
 
 
 @mpi
+@pytest.mark.parametrize("element", ["Q1P0", "P2P0"])
+def test_the_schur_complement_is_kept_while_the_diagonal_changes_little(comm, element):
+    """Within a step; then, and after a larger change, it is that of a new problem."""
+
+    def mixed(size):
+        kind = with_cell_pressures(ELEMENTS[element])
+        chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
+        problem = create_problem(cube(comm, kind.cell, 2, 0.05), kind, chosen, hold=[Hold("left")])
+        return problem, matrix(problem, size)
+
+    def matrix(problem, size):
+        set_state(problem, wave(size))
+        problem.jacobian(problem.x, "clamp")
+        problem.saddle_point.update_schur_approximation(problem.A)
+        return problem.saddle_point.schur_approximation
+
+    def distance(A, B):
+        difference = A.copy()
+        difference.axpy(-1.0, B, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return difference.norm() / B.norm()
+
+    problem, S = mixed(0.05)
+    before = S.copy()
+    assert distance(matrix(problem, 0.051), before) == 0
+    problem.saddle_point.begin_step()
+    assert 0 < distance(matrix(problem, 0.051), before) < 0.05
+    assert distance(S, mixed(0.051)[1]) < 1e-12
+    assert distance(matrix(problem, 0.2), mixed(0.2)[1]) < 1e-12
+    assert distance(S, before) > 0.05
+
+
+@mpi
 @pytest.mark.parametrize("element, cells, newton", [("Q1P0", 8, 7), ("P2P0", 4, 7)])
 def test_few_iterations_at_nu_0_4999(comm, element, cells, newton):
     """The condensed problem takes 20 Newton and 2,000 linear iterations (Q1P0)."""

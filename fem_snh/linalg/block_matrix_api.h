@@ -36,6 +36,9 @@ void matrix_solve_lower(const SymmetricBlockMatrix *b, float *w);
 /* The same, in one sweep with y = (D + L)^-1 other. Returns y.D y, the square of other's natural norm. */
 double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const float *other);
 
+/* y = factor (D + L) w, in double precision. */
+void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double factor, double *y);
+
 /* p = z + beta p, t = (D + U)^-1 p, w = U t. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);
 

@@ -118,6 +118,21 @@ double matrix_solve_lower_both(const SymmetricBlockMatrix *b, float *w, const fl
   return norm_squared;
 }
 
+void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double factor, double *y) {
+  memset(b->lanes, 0, 16L * b->rows);
+  for (long i = 0; i < b->rows; i++) {
+    const int first = b->upper_start[i], n = b->upper_start[i + 1] - first;
+    const long length = 3L * n;
+    const float *u = b->upper + 9L * first;
+    const f4 x = load3(w + 3 * i), sum = load4(b->lanes + 4 * i) + multiply_block(b->diagonal + 9 * i, x);
+    for (int c = 0; c < 3; c++) y[3 * i + c] = factor * sum[c];
+    for (int k = 0; k < n; k++, u += 3) {
+      float *at = b->lanes + 4L * b->upper_column[first + k];
+      *(f4 *)at += load4(u) * x[0] + load4(u + length) * x[1] + load4(u + 2 * length) * x[2];
+    }
+  }
+}
+
 /* The nodes that were computed last enter a row's sums last: the processor computes the others before its
  * predecessor is known. Two sums for each component halve the chain of additions. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w) {

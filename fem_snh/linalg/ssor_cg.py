@@ -43,6 +43,11 @@ class EisenstatCG:
     coordinates : (rows, 3), optional
         Reference coordinates of this rank's nodes; without them there is no deflation.
 
+    Attributes
+    ----------
+    has_residual : bool
+        Whether `residual` returns that of the last solution.
+
     Raises
     ------
     BadInput
@@ -61,6 +66,7 @@ class EisenstatCG:
 
     def __init__(self, coordinates: np.ndarray | None = None) -> None:
         self._coordinates, self._subdomains = coordinates, AUTOMATIC
+        self.has_residual = False
 
     def create(self, ksp: PETSc.KSP) -> None:
         """Set an empty state; PETSc calls this."""
@@ -97,7 +103,7 @@ class EisenstatCG:
         """Solve A x = b from x = 0, whatever ``x`` holds."""
         A = ksp.getOperators()[0]
         self.update_matrix(A)
-        system = self._system
+        system, self.has_residual = self._system, False
         x.set(0.0)
         residual, its, previous = b.copy(), 0, inf
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
@@ -117,10 +123,19 @@ class EisenstatCG:
                 return
             its, previous = self._run_cycle(ksp, its, start), start.deflated_norm
             system.add_solution(x, start.unit)
+            self.has_residual = True
             if not ksp.getConvergedReason():  # another refinement cycle
                 A.mult(x, residual)
                 residual.aypx(-1.0, b)
+                self.has_residual = False
                 start = system.start_cycle(residual)
+
+    def residual(self) -> np.ndarray:
+        """Return this rank's residual of the last solution, exact to single precision.
+
+        It is known if `has_residual`.
+        """
+        return self._system.residual()
 
     def _test_convergence(self, ksp: PETSc.KSP, its: int, norm: float) -> bool:
         """Report iteration and norm to the KSP; return whether to stop."""

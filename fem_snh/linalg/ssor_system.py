@@ -161,7 +161,7 @@ class SSORSystem:
     def start_cycle(self, residual: PETSc.Vec) -> CycleStart:
         """Start conjugate gradients for a residual from x = 0, or from the coarse component."""
         size = residual.norm(PETSc.NormType.INFINITY)
-        size = size if isfinite(size) and size > 0 else 1.0
+        self._size = size = size if isfinite(size) and size > 0 else 1.0
         lib, struct, v = self._matrix.lib, self._matrix.struct, self._pointers
         self._r[:] = residual.array_r / size
         for key in "xptq":
@@ -193,6 +193,13 @@ class SSORSystem:
         matrix, v = self._matrix, self._pointers
         vectors = (v[key] for key in "tqxrz")
         return self._sum(matrix.lib.matrix_cg_update(matrix.struct, alpha, *vectors))
+
+    def residual(self) -> npt.NDArray[np.float64]:
+        """Return this rank's residual b - A x of the present x, to single precision."""
+        matrix, r = self._matrix, np.empty(len(self._r))
+        pointers = self._pointers["r"], self._size, matrix.pointer(r)
+        matrix.lib.matrix_multiply_lower(matrix.struct, *pointers)
+        return r
 
     def precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = M^-1 x, scaled so that single precision does not overflow."""

@@ -16,10 +16,9 @@ from math import nan
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import nonzero_state
 from fem_snh.linalg.displacement_blocks import part_of
-from fem_snh.linalg.matrix_parts import Submatrix
 from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.solver.block_product import BlockProduct
 from fem_snh.solver.protocol import Array, SaddlePoint
 
 _Linear = PETSc.KSP.ConvergedReason
@@ -57,6 +56,8 @@ class BlockTriangular:
     ----------
     indefinite : bool
         Whether a solve with H since the last set-up found it indefinite.
+    operator : Mat
+        The matrix of `BlockProduct`, for a solver which this preconditioner is applied in.
     """
 
     def __init__(
@@ -68,9 +69,12 @@ class BlockTriangular:
         rtol: float,
         max_it: int,
     ) -> None:
-        self._saddle_point, self._unknowns = saddle_point, 3 * len(coordinates)
+        self._unknowns = 3 * len(coordinates)
         self._H, S = part_of(A, self._unknowns), saddle_point.schur_approximation
-        self._B_transposed: Submatrix | None = None
+        self._cg = EisenstatCG(coordinates)
+        self._blocks = BlockProduct(A, saddle_point.index_sets, self._cg.residual)
+        self.operator = PETSc.Mat().createPython(A.getSizes(), self._blocks, comm=A.comm)
+        self.operator.setUp()
         self._vectors = *self._H.createVecs(), *S.createVecs()
         self.indefinite = False
         self.u, self.p = u, p = [PETSc.KSP().create(block.comm) for block in (self._H, S)]
@@ -78,7 +82,7 @@ class BlockTriangular:
         u.setOperators(self._H)
         u.setTolerances(rtol=rtol, atol=0.0, max_it=max_it)
         u.setType(PETSc.KSP.Type.PYTHON)
-        u.setPythonContext(EisenstatCG(coordinates))
+        u.setPythonContext(self._cg)
         u.getPC().setType(PETSc.PC.Type.NONE)
         p.setOptionsPrefix(f"{prefix}fieldsplit_p_")
         p.setOperators(S)
@@ -92,35 +96,31 @@ class BlockTriangular:
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Read the matrix's values; PETSc calls this."""
-        A = pc.getOperators()[1]
-        if self._B_transposed is None or self._B_transposed.pattern != nonzero_state(A):
-            self._B_transposed = Submatrix(A, self._saddle_point.index_sets, "u", "p")
-        self._B_transposed.update(A)
+        self._blocks.update()
         self._H.stateIncrease()
-        self.u.getPythonContext().update_matrix(self._H)
+        self._cg.update_matrix(self._H)
         self.p.setUp()
         self.indefinite = False
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = P^-1 x, or NaN if H is indefinite; PETSc calls this."""
-        assert self._B_transposed is not None
         n, (f, u, g, p) = self._unknowns, self._vectors
         g.array[:] = x.array_r[n:]
         self.p.solve(g, p)
-        self._B_transposed.matrix.mult(p, f)
+        self._blocks.B_transposed.mult(p, f)
         f.array[:] = x.array_r[:n] - f.array_r
         self.u.solve(f, u)
         self.indefinite |= self.u.getConvergedReason() in _FAILED
         y.array[:n], y.array[n:] = u.array_r, p.array_r
         if self.indefinite:
             y.set(nan)
+        elif self._cg.has_residual:
+            self._blocks.set_known(x, y)
 
     def destroy(self, pc: PETSc.PC) -> None:
         """Destroy what the preconditioner created; PETSc calls this."""
-        for created in (self.u, self.p, self._H, *self._vectors):
+        for created in (self.u, self.p, self._H, self.operator, *self._vectors):
             created.destroy()
-        if self._B_transposed is not None:
-            self._B_transposed.matrix.destroy()
 
     def view(self, pc: PETSc.PC, viewer: PETSc.Viewer) -> None:
         """Print the solvers of the blocks, as part of ``-snes_view``."""

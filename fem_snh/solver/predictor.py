@@ -14,6 +14,7 @@ from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.linearised import linearised_residual
 from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.saddle_point import outer_operator
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
 #: Smallest relative tolerance of the tangent's linear solve: the linear model is no more accurate.
@@ -144,9 +145,9 @@ class Predictor:
         if problem.saddle_point:
             problem.saddle_point.update_schur_approximation(problem.A)
         ksp = self.snes.getKSP()
-        ksp.setOperators(problem.operator, problem.A)
         smallest = _SADDLE_RTOL if problem.saddle_point else _RTOL
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], smallest)):
+            ksp.setOperators(outer_operator(ksp, problem.operator, problem.A), problem.A)
             ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:

@@ -27,6 +27,8 @@ MAX_IT = 100
 INNER_RTOL = 0.1
 #: Iterations of an inner solve. It needs about 4; the limit is for singular and indefinite blocks.
 _INNER_MAX_IT = 50
+#: Least relative tolerance with the products of `BlockProduct`, exact to single precision.
+_KNOWN_PRODUCT_RTOL = 1e-3
 #: Outer solvers that admit a preconditioner which differs from one application to the next.
 _FLEXIBLE = ("fgmres", "gcr")
 #: Outer solvers that require a symmetric positive definite preconditioner.
@@ -94,6 +96,16 @@ def configure(
     diagonal = _outer_solver(prefix) in _SYMMETRIC
     pc.setFieldSplitSchurFactType(kinds.DIAG if diagonal else kinds.UPPER)
     pc.setFieldSplitSchurPreType(PETSc.PC.SchurPreType.USER, saddle_point.schur_approximation)
+
+
+def outer_operator(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
+    """Return the operator of a solve with A: a `BlockProduct` where the tolerance admits it, or A.
+
+    P is the matrix of the preconditioner, and ``ksp`` has the tolerance of the solve.
+    """
+    blocks = preconditioner_by_blocks(ksp.getPC())
+    loose = ksp.getTolerances()[0] >= _KNOWN_PRODUCT_RTOL
+    return blocks.operator if isinstance(blocks, BlockTriangular) and A == P and loose else A
 
 
 def block_options(prefix: str) -> dict[str, str]:

@@ -17,7 +17,12 @@ from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
 from fem_snh.solver.protocol import SaddlePoint
-from fem_snh.solver.saddle_point import Blocks, frozen_preconditioner, preconditioner_by_blocks
+from fem_snh.solver.saddle_point import (
+    Blocks,
+    frozen_preconditioner,
+    outer_operator,
+    preconditioner_by_blocks,
+)
 from fem_snh.solver.step import Direction, State, Step
 
 _Linear = PETSc.KSP.ConvergedReason
@@ -165,9 +170,9 @@ class SearchDirection:
         direction: Direction,
     ) -> int:
         """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason."""
-        set_operators(ksp, A, P)
         d.set(0.0)
         with self.forcing.applied(ksp):
+            set_operators(ksp, outer_operator(ksp, A, P), P)
             ksp.solve(f, d)
         d.scale(-1.0)
         direction.linear += ksp.getIterationNumber()
