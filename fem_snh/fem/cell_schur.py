@@ -29,7 +29,7 @@ from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
 #: (docs/results/elements_cell_pressures.md).
 _SCALE = 0.75
-#: Mean change of ln D from which S is computed anew. With 0.1 the linear solves take as many
+#: Mean change of ln D from which S is computed again. With 0.1 the linear solves take as many
 #: iterations as with 0, and S is computed once in three (docs/results/elements_cell_pressures.md).
 _CHANGE = 0.1
 
