@@ -86,7 +86,7 @@ ALLOWED = {
     "fem.elements": {"errors"},
     "fem.shapes": {"errors"},
     "fem.obstacles": {"errors", "fem.shapes"},
-    "fem.bones": {"errors", "fem.shapes", "fem.obstacles"},
+    "fem.bones": {"errors", "choices", "fem.shapes", "fem.obstacles"},
     "fem.bone_blend": {"_dolfinx", "fem.bone_nodes"},
     "fem.bone_conditions": {"_dolfinx", "fem.bones", "fem.bone_nodes"},
     "fem.bone_nodes": {

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.fem.bones import Noise
+from fem_snh.scenes.bone_files import read_bones
 
 #: Affine and not rigid, as production skinning has it.
 SKEWED = matrix([[1.1, 0.2, 0.0], [-0.1, 0.95, 0.05], [0.0, 0.1, 1.0]], (0.05, -0.02, 0.03))
@@ -55,7 +56,7 @@ def read(tmp_path):
         upper = {"name": "upper", "shape": UPPER, **own, "motion": motion}
         scene = bar(upper, {"name": "lower", "shape": LOWER}, **keys)
         assert scenes.load(scene) == scene
-        return scenes.read_bones(scene)[0]
+        return read_bones(scene)[0]
 
     return motions
 

@@ -14,7 +14,8 @@ from fem_snh.fem.bone_nodes import BoneNodes, place_bones
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
 from fem_snh.runs.obstacle_records import surface_name
-from fem_snh.scenes import Scene, read_bones
+from fem_snh.scenes import Scene
+from fem_snh.scenes.bone_files import read_bones
 
 
 def scene_bones(scene: Scene, V: Any, mesh: Mesh) -> list[BoneNodes]:

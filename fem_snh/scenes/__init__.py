@@ -11,7 +11,6 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.scenes._bone_files import read_bones
 from fem_snh.scenes._consistency import why_condensed
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
@@ -50,6 +49,6 @@ __all__ = [
     "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes", "Move",
     "ObstacleChoice", "Pressure", "Probe", "Rig", "Rotate", "Scene", "SelfContact", "Spring",
     "Start", "Tetrahedra", "Time", "Traction", "describe", "function", "load", "names",
-    "obstacle_names", "own_parameters", "read_bones", "read_obstacles", "read_toml", "validate",
+    "obstacle_names", "own_parameters", "read_obstacles", "read_toml", "validate",
     "why_condensed",
 ]  # fmt: skip

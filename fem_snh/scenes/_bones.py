@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy.typing as npt
 from pydantic import AfterValidator, Discriminator, Field, Tag, field_serializer, model_validator
 
+from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, choose
-from fem_snh.fem.bones import Clip, Placement, RigidMotion, joint_motion
-from fem_snh.fem.bones.skeleton import RESTS
 from fem_snh.scenes._conditions import Rotate
 from fem_snh.scenes._shapes import ShapeChoice
 from fem_snh.scenes._tables import MOTION_TABLE, TableName
@@ -26,6 +25,9 @@ from fem_snh.scenes._types import (
     Vector,
 )
 from fem_snh.scenes._validation import Expect, Table, Whole
+
+if TYPE_CHECKING:
+    from fem_snh.fem.bones import Clip, RigidMotion
 
 
 def _check_path(path: Path) -> Path:
@@ -86,6 +88,8 @@ class SkeletonMotion(Table):
 
     def motion(self, clip: Clip, duration: float | None) -> tuple[RigidMotion, Vector]:
         """Return the bone's motion and the joint's reference position."""
+        from fem_snh.fem.bones import Placement, joint_motion
+
         placement = Placement(self.scale, self.rotation, self.translation)
         motion, p = joint_motion(clip, self.joint, self.rest, self.frames, placement, duration)
         return motion, (float(p[0]), float(p[1]), float(p[2]))

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.fem.bones.bvh import AXES, Clip, Joint
 from fem_snh.fem.bones.motions import RigidMotion
 from fem_snh.fem.obstacles.pose_table import PoseTable
 from fem_snh.fem.shapes.shape import Array
 
-#: Poses that a bone's reference position may be that of.
-RESTS = ("first", "offset")
 #: How far a clip may miss the end of the run, in frames: files round the time of a frame.
 _ROUNDED = 0.5
 
