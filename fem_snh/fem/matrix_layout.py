@@ -18,14 +18,14 @@ from fem_snh._petsc import set_pattern
 from fem_snh.errors import BadInput
 from fem_snh.fem.block_sparsity import BlockSparsity
 from fem_snh.fem.numbering import MixedDofMap
-from fem_snh.kernels.block_pattern import BlockPattern, concatenated_ranges
+from fem_snh.kernels.block_pattern import BlockPattern, unknown_columns
 
 Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
-#: Pairs of blocks of cells, and block rows, that are expanded at the same time: a bound of memory.
-_PAIRS_AT_ONCE, _ROWS_AT_ONCE = 2**22, 2**15
+#: Pairs of blocks of cells that are expanded at the same time: a bound of memory.
+_PAIRS_AT_ONCE = 2**22
 
 
 class MatrixLayout:
@@ -161,17 +161,13 @@ class MatrixLayout:
         dof_map, row_sizes = self._dof_map, diagonal.row_sizes
         lengths = diagonal.row_lengths + off_diagonal.row_lengths
         indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
-        columns = np.empty(indptr[-1], PETSc.IntType)
-        filled = 0
-        for first in range(0, len(row_sizes), _ROWS_AT_ONCE):
-            rows = slice(first, first + _ROWS_AT_ONCE)
-            # The columns of one row of unknowns of each block row, repeated for its other rows.
-            once = _columns(dof_map, diagonal, off_diagonal, others, rows)
-            starts = np.cumsum(lengths[rows]) - lengths[rows]
-            block_row = np.repeat(np.arange(len(starts)), row_sizes[rows])
-            repeated = concatenated_ranges(starts[block_row], lengths[rows][block_row])
-            columns[filled : filled + len(repeated)] = once[repeated]
-            filled += len(repeated)
+        first, last = dof_map.owned_range
+        own, rest = (
+            (part.indptr, part.indices, *dof_map.global_dofs(blocks))
+            for part, blocks in ((diagonal, np.arange(first, last)), (off_diagonal, others))
+        )
+        before = int(np.searchsorted(others, first))
+        columns = unknown_columns(row_sizes, own, rest, before, int(indptr[-1]))
         csr = indptr.astype(PETSc.IntType), columns
         if mat is not None:
             set_pattern(mat, csr)
@@ -203,22 +199,3 @@ def _pairs_of_cells(dof_map: MixedDofMap) -> BlockPattern:
         found.append(np.stack([part.rows(), part.indices]))
     rows, columns = np.concatenate(found, axis=1)
     return BlockPattern(rows, columns, size, size)
-
-
-def _columns(
-    dof_map: MixedDofMap,
-    diagonal: BlockSparsity,
-    off_diagonal: BlockSparsity,
-    others: Array,
-    rows: slice,
-) -> Array:
-    """Return the global columns of one row of unknowns of each of these block rows, ascending."""
-    blocks, block_rows = [], []
-    for sparsity, numbers in ((diagonal, None), (off_diagonal, others)):
-        indptr = sparsity.indptr[rows.start : rows.stop + 1]
-        indices = sparsity.indices[indptr[0] : indptr[-1]]
-        blocks.append(indices + dof_map.owned_range[0] if numbers is None else numbers[indices])
-        block_rows.append(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)))
-    column = np.concatenate(blocks)
-    order = np.lexsort((column, np.concatenate(block_rows)))
-    return concatenated_ranges(*dof_map.global_dofs(column[order]))

@@ -77,6 +77,50 @@ class BlockPattern:
         return found
 
 
+def unknown_columns(
+    row_sizes: Array,
+    own: tuple[Array, Array, Array, Array],
+    others: tuple[Array, Array, Array, Array],
+    before: int,
+    count: int,
+) -> Array:
+    """Return the columns of every row of unknowns of this rank's block rows, ascending.
+
+    Parameters
+    ----------
+    row_sizes : (block rows,)
+        Unknowns of each block row.
+    own, others : tuple of arrays
+        The pattern of this rank's block columns, and of those of other ranks: indptr, indices, and
+        first unknown and size of each block column.
+    before : int
+        The first column of ``others`` that comes after this rank's.
+    count : int
+        Number of columns in all rows.
+
+    Returns
+    -------
+    (count,) int32
+    """
+    ffi, lib = _library()
+    columns, sizes = np.empty(count, np.int32), _int32(row_sizes)
+
+    def pointer(kind: str, array: Array) -> Any:
+        return ffi.cast(kind, array.ctypes.data)
+
+    kept, structs = [], []  # the structs hold pointers into the arrays
+    for indptr, *rest in (own, others):
+        arrays = [np.ascontiguousarray(indptr, np.int64), *(_int32(of) for of in rest)]
+        kept += arrays
+        kinds = "long *", "int *", "int *", "int *"
+        pointers = [pointer(kind, of) for kind, of in zip(kinds, arrays, strict=True)]
+        structs.append(ffi.new("BlockColumns *", pointers))
+    lib.unknown_columns(
+        len(sizes), pointer("int *", sizes), *structs, before, pointer("int *", columns)
+    )
+    return columns
+
+
 def _int32(numbers: Array) -> Array:
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
@@ -84,7 +128,8 @@ def _int32(numbers: Array) -> Array:
 @lru_cache
 def _library() -> tuple[Any, Any]:
     declarations = header("block_pattern_api.h")
-    return build.load(build.library(header("block_pattern.h")), declarations)
+    source = declarations + header("block_pattern.h")
+    return build.load(build.library(source), declarations)
 
 
 def concatenated_ranges(starts: Array, lengths: Array) -> Array:

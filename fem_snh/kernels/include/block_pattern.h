@@ -62,3 +62,32 @@ long block_indices(long n, const int *rows, const int *columns, const long *indp
     }
     return missing;
 }
+
+/* Append the unknowns of some blocks of a row to `to`; return its new end. */
+static int *append(const BlockColumns *c, long from, long end, int *to)
+{
+    for (long k = from; k < end; k++) {
+        const int block = c->indices[k];
+        for (int i = 0; i < c->size[block]; i++) *to++ = c->unknown[block] + i;
+    }
+    return to;
+}
+
+/* Write the columns of every row of unknowns of a parallel matrix, ascending. A block row i has row_size[i]
+   equal rows; of its `others`, the columns of other ranks, those below `before` come first, then `own`. */
+void unknown_columns(long num_rows, const int *row_size, const BlockColumns *own,
+                     const BlockColumns *others, long before, int *columns)
+{
+    for (long i = 0; i < num_rows; i++) {
+        const int *first = columns;
+        const long end = others->indptr[i + 1];
+        long middle = others->indptr[i];
+        while (middle < end && others->indices[middle] < before) middle++;
+        columns = append(others, others->indptr[i], middle, columns);
+        columns = append(own, own->indptr[i], own->indptr[i + 1], columns);
+        columns = append(others, middle, end, columns);
+        const long length = columns - first;
+        for (int k = 1; k < row_size[i]; k++, columns += length)
+            memcpy(columns, first, length * sizeof *columns);
+    }
+}

@@ -2,3 +2,10 @@ int block_pattern(long n, const int *rows, const int *columns, long num_rows, lo
                   long *indptr, int *indices);
 long block_indices(long n, const int *rows, const int *columns, const long *indptr,
                    const int *indices, long *found);
+/* Block columns of a matrix: a pattern, and the first unknown and the size of each column. */
+typedef struct {
+    const long *indptr;
+    const int *indices, *unknown, *size;
+} BlockColumns;
+void unknown_columns(long num_rows, const int *row_size, const BlockColumns *own,
+                     const BlockColumns *others, long before, int *columns);
