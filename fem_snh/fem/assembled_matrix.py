@@ -7,9 +7,9 @@ addresses, without a search and without storing element matrices (as ``MatSetVal
 ``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
 ``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
 
-Contributions to rows of another rank are summed in an array apart, and each of these rows is sent
-to its owner once per assembly, by ``MatSetValues``. So are the blocks between nodes that share no
-cell (`fem_snh.fem.couplings`), which change from step to step.
+Contributions to rows of another rank are summed in an array apart and sent to its owner once per
+assembly (`fem_snh.fem.sent_rows`). The blocks between nodes that share no cell, which change from
+step to step, are left to ``MatSetValues`` (`fem_snh.fem.couplings`).
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class BlockMatrix:
                 yield
             finally:
                 self.addresses = []
-        self._sent_rows.add_to(self.mat)
+            self._sent_rows.add_to([block.array() for block in blocks])
         if self._couplings:
             self._couplings.set_values(self.mat)
         self.mat.assemble()

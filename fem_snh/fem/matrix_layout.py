@@ -6,8 +6,8 @@ A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
@@ -26,6 +26,22 @@ Array = npt.NDArray[Any]
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
 #: Pairs of blocks of cells that are expanded at the same time: a bound of memory.
 _PAIRS_AT_ONCE = 2**22
+
+
+class Received(NamedTuple):
+    """Blocks of this rank's rows that another rank sends, row by row.
+
+    Attributes
+    ----------
+    rows, columns : (n,) int64
+        Their global rows and columns.
+    positions : (n,) int64
+        Where they are stored: see `MatrixLayout`.
+    """
+
+    rows: Array
+    columns: Array
+    positions: Array
 
 
 class MatrixLayout:
@@ -55,6 +71,8 @@ class MatrixLayout:
         Global numbers of the ghost blocks.
     sent : BlockSparsity
         Pattern of the rows of the ghost blocks, which are sent to their owners.
+    received : list of Received
+        The blocks received from each rank.
 
     Raises
     ------
@@ -79,17 +97,24 @@ class MatrixLayout:
         self.ghosts = numbers[~owned]
         self.sent = BlockSparsity(ghost[rows[sent]], columns[sent], sizes[~owned], sizes)
         own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
-        diagonal, off_diagonal, others = self._owned_rows(own, pairs)
-        del own
+        received = self._send_to_owners()
+        diagonal, off_diagonal, others = self._owned_rows(own, received, pairs)
         self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
 
+        def owned_positions(rows: Array, columns: Array) -> Array:
+            columns, row = columns - first, rows - first
+            found = np.empty(len(row), np.int64)
+            inside = (columns >= 0) & (columns < dof_map.owned_range[1] - first)
+            offsets = diagonal.offsets(row[inside], columns[inside])
+            found[inside] = 4 * offsets + _DIAGONAL
+            dense = np.searchsorted(others, columns[~inside] + first)
+            found[~inside] = 4 * off_diagonal.offsets(row[~inside], dense) + _OFF_DIAGONAL
+            return found
+
         positions = np.empty(len(rows), np.int64)
-        inside, outside = ~sent & owned[columns], ~sent & ~owned[columns]
-        row, column = numbers[rows[inside]] - first, numbers[columns[inside]] - first
-        positions[inside] = 4 * diagonal.offsets(row, column) + _DIAGONAL
-        row, column = numbers[rows[outside]] - first, numbers[columns[outside]]
-        dense = np.searchsorted(others, column)
-        positions[outside] = 4 * off_diagonal.offsets(row, dense) + _OFF_DIAGONAL
+        positions[~sent] = owned_positions(*own)
+        del own
+        self.received = [Received(r, c, owned_positions(r, c)) for r, c in received]
         positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
         if len(positions) and positions.max() > np.iinfo(np.int32).max:
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
@@ -102,11 +127,11 @@ class MatrixLayout:
         for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
             strides[owned] = sparsity.row_lengths[numbers[owned] - first]
         self.row_strides[_SENT][~owned] = self.sent.row_lengths
-        del rows, columns, sent, inside, outside, row, column, positions, pairs_of_cells
+        del rows, columns, sent, positions, pairs_of_cells
         self.mat = self._create(diagonal, off_diagonal, others, mat)
 
     def _owned_rows(
-        self, own: Array, pairs: Array | None
+        self, own: Array, received: Sequence[Array], pairs: Array | None
     ) -> tuple[BlockSparsity, BlockSparsity, Array]:
         """Return the pattern of the rows of this rank: of the blocks in its columns and of others.
 
@@ -114,6 +139,8 @@ class MatrixLayout:
         ----------
         own : (2, n)
             Global row and column of the blocks of this rank's cells in these rows.
+        received : sequence of (2, n)
+            Those of other ranks' cells.
         pairs : (n, 2), optional
             Of further blocks.
 
@@ -126,10 +153,8 @@ class MatrixLayout:
         """
         dof_map = self._dof_map
         first, last = dof_map.owned_range
-        sent_rows = self.ghosts[self.sent.block_rows()]
-        received = self._send_to_owners(sent_rows, dof_map.local_to_global[self.sent.indices])
         more = [] if pairs is None else [pairs.T]
-        rows, columns = np.concatenate([own, received, *more], axis=1)
+        rows, columns = np.concatenate([own, *received, *more], axis=1)
         rows -= first
         inside = (columns >= first) & (columns < last)
         others = np.unique(columns[~inside])
@@ -143,12 +168,14 @@ class MatrixLayout:
         )
         return diagonal, off_diagonal, others
 
-    def _send_to_owners(self, rows: Array, columns: Array) -> Array:
-        """Send pairs of blocks to the ranks that own the rows; return (2, n) received ones."""
-        comm, owner = self._dof_map.comm, self._dof_map.owner_ranks(rows)
-        pairs = np.stack([rows, columns])
-        received = comm.alltoall([pairs[:, owner == rank] for rank in range(comm.size)])
-        return np.concatenate(received, axis=1)
+    def _send_to_owners(self) -> list[Array]:
+        """Send the pairs of `sent` to the ranks that own the rows; return (2, n) of each rank."""
+        comm, dof_map = self._dof_map.comm, self._dof_map
+        rows = self.ghosts[self.sent.block_rows()]
+        owner, pairs = dof_map.owner_ranks(rows), dof_map.local_to_global[self.sent.indices]
+        pairs = np.stack([rows, pairs])
+        received: list[Array] = comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
+        return received
 
     def _create(
         self,
