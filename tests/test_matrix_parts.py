@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -19,7 +20,7 @@ from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
 
 def _mixed_problem(comm, element):
     kind = ELEMENTS[element]
-    kind = kind if element == "Q2Q1" else with_cell_pressures(kind)
+    kind = kind if kind.has_pressure else with_cell_pressures(kind)
     chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
     problem = create_problem(cube(comm, kind.cell, 3, 0.05), kind, chosen, hold=[Hold("left")])
     return set_state(problem, wave(0.05))
@@ -41,3 +42,22 @@ def test_values_are_those_of_petsc(comm, element):
             assert expected.norm() > 0
             expected.axpy(-1.0, part.matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             assert expected.norm() == 0
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q2Q1", "P2P1", "Q1P0", "P2P0"])
+def test_any_number_of_ranks_assembles_the_same_matrix(comm, element):
+    """Rows of displacements and of pressures that several ranks contribute to."""
+
+    def norms(ranks):
+        problem = _mixed_problem(ranks, element)
+        problem.jacobian(problem.x, "clamp")
+        x, y = problem.A.createVecs()
+        set_state(problem, wave(0.3), push=0.5).x.copy(x)
+        problem.A.mult(x, y)
+        parts = [
+            problem.A.createSubMatrix(of, of) for of in problem.saddle_point.index_sets.values()
+        ]
+        return [problem.A.norm(), *(part.norm() for part in parts), y.norm(), y.dot(x)]
+
+    assert norms(comm) == pytest.approx(norms(MPI.COMM_SELF), rel=1e-12)
