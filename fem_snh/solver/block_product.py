@@ -46,7 +46,8 @@ class BlockProduct:
         self._A, self._sets, self._residual = A, index_sets, residual
         self._unknowns = index_sets["u"].getLocalSize()
         self._parts: list[Submatrix] = []
-        self._known: tuple[int, ...] = ()
+        self._state = -1  # of A at the last `update`
+        self._known: tuple[int, ...] = ()  # the vector
         self._f = np.empty(0)
 
     def update(self) -> None:
@@ -58,7 +59,7 @@ class BlockProduct:
             self._vectors = self.B_transposed.createVecLeft(), *C.createVecs()
         for part in self._parts:
             part.update(A)
-        self._known = ()
+        self._state, self._known = A.stateGet(), ()
 
     @property
     def B_transposed(self) -> PETSc.Mat:
@@ -68,11 +69,12 @@ class BlockProduct:
     def set_known(self, f: PETSc.Vec, z: PETSc.Vec) -> None:
         """Keep what the product with z is made of: z is the preconditioned vector f."""
         self._f = f.array_r[: self._unknowns].copy()
-        self._known = self._identity(z)
+        self._known = z.handle, z.stateGet()
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = A x; PETSc calls this."""
-        if self._identity(x) != self._known:
+        # The preconditioner may be that of a filtered Hessian, and A the exact one by now.
+        if (x.handle, x.stateGet()) != self._known or self._A.stateGet() != self._state:
             self._A.mult(x, y)
             return
         n, (u, p, q), (B_transposed, C) = self._unknowns, self._vectors, self._parts
@@ -80,10 +82,6 @@ class BlockProduct:
         C.matrix.mult(p, q)  # as A has it: with a minus
         B_transposed.matrix.multTransposeAdd(u, q, q)
         y.array[:n], y.array[n:] = self._f - self._residual(), q.array_r
-
-    def _identity(self, vector: PETSc.Vec) -> tuple[int, ...]:
-        """Return numbers that change with the vector, its values and those of A."""
-        return vector.handle, vector.stateGet(), self._A.stateGet()
 
     def destroy(self, mat: PETSc.Mat) -> None:
         """Destroy the copies of the blocks; PETSc calls this."""
