@@ -40,10 +40,11 @@ class SentRows:
         self._comm, offsets = dof_map.comm, layout.sent.row_offsets
         self.values = np.zeros(int(offsets[-1]))
         owner, lengths = dof_map.owner_ranks(layout.ghosts), np.diff(offsets)
-        self._sent = {
-            int(rank): concatenated_ranges(offsets[:-1][owner == rank], lengths[owner == rank])
-            for rank in np.unique(owner)
-        }
+        self._sent = {}
+        for rank in np.unique(owner[lengths > 0]):  # none: a ghost of no cell of this rank
+            rows = owner == rank
+            chosen = concatenated_ranges(offsets[:-1][rows], lengths[rows])
+            self._sent[int(rank)] = chosen.astype(np.int32)
         self._received = {
             rank: _Addition(dof_map, blocks, layout.row_strides)
             for rank, blocks in enumerate(layout.received)
