@@ -73,7 +73,7 @@ class BlockProduct:
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Compute y = A x; PETSc calls this."""
-        # The preconditioner may be that of a filtered Hessian, and A the exact one by now.
+        # The preconditioner may be that of a filtered Hessian, while A is the exact one.
         if (x.handle, x.stateGet()) != self._known or self._A.stateGet() != self._state:
             self._A.mult(x, y)
             return
