@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import Hold, cube, wave
-from volume_energies import mpi, set_state
+from bodies import wave
+from volume_energies import mixed_problem, mpi, set_state
 
 from fem_snh import solver
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
-from fem_snh.kernels.pointwise import material
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point
 from fem_snh.solver.block_product import BlockProduct
@@ -18,11 +15,7 @@ from fem_snh.solver.block_product import BlockProduct
 
 def _preconditioned(comm, element, options=None):
     """Return a problem, its preconditioner, a random vector and the preconditioned vector."""
-    kind = ELEMENTS[element]
-    kind = kind if kind.has_pressure else with_cell_pressures(kind)
-    chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
-    problem = create_problem(cube(comm, kind.cell, 3, 0.05), kind, chosen, hold=[Hold("left")])
-    set_state(problem, wave(0.05))
+    problem = set_state(mixed_problem(comm, element), wave(0.05))
     problem.jacobian(problem.x, "clamp")
     problem.saddle_point.update_schur_approximation(problem.A)
     ksp = solver.create(problem).getKSP()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bodies import Hold, cube, wave
 from interrupted_runs import ALONE, cut, solve
-from volume_energies import mpi, set_state
+from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
 from fem_snh.errors import BadInput
@@ -77,9 +77,7 @@ def test_the_schur_complement_is_kept_while_the_diagonal_changes_little(comm, el
     """Within a step; then, and after a larger change, it is that of a new problem."""
 
     def mixed(size):
-        kind = with_cell_pressures(ELEMENTS[element])
-        chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
-        problem = create_problem(cube(comm, kind.cell, 2, 0.05), kind, chosen, hold=[Hold("left")])
+        problem = mixed_problem(comm, element, cells=2)
         return problem, matrix(problem, size)
 
     def matrix(problem, size):

@@ -9,28 +9,17 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import Hold, cube, wave
-from volume_energies import mpi, set_state
+from bodies import wave
+from volume_energies import mixed_problem, mpi, set_state
 
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
-from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
-
-
-def _mixed_problem(comm, element):
-    kind = ELEMENTS[element]
-    kind = kind if kind.has_pressure else with_cell_pressures(kind)
-    chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
-    problem = create_problem(cube(comm, kind.cell, 3, 0.05), kind, chosen, hold=[Hold("left")])
-    return set_state(problem, wave(0.05))
 
 
 @mpi
 @pytest.mark.parametrize("element", ["Q2Q1", "P2P0"])
 def test_values_are_those_of_petsc(comm, element):
     """The diagonal and the blocks, also after the matrix has changed."""
-    problem = _mixed_problem(comm, element)
+    problem = set_state(mixed_problem(comm, element), wave(0.05))
     sets, A, diagonal = problem.saddle_point.index_sets, problem.A, Diagonal()
     parts = {fields: Submatrix(A, sets, *fields) for fields in product("up", "up")}
     for filter in ("exact", "clamp"):
@@ -50,7 +39,7 @@ def test_any_number_of_ranks_assembles_the_same_matrix(comm, element):
     """Rows of displacements and of pressures that several ranks contribute to."""
 
     def norms(ranks):
-        problem = _mixed_problem(ranks, element)
+        problem = set_state(mixed_problem(ranks, element), wave(0.05))
         problem.jacobian(problem.x, "clamp")
         x, y = problem.A.createVecs()
         set_state(problem, wave(0.3), push=0.5).x.copy(x)

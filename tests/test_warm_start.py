@@ -43,7 +43,7 @@ def test_a_second_run_imports_only_what_it_needs(folder):
     warm = imported()
     # dolfinx 0.9 imports pycparser itself.
     assert sorted(warm & SLOW - imported(BASELINE)) == [] and "sympy" not in warm
-    # 177 of them are this package's: a built-in scene is one more.
+    # 170 of them are this package's: a built-in scene is one more.
     assert len([name for name in warm if name.startswith("fem_snh")]) < 180
     assert len([name for name in warm if name.startswith("fem_snh.scenes.builtin.")]) == 1
 

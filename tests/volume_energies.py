@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import ufl
-from bodies import Hold, wave
+from bodies import Hold, cube, wave
 
 from fem_snh import _dolfinx
 from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
 from fem_snh.kernels.pointwise import material
 
 mpi = pytest.mark.mpi
@@ -98,6 +98,14 @@ def set_state(p, field, push=0.0):
         X = Q.tabulate_dof_coordinates()[: _dolfinx.num_nodes(Q)[0]]
         p.x.array[n:] = push * (np.sin(X @ [3.0, 5, 2]) - 0.7)
     return p
+
+
+def mixed_problem(comm, element, cells=3):
+    """A cube with an unknown pressure; of Q1P0 and P2P0 one in each cell."""
+    kind = ELEMENTS[element]
+    kind = kind if kind.has_pressure else with_cell_pressures(kind)
+    chosen = material("stable_neo_hookean", E=3.0, nu=0.49)
+    return create_problem(cube(comm, kind.cell, cells, 0.05), kind, chosen, hold=[Hold("left")])
 
 
 def set_inverted_state(p, inverted):

@@ -88,7 +88,7 @@ class MatrixLayout:
     ) -> None:
         self._dof_map = dof_map
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
-        first = dof_map.owned_range[0]
+        first, last = dof_map.owned_range
         pairs_of_cells = _pairs_of_cells(dof_map)
         rows, columns = pairs_of_cells.rows(), pairs_of_cells.indices
         sent = ~owned[rows]
@@ -102,12 +102,11 @@ class MatrixLayout:
         self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
 
         def owned_positions(rows: Array, columns: Array) -> Array:
-            columns, row = columns - first, rows - first
-            found = np.empty(len(row), np.int64)
-            inside = (columns >= 0) & (columns < dof_map.owned_range[1] - first)
-            offsets = diagonal.offsets(row[inside], columns[inside])
+            row, found = rows - first, np.empty(len(rows), np.int64)
+            inside = (columns >= first) & (columns < last)
+            offsets = diagonal.offsets(row[inside], columns[inside] - first)
             found[inside] = 4 * offsets + _DIAGONAL
-            dense = np.searchsorted(others, columns[~inside] + first)
+            dense = np.searchsorted(others, columns[~inside])
             found[~inside] = 4 * off_diagonal.offsets(row[~inside], dense) + _OFF_DIAGONAL
             return found
 
@@ -172,8 +171,8 @@ class MatrixLayout:
         """Send the pairs of `sent` to the ranks that own the rows; return (2, n) of each rank."""
         comm, dof_map = self._dof_map.comm, self._dof_map
         rows = self.ghosts[self.sent.block_rows()]
-        owner, pairs = dof_map.owner_ranks(rows), dof_map.local_to_global[self.sent.indices]
-        pairs = np.stack([rows, pairs])
+        owner = dof_map.owner_ranks(rows)
+        pairs = np.stack([rows, dof_map.local_to_global[self.sent.indices]])
         received: list[Array] = comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
         return received
 

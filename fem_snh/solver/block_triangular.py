@@ -57,7 +57,7 @@ class BlockTriangular:
     indefinite : bool
         Whether a solve with H since the last set-up found it indefinite.
     operator : Mat
-        The matrix of `BlockProduct`, for a solver which this preconditioner is applied in.
+        The matrix of `BlockProduct`: the operator of the outer solver.
     """
 
     def __init__(
