@@ -58,6 +58,5 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "unions",
         "view",
         "warm_start",
-        "words",
     )
 )
