@@ -56,6 +56,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 def nearest_file(path: Path) -> str:
     """Return the suggestion of `nearest` for a missing file, from its folder and suffix."""
+    if "\0" in str(path):  # no file has it in its name
+        return ""
     stems = [other.stem for other in path.parent.glob(f"*{path.suffix}")]
     match = get_close_matches(path.stem, stems, n=1, cutoff=_SIMILAR_FILE)
     return f" (did you mean '{match[0]}{path.suffix}'?)" if match else ""
@@ -88,14 +90,16 @@ def bad_value(key: str, value: object, accepted: str, known: Iterable[str] = ())
     return BadInput(f"{key} = {shown(value)}: expected {accepted}{nearest(word, known)}")
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> BadInput:
+def unknown_name(kind: str, name: str, known: Iterable[str], suggestion: str = "") -> BadInput:
     """Return the exception ``unknown <kind> '<name>': expected one of ...``.
 
-    It is for names without a value: keys, parameters, options.
+    It is for names without a value: keys, parameters, options. Without a ``suggestion``, the
+    nearest known name is suggested.
     """
     known = list(known)
     listed = f"one of {', '.join(known)}" if known else "none"
-    return BadInput(f"unknown {kind} '{name}': expected {listed}{nearest(name, known)}")
+    suggestion = suggestion or nearest(name, known)
+    return BadInput(f"unknown {kind} {shown(name)}: expected {listed}{suggestion}")
 
 
 def check_whole(key: str, value: object, lowest: int, highest: int) -> None:

@@ -92,3 +92,28 @@ def test_too_few_or_too_many_constants(counts):
 
 def test_tuning_is_documented():
     assert set(TUNING) == {"alpha", "alpha_mu", "alpha_lambda", "lambda_part", "epsilon"}
+
+
+def test_prescribed_constants_that_contradict_the_modulus():
+    """At E = 1e4 and nu = 0.49, mu_lame = 1e4 / 2.98 = 3355.704698 and 2 (C1 + C2) must be that."""
+    message = (
+        r"'mooney_rivlin' with C1 = 1000, C2 = 800.1 has the shear modulus 3600.2 Pa, "
+        r"E and nu have 3355.704698 Pa: expected 2\*C1 \+ 2\*C2 = 3355.704698, "
+        "or C1 or C2 without a value"
+    )
+    with pytest.raises(BadInput, match=message):
+        fem_snh.material("mooney_rivlin", E=1e4, nu=0.49, C1=1e3, C2=800.1)
+    with pytest.raises(BadInput, match="takes one alpha, and no lambda_part"):
+        fem_snh.material(
+            "mooney_rivlin", E=2.98, nu=0.49, C1=0.3, C2=0.2, lambda_part="neo_hookean"
+        )
+    with pytest.raises(BadInput, match=r"C1 = 1000, C2 = 677.852, kappa = 3 has no free constant"):
+        fem_snh.material("mooney_rivlin", E=1e4, nu=0.49, C1=1e3, C2=677.852349, kappa=3.0)
+
+
+def test_prescribed_constants_that_agree_with_the_modulus():
+    """The third then follows from lambda_lame = kappa - 4/3 (C1 + C2)."""
+    m = fem_snh.material("mooney_rivlin", E=1e4, nu=0.49, C1=1e3, C2=677.852349)
+    lam = 1e4 * 0.49 / (1.49 * 0.02)
+    assert m.constants[2] == pytest.approx(lam + 4 / 3 * 1677.852349, rel=1e-9)
+    assert m.lame == pytest.approx((1e4 / 2.98, lam), rel=1e-9)

@@ -66,7 +66,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ),
     ({"material.lambda_part": 3}, "material.lambda_part = 3: expected the name of a material"),
     ({"material.mu": 3}, "unknown parameter 'mu'"),
-    ({"reactions": "top"}, "reactions = 'top': expected a list of names or numbers"),
+    ({"reactions": {}}, "reactions = {}: expected a list of names or numbers"),
     ({"reactions": [1.5]}, r"reactions = \[1.5\]: expected a list of names or numbers"),
     ({"material.barrier": 3}, "material.barrier = 3: expected bool or None"),
     (

@@ -68,6 +68,11 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    """Return the names of the module, those that are not imported yet included."""
+    return sorted({*globals(), *__all__})
+
+
 class _CallableModule(ModuleType):
     """A package that returns its list of names when called: ``fem_snh.materials()``."""
 

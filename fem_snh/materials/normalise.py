@@ -33,6 +33,9 @@ Pair = tuple[sympy.Expr, sympy.Expr]
 #: Accepted difference, relative to mu_lame, between the requested lambda_lame and that of an energy
 #: with one constant: the rounding error of nu.
 _LAMBDA_TOLERANCE = 1e-12
+#: Accepted relative difference of the shear modulus of prescribed constants from that of E and nu:
+#: the rounding error of the ten digits that the message about it shows.
+_PINNED_TOLERANCE = 1e-9
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
@@ -131,7 +134,9 @@ class Fit:
         pinned = {c: sympy.Rational(v) for c, v in self.pins.items()}
         known = [m.subs(pinned) for m in self.moduli]
         wanted = [t if isinstance(t, sympy.Basic) else sympy.Rational(t) for t in target]
-        if len(self.free) == 1:
+        if self.pins and known[0].is_number:
+            found = self._solve_without_shear(known, wanted)
+        elif len(self.free) == 1:
             found = self._solve_one(known, wanted, mixed or not wanted[1].is_number)
         elif len(self.free) == 2:
             found = self._solve_two(known, wanted)
@@ -153,6 +158,35 @@ class Fit:
                 f"{self._names()} have {len(solutions)} solutions"
             )
         return dict(solutions[0])
+
+    def _solve_without_shear(self, moduli: list[Any], target: list[Any]) -> dict[Any, Any]:
+        """Return the other constants if those that are prescribed give the shear modulus.
+
+        Raises
+        ------
+        BadInput
+            If they give another one than E and nu, or if none is free.
+        """
+        given = ", ".join(f"{c} = {float(v):g}" for c, v in self.pins.items())
+        what = f"material '{self.name}' with {given}"
+        shear = [c for c in self.symbols if c in self.moduli[0].free_symbols]
+        cure = f"{' or '.join(map(str, shear))} without a value"
+        wanted = target[0]
+        if not wanted.is_number:
+            raise BadInput(f"{what} takes one alpha, and no lambda_part: expected {cure}")
+        if abs(moduli[0] - wanted) > _PINNED_TOLERANCE * abs(wanted):
+            raise BadInput(
+                f"{what} has the shear modulus {float(moduli[0]):.10g} Pa, E and nu have "
+                f"{float(wanted):.10g} Pa: expected {self.moduli[0]} = {float(wanted):.10g}, or "
+                f"{cure}"
+            )
+        if len(self.free) != 1 or not moduli[1].has(*self.free):
+            raise BadInput(
+                f"{what} has no free constant, to be fitted to E and nu: expected {cure}"
+            )
+        (c,) = self.free
+        (value,) = sympy.solve(moduli[1] - target[1], c)
+        return {c: value}
 
     def _solve_one(self, moduli: list[Any], target: list[Any], mixed: bool) -> dict[Any, Any]:
         """Return the constant that gives mu_lame; check that it gives lambda_lame too."""

@@ -9,11 +9,12 @@ import inspect
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError, validate_call
 
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, nearest_file
 from fem_snh.references import describe_error, entry_points, is_reference, load_reference
 from fem_snh.scenes import builtin
 from fem_snh.scenes.schema import Scene
@@ -50,6 +51,8 @@ def function(name: str) -> SceneFunction:
     if name in (found := entry_points(GROUP)):
         return found[name]()
     accepted = f"one of {', '.join(names())}, a .toml file or FILE.py:NAME"
+    if file := nearest_file(Path(f"{name}.toml")):
+        raise bad_value("scene", name, accepted + file)
     raise bad_value("scene", name, accepted, names())
 
 

@@ -16,6 +16,7 @@ from fem_snh.references import is_reference
 from fem_snh.scenes._bones import files_relative_to
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes._obstacles import FILES
+from fem_snh.scenes._synonyms import suggestion
 from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import RENAMED, MaterialChoice, Scene
 
@@ -89,7 +90,7 @@ def validate(
         keys = dict.fromkeys([*(known or {}), *_SHORT, *Scene.model_fields])
         for key in overrides:
             if (first := key.partition(".")[0]) not in keys:
-                raise unknown_name("parameter", first, keys)
+                raise unknown_name("parameter", first, keys, suggestion(first, keys))
         return Scene.model_validate(_replace(_copied(dict(data)), overrides))
     except ValidationError as error:
         raise BadInput(f"{label}: {one_line(error)}") from None

@@ -23,6 +23,7 @@ from pydantic import (
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
 from fem_snh.materials.keywords import LARGEST_MODULUS
+from fem_snh.scenes._synonyms import suggestion
 from fem_snh.scenes._types import GroupKey, Positive
 from fem_snh.scenes._validation import Expect, Finite, Table
 
@@ -128,7 +129,7 @@ class MaterialChoice(Table):
         given = self.model_extra or {}
         for key, value in given.items():
             if key not in known:
-                raise unknown_name("parameter", key, known)
+                raise unknown_name("parameter", key, known, suggestion(key, known))
             if key != "lambda_part":
                 given[key] = _validated(key, value, kinds.get(key, Any))
         other = given.get("lambda_part")

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from fem_snh.errors import bad_value, choose
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._types import Count, Positive, Text, Vector
+from fem_snh.scenes._types import Count, Positive, Text, Vector, split_text
 from fem_snh.scenes._validation import Expect, Finite, Table
 
 
@@ -54,11 +54,6 @@ class Modes(Table):
     )
 
 
-def _split_text(names: object) -> object:
-    """Return the names of a comma list, as the command line gives them."""
-    return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
-
-
 def _check_fields(names: list[str]) -> list[str]:
     """Return the names without repetition; raise BadInput for an unknown one."""
     return list(dict.fromkeys(choose("fields", name, NAMED) for name in names))
@@ -68,7 +63,7 @@ def _check_fields(names: list[str]) -> list[str]:
 OutputFields = Annotated[
     list[str],
     Expect("a list of names of fields"),
-    BeforeValidator(_split_text),
+    BeforeValidator(split_text),
     AfterValidator(_check_fields),
 ]
 #: Where output fields are written.

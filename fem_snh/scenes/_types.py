@@ -21,6 +21,12 @@ MAX_CELLS = 10_000
 #: run.json has a row of some 500 bytes for each step: 0.5 GB.
 MAX_STEPS = 1_000_000
 
+
+def split_text(names: object) -> object:
+    """Return the names of a comma list, as the command line gives them."""
+    return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
+
+
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Finite, Expect("a finite number")]
 Positive = Annotated[Finite, Field(gt=0), Expect("a number > 0")]
@@ -37,10 +43,17 @@ GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)],
     Expect(f"the name of a physical group, or its number from 1 to {INT32_MAX}"),
 ]
-Groups = Annotated[list[GroupKey], Expect("a list of names or numbers of physical groups")]
+Groups = Annotated[
+    list[GroupKey],
+    Expect("a list of names or numbers of physical groups"),
+    BeforeValidator(split_text),
+]
 Axis = Literal["x", "y", "z"]
 Components = Annotated[
-    tuple[Axis, ...], Field(min_length=1, max_length=3), Expect("a list of 'x', 'y', 'z'")
+    tuple[Axis, ...],
+    Field(min_length=1, max_length=3),
+    Expect("a list of 'x', 'y', 'z'"),
+    BeforeValidator(split_text),
 ]
 PoissonRatios = Annotated[
     list[Annotated[Finite, Field(gt=-1, lt=0.5)]],

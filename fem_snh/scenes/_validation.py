@@ -18,6 +18,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fem_snh.errors import BadInput, shown, unknown_name
+from fem_snh.scenes._synonyms import suggestion
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -76,7 +77,7 @@ class Table(BaseModel):
         fields = cls.model_fields
         for key in data:
             if key not in fields and cls.model_config["extra"] == "forbid":
-                raise unknown_name("key", key, fields)
+                raise unknown_name("key", key, fields, suggestion(key, fields))
         for key, field in fields.items():
             if field.is_required() and key not in data:
                 what = [f": expected {m.what}" for m in field.metadata if isinstance(m, Expect)]
