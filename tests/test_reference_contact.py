@@ -119,6 +119,66 @@ def test_derivatives_and_sums() -> None:
 
 
 @mpi
+@pytest.mark.parametrize("first", ["energy", "forces", "Hessian", "row", "springs"])
+def test_one_function_of_new_pairs(first: str) -> None:
+    """Whatever is evaluated first has the pairs that it searches, as everything after it has.
+
+    The line goes from the equilibrium to a state with other pairs. Springs with constant normals
+    have forces that are linear in the displacement where none begins to push, so differences are
+    exact to rounding.
+    """
+    p, _ = blocks(press=0.1)
+    term, start, d = p.terms[1], p.x.copy(), p.x.duplicate()
+    X = p.coordinates
+    motion = np.zeros(X.shape)
+    motion[:, 0], motion[X[:, 2] > 1, 2] = 0.3 * X[:, 2], -0.2
+    d.array[:], h, old = motion.ravel(), 1e-7, term.pairs
+
+    def at(t: float) -> Any:
+        x = start.copy()
+        x.axpy(t, d)
+        return x
+
+    def forces(t: float) -> Any:
+        x, r = at(t), start.duplicate()
+        p.gradient(x, r, [term])
+        return r
+
+    def hessian(t: float) -> Any:
+        u = p.split(at(t))[0]
+        p.matrix.couple([term.couplings(u)])
+        with p.matrix.adding():
+            term.add_hessian(u, None, "exact", p.matrix)
+        product = start.duplicate()
+        p.matrix.mat.mult(d, product)
+        product.array[p.constrained_dofs] = 0.0
+        return product
+
+    evaluate = {
+        "energy": lambda t: term.energy(p.split(at(t))[0]),
+        "forces": forces,
+        "Hessian": hessian,
+        "row": lambda t: term.record(p.split(at(t))[0])["self_contact"]["force"],
+        "springs": lambda t: term.spring_forces(p.split(at(t))[0])[2].sum(),
+    }
+    term.begin_step(p.split(start)[0])
+    before = evaluate[first](1.0 - h)
+    assert not np.array_equal(term.pairs.sample, old.sample)
+    again = evaluate[first](1.0 - h)
+    if first in ("forces", "Hessian"):
+        assert (before - again).norm() == 0 < again.norm()
+    else:
+        assert before == again > 0
+    slope = (evaluate["energy"](1.0 + h) - evaluate["energy"](1.0 - h)) / (2 * h)
+    assert slope == pytest.approx(forces(1.0).dot(d), rel=1e-6)
+    curved = forces(1.0 + h) - forces(1.0 - h)
+    curved.array[p.constrained_dofs] = 0.0
+    d.array[p.constrained_dofs] = 0.0
+    expected = hessian(1.0)
+    assert (curved - 2 * h * expected).norm() < 1e-5 * 2 * h * expected.norm()
+
+
+@mpi
 @pytest.mark.parametrize("element", ["Q1", "P2"])
 def test_ranks_agree(element: str) -> None:
     rows = [blocks(comm, element)[1] for comm in (COMM, MPI.COMM_SELF)]
@@ -184,6 +244,39 @@ def test_a_clip_whose_arms_are_pressed_together() -> None:
     through = fem_snh.run(without, progress=False)
     assert through.record["terms"] == ["elastic"]
     assert through.steps[-1]["energy"] < 0.97 * runs[0].steps[-1]["energy"]
+
+
+@pytest.mark.parametrize("scene", ["clip", "arm"])
+def test_no_line_search_compares_energies_of_different_pairs(scene: str) -> None:
+    """Jaws that shear as they close, and a bar bent by 160 degrees: no step fails.
+
+    While the first energy of a step was that of the pairs of the last step, both failed a line
+    search at a load where pairs change.
+    """
+    tables: dict[str, dict[str, Any]] = {
+        "clip": {
+            "steps": 10,
+            "move": [
+                {"group": "bottom", "translate": [0, 0, 0.35]},
+                {"group": "top", "translate": [0.2, 0, -0.35]},
+            ],
+        },
+        "arm": {
+            "mesh": {"source": "bar", "parameters": {"length": 6, "interface": 3}},
+            "steps": 14,
+            "hold": [{"group": "left"}],
+            "move": [
+                {
+                    "group": "right",
+                    "rotate": {"axis": [0, 1, 0], "through": [3, 0.5, 1], "angle": 2.8},
+                }
+            ],
+        },
+    }
+    result = fem_snh.run(scenes.validate(CLIP | tables[scene], scene), progress=False)
+    assert [row["reason"] for row in result.steps] == ["CONVERGED_FNORM_ABS"] * len(result.steps)
+    assert len(result.steps) == tables[scene]["steps"]
+    assert result.steps[-1]["self_contact"]["pairs"] > 0
 
 
 @mpi

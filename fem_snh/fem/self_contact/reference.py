@@ -79,30 +79,31 @@ class ReferenceContact:
         self._search = TargetSearch(V, self.surface, regions, stiffness, is_lattice)
         self._matrix = SurfaceMatrix(self.surface)
         self.pairs, self.rounds = ContactPairs.none(), 0
-        self._penetration, self._coupled = 0.0, False
-        self._stale, self._stepped = True, False
+        self._penetration, self._coupled, self._stale = 0.0, False, True
 
     def set_load(self, load: float) -> None:
-        """Search again at the next evaluation, if nothing calls `begin_step`."""
-        self._stale |= not self._stepped
+        """Search again at the next evaluation, that of the predicted displacement of a step."""
+        self._stale = True
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the springs [J]. Collective."""
-        return self.pairs.energy(self._positions(u))
+        pairs, x = self._present(u)
+        return pairs.energy(x)
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
-        forces = self._matrix.nodal(self.pairs.gradient(self._positions(u)))
+        pairs, x = self._present(u)
+        forces = self._matrix.nodal(pairs.gradient(x))
         self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
-        x = self._positions(u)
+        pairs, x = self._present(u)
         if not self._coupled:
             self._coupled = True
-            pattern = self._matrix.blocks(self.pairs.pattern(len(x)))
+            pattern = self._matrix.blocks(pairs.pattern(len(x)))
             if not self._matrix.contains(pattern):
                 self._matrix.replace(pattern)
         return self._matrix.pairs
@@ -112,7 +113,8 @@ class ReferenceContact:
     ) -> int:
         """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
         choose("filter", filter, FILTERS)
-        self._matrix.add(self._matrix.blocks(self.pairs.hessian(self._positions(u))), target)
+        pairs, x = self._present(u)
+        self._matrix.add(self._matrix.blocks(pairs.hessian(x)), target)
         return 0
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
@@ -122,11 +124,11 @@ class ReferenceContact:
         of the springs' forces, as lengths; ``stiffness`` [Pa/m], their mean; ``rounds``, how often
         the step was solved.
         """
-        x = self._positions(u)
+        pairs, x = self._present(u)
         row = {
-            "pairs": int((self.pairs.gaps(x) < 0).sum()),
+            "pairs": int((pairs.gaps(x) < 0).sum()),
             "penetration": self._penetration,
-            "force": float(self.pairs.forces(x).sum()),
+            "force": float(pairs.forces(x).sum()),
             "stiffness": self._search.stiffness,
             "rounds": self.rounds,
         }
@@ -147,13 +149,17 @@ class ReferenceContact:
         forces : (n,)
             Their forces [N].
         """
-        forces = self.pairs.forces(self._positions(u))
-        samples, targets = self.pairs.ends(self.surface.points)
+        pairs, x = self._present(u)
+        forces = pairs.forces(x)
+        samples, targets = pairs.ends(self.surface.points)
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
-        """Search the targets at the next evaluation: that of the predicted displacement."""
-        self.rounds, self._stepped, self._stale = 0, True, True
+        """Search again at the next evaluation, that of the forces at the start of a time step.
+
+        These depend on the displacement ``u`` alone, so that a run that is resumed has the same.
+        """
+        self.rounds, self._stale = 0, True
 
     def update_lagged(self, u: PETSc.Vec) -> bool:
         """Search again; return whether to solve again. Collective.
@@ -163,22 +169,23 @@ class ReferenceContact:
         NotSettled
             On every rank, if the pairs still change after `MAX_ROUNDS` solves.
         """
-        x = self._positions(u)
-        before = self._matrix.nodal(self.pairs.gradient(x))
+        pairs, x = self._present(u)
+        before = self._matrix.nodal(pairs.gradient(x))
         self.rounds += 1
         new = self._search.find(local_values(u).reshape(-1, 3), x)
         self._penetration = max(0.0, float(-new.gaps(x).min(initial=0.0)))
-        self._set_pairs(self._updated(new, x))
-        after = self._matrix.nodal(self.pairs.gradient(x))
+        updated = self._updated(new, x)
+        after = self._matrix.nodal(updated.gradient(x))
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         change = np.abs(after - before).max(initial=0.0)
         if change <= _SETTLED * largest:
-            return False
+            return False  # the pairs stay, with which the forces are in equilibrium
         if self.rounds > MAX_ROUNDS:
             raise NotSettled(
                 f"self_contact: the pairs still change after {self.rounds} solves, the forces by "
                 f"{change / largest:.2g} of the largest"
             )
+        self._set_pairs(updated)
         return True
 
     def end_step(self, u: PETSc.Vec) -> None:
@@ -207,11 +214,15 @@ class ReferenceContact:
     def _set_pairs(self, pairs: ContactPairs) -> None:
         self.pairs, self._coupled = pairs, False
 
-    def _positions(self, u: PETSc.Vec) -> Array:
-        """Return the positions of the surface's points; search if nothing did. Collective."""
+    def _present(self, u: PETSc.Vec) -> tuple[ContactPairs, Array]:
+        """Return pairs and positions of the surface's points; search if due. Collective.
+
+        Whoever takes the pairs from here has those of the same function as everybody else in the
+        solve, also where this call is the one that searches.
+        """
         values = local_values(u).reshape(-1, 3)
         x = self.surface.positions(values)
         if self._stale:
             self._stale = False
             self._set_pairs(self._search.find(values, x))
-        return x
+        return self.pairs, x
