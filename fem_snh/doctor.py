@@ -20,9 +20,10 @@ from fem_snh.errors import BadInput
 
 SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
 #: Packages that a solve imports; pictures and sweeps import theirs when they need them.
-NEEDED = "numpy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx gmsh".split()
-#: Packages that only some solves import: sympy if a kernel is generated, scipy for contact.
-FOUND = "scipy sympy".split()
+NEEDED = "numpy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx".split()
+#: Packages that only some solves import: gmsh for a built-in geometry, sympy if a kernel is
+#: generated, scipy for contact.
+FOUND = "gmsh scipy sympy".split()
 #: Packages that pip installs (pyproject.toml), besides pyvista, which has its own row.
 PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
 
@@ -41,7 +42,7 @@ def check() -> None:
             raise BadInput(f"{sys.executable} cannot import {name} ({reason}): {SETUP}") from None
     for name in FOUND:
         if find_spec(name) is None:
-            raise BadInput(f"{sys.executable} cannot import {name}: {SETUP}")
+            raise BadInput(f"{sys.executable} cannot import {name} (no such package): {SETUP}")
     from petsc4py import PETSc
 
     if PETSc.ScalarType().dtype.kind != "f":

@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from fem_snh.errors import BadInput, nearest, nearest_file
+from fem_snh.files import check_regular
 
 Function = Callable[..., Any]
 
@@ -63,6 +64,7 @@ def load_reference(reference: str, folder: Path | None = None) -> Function:
         raise BadInput(f"'{reference}': expected FILE.py:NAME, a function in a Python file")
     path = (folder or Path()) / file
     try:
+        check_regular(path)
         state = path.stat()
     except OSError as error:
         raise BadInput(

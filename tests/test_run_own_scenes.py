@@ -11,7 +11,7 @@ import fem_snh
 from fem_snh import solver
 from fem_snh.choices import GLOBALIZATIONS
 from fem_snh.errors import on_root
-from fem_snh.fem import gmsh_input
+from fem_snh.fem import gmsh_input, gmsh_model
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
 
 mpi = pytest.mark.mpi
@@ -54,7 +54,7 @@ def test_a_scene_made_in_python(comm):
 
 def own_mesh(path, scale=1.0):
     """The unit cube as a user's .msh, with numbered and named groups."""
-    with gmsh_input._session() as gmsh:
+    with gmsh_model._session() as gmsh:
         gmsh.onelab.setNumber("cells", [2.0])
         gmsh.open(str(gmsh_input.source_path("cube")))
         gmsh.model.mesh.generate(3)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -80,9 +79,7 @@ def run(argv: list[str]) -> int:
     if petsc:
         overrides["petsc"] = petsc
     scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
-    handler = signal.getsignal(signal.SIGINT)
     check()
-    signal.signal(signal.SIGINT, handler)  # importing gmsh 4.8 replaces the SIGINT handler
     from fem_snh.runs import run as solve
 
     result = solve(

@@ -213,7 +213,8 @@ def distribute(
             raise BadInput(f"{what}: {error}") from None
         except Exception as error:  # gmsh raises bare Exception; the other ranks wait for a result
             who = "gmsh" if type(error) is Exception else type(error).__name__
-            raise BadInput(f"{what}: {who}: {' '.join(str(error).split())}") from None
+            reason = " ".join(str(error).split()) or "failed without a reason, as without memory"
+            raise BadInput(f"{what}: {who}: {reason}") from None
         kept.append(data)
         return data._replace(cells=data.cells[:0], x=data.x[:0]), len(data.cells)
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from fem_snh.errors import BadInput
+from fem_snh.files import check_regular
 from fem_snh.plots.style import failure, from_zero, legend, legend_entry, style, subplots, thousands
 from fem_snh.render import one_line
 from fem_snh.render.records import pretty
@@ -28,6 +29,7 @@ MEASURES = {
 def read_table(path: Path) -> pd.DataFrame:
     """Return a CSV file as a table; raise BadInput if it cannot be read."""
     try:
+        check_regular(path)
         return pd.read_csv(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None

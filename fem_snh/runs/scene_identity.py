@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
+from fem_snh.files import file_digest
 from fem_snh.scenes import OBSTACLE_FILES, Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
@@ -51,8 +51,7 @@ def identity(scene: Scene) -> dict[str, Any]:
 def _digest(key: str, path: Path) -> str:
     """Return a short hash of a file's content. Raises BadInput if it cannot be read."""
     try:
-        with path.open("rb") as file:
-            return "sha256 " + hashlib.file_digest(file, "sha256").hexdigest()[:16]
+        return f"sha256 {file_digest(path)}"
     except OSError as error:
         raise BadInput(f"{key}: cannot read {path}: {error.strerror}") from None
 

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fem_snh.errors import BadInput, nearest_file, note_rename, unknown_name
+from fem_snh.files import read_text
 from fem_snh.materials import Reference
 from fem_snh.references import is_reference
 from fem_snh.scenes._bones import files_relative_to
@@ -104,7 +105,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Relative paths in it become relative to the working directory; the name is the file's stem.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path))
     except UnicodeDecodeError:
         raise BadInput(f"{path} is not valid TOML: it is not UTF-8 text") from None
     except (ValueError, RecursionError) as error:  # also a number of too many digits

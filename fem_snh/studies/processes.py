@@ -15,6 +15,7 @@ from typing import IO, Any
 
 import psutil
 
+from fem_snh.child_process import without_launcher
 from fem_snh.errors import BadInput
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
@@ -40,14 +41,12 @@ _MEMORY_INTERVAL = 0.25
 def environment() -> dict[str, str]:
     """Return this process's environment for a child that starts its own MPI.
 
-    If this process is an MPI rank itself, the variables of its launcher are removed: a child that
-    inherits them takes itself for that rank, and hangs.
+    If this process is an MPI rank itself, the variables of its launcher are removed.
     """
     env = dict(os.environ)
     if _is_rank():
-        launcher = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
         kept = {*_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's own
-        env = {key: v for key, v in env.items() if not key.startswith(launcher) or key in kept}
+        env = without_launcher(env, kept)
     if os.geteuid() == 0:
         env = _ROOT | env
     return _SHARING | env

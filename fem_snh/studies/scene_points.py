@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 from collections.abc import Iterable, Mapping
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
+from fem_snh.files import file_digest
 from fem_snh.references import file_of
 from fem_snh.studies.point import Point
 from fem_snh.studies.table import REQUESTED, measured_columns
@@ -90,8 +90,4 @@ def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str,
         files = (getattr(o, key) for o in each.obstacle for key in scenes.OBSTACLE_FILES)
         paths |= {path for path in files if path is not None}
         paths |= {path for bone in each.bone for path in bone.files.values()}
-    return {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-        for path in sorted(paths)
-        if path.suffix
-    }
+    return {str(path): file_digest(path) for path in sorted(paths) if path.suffix}

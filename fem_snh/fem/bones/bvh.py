@@ -11,6 +11,7 @@ import numpy as np
 
 from fem_snh.errors import BadInput, nearest_file, shown
 from fem_snh.fem.shapes.shape import Array
+from fem_snh.files import read_text
 
 #: The first letters of channels.
 AXES = "XYZ"
@@ -123,7 +124,7 @@ def read_bvh(path: str | Path) -> Clip:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise BadInput(f"motion.bvh = '{path}': expected a BVH file of UTF-8 text") from None
     except OSError as error:

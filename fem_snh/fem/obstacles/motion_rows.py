@@ -10,6 +10,7 @@ import numpy as np
 
 from fem_snh.errors import BadInput, nearest_file, shown, unknown_name
 from fem_snh.fem.shapes.shape import Array
+from fem_snh.files import read_text
 
 TRANSLATION = ("x", "y", "z")
 ROTATION = ("rx", "ry", "rz")
@@ -144,7 +145,7 @@ def read_rows(path: str | Path, with_bones: bool = False) -> MotionRows:
 def _read_cells(path: Path) -> list[tuple[int, list[str]]]:
     """Return the cells of each row with the number of its line."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise BadInput(f"motion = '{path}': expected a CSV file of UTF-8 text") from None
     except OSError as error:

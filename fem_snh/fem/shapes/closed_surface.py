@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,16 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import child_process
 from fem_snh.errors import BadInput, nearest_file
 from fem_snh.fem.shapes.shape import Array, Evaluation
+from fem_snh.fem.shapes.surface_file import NO_VTK, read_corners
+from fem_snh.files import open_file
 
 Triangles = npt.NDArray[np.int64]
 
 #: Distance, in parts of the surface's diagonal, below which the direction to the closest point is
 #: rounding error: VTK then gives the normal. Coordinates have 16 digits, directions need 6.
 _ON_SURFACE = 1e-10
-#: What VTK raises for and what a user installs.
-_NO_VTK = "surface = '{}': expected the package VTK: pip install 'fem_snh[pictures]'"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +67,12 @@ class ClosedSurface:
         """
         path = Path(path)
         try:
-            with path.open("rb") as file:
-                file.read(1)
+            with open_file(path) as file:
+                size = os.fstat(file.fileno()).st_size
         except OSError as error:
             near = nearest_file(path)
             raise BadInput(f"cannot read the surface {path}: {error.strerror}{near}") from None
-        corners = _read_corners(path)
+        corners = child_process.call("VTK", read_corners, path, size=size)
         points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         triangles = numbers.reshape(-1, 3)
         a, b, c = triangles.T
@@ -86,7 +88,7 @@ class ClosedSurface:
             from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
             from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
         except ImportError:
-            raise BadInput(_NO_VTK.format(self.path)) from None
+            raise BadInput(NO_VTK.format(self.path)) from None
         points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
         points.SetData(numpy_to_vtk(self.points, deep=True))
         cells.SetData(3, numpy_to_vtkIdTypeArray(self.triangles.ravel(), deep=True))
@@ -131,36 +133,6 @@ class ClosedSurface:
     def diagonal(self) -> float:
         """The diagonal of the surface's bounding box [length]."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
-
-
-def _read_corners(path: Path) -> Array:
-    """Return the corners (m, 3, 3) of the triangles of an STL or OBJ file."""
-    try:
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-        from vtkmodules.vtkCommonCore import vtkObject
-        from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-        from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
-    except ImportError:
-        raise BadInput(_NO_VTK.format(path)) from None
-    is_obj = path.suffix.lower() == ".obj"
-    warnings = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.SetGlobalWarningDisplay(0)  # VTK prints several lines; the message below is one
-    try:
-        reader: Any = vtkOBJReader() if is_obj else vtkSTLReader()
-        reader.SetFileName(str(path))
-        triangulated = vtkTriangleFilter()
-        triangulated.SetInputConnection(reader.GetOutputPort())
-        triangulated.Update()
-        surface = triangulated.GetOutput()
-    finally:
-        vtkObject.SetGlobalWarningDisplay(warnings)
-    if not surface.GetNumberOfPolys():
-        kind = "OBJ file with faces" if is_obj else "STL file with triangles"
-        raise BadInput(f"surface = '{path}': expected an {kind}, found none")
-    points = vtk_to_numpy(surface.GetPoints().GetData()).astype(float)
-    cells = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    corners: Array = points[cells]
-    return corners
 
 
 def check_closed(points: Array, triangles: Triangles, name: str) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
+from fem_snh.files import read_text
 from fem_snh.studies.tradeoff.errors import error_bound
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice
 
@@ -128,7 +129,7 @@ def _rows(scene: str, table: Path | None) -> tuple[str, list[dict[str, Any]]]:
     """Return the name of the table and its rows that have an error."""
     if table is not None:
         try:
-            return str(table), _parse(table.read_text(encoding="utf-8"), str(table))
+            return str(table), _parse(read_text(table), str(table))
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             raise BadInput(f"accuracy-table {table} cannot be read: {reason}") from None

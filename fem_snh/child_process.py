@@ -1,0 +1,149 @@
+"""Call a function in a process of its own, so that a library's crash does not end the program.
+
+gmsh and VTK can crash, hang at a prompt or print when they read a damaged file. This module imports
+only the standard library and fem_snh.errors; the child imports the function's module and no more.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Collection, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fem_snh.errors import BadInput
+
+T = TypeVar("T")
+
+#: Limits of memory [B] and of memory per byte of a file that is read: gmsh 4.8 needs 15 to 20 bytes
+#: per byte of a mesh of 384,000 tetrahedra (formats 2.2 and 4.1), VTK less.
+_MEMORY = 2 << 30, 100
+#: Limits of processor time [s] and of bytes read per second: gmsh 4.8 reads 17 to 59 MB/s.
+_SECONDS = 60, 100_000
+#: Prefixes of the variables by which an MPI launcher tells a process that it is a rank: those of
+#: Open MPI, PMIx, PRRTE, and of MPICH's Hydra.
+_LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
+
+
+def call(library: str, function: Callable[..., T], *args: Any, size: int | None = None) -> T:
+    """Return ``function(*args)``, called in a new process.
+
+    The process has no input, no output and no variables of an MPI launcher. The function is
+    imported by its name; it must not initialise MPI.
+
+    Parameters
+    ----------
+    library : str
+        The library that could crash, for the message.
+    function : callable
+        A function of a module of this package.
+    *args : Any
+        Its arguments; they and its result must be picklable.
+    size : int, optional
+        Bytes of the file that it reads, from which limits of its memory and its processor time
+        follow: a wrong number in a file can make a library allocate or loop without end.
+
+    Raises
+    ------
+    BadInput
+        If the process crashes or exceeds a limit.
+    Exception
+        What the function raises.
+    """
+    command = [sys.executable, "-P", "-m", __name__]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=_environment()
+    )
+    assert process.stdin and process.stdout
+    outcome: tuple[bool, Any] | None = None
+    try:
+        with process.stdout, process.stdin:
+            limits = None if size is None else _limits(size)
+            pickle.dump(
+                (limits, function.__module__, function.__qualname__, args), process.stdin, 5
+            )
+            process.stdin.close()
+            outcome = pickle.load(process.stdout)
+    except (BrokenPipeError, EOFError, pickle.UnpicklingError):
+        pass  # it ended early; its exit code says how
+    except BaseException:  # a keyboard interrupt
+        process.kill()
+        raise
+    finally:
+        process.wait()
+    if outcome is None:
+        raise BadInput(f"{library} {_ending(process.returncode)}: expected undamaged input")
+    succeeded, value = outcome
+    if not succeeded:
+        raise value
+    result: T = value
+    return result
+
+
+def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -> dict[str, str]:
+    """Return environment variables without those of an MPI launcher, but for some to keep.
+
+    A child that inherits them takes itself for that rank, and hangs.
+    """
+    return {k: v for k, v in variables.items() if not k.startswith(_LAUNCHER) or k in kept}
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the child, which imports from where this process does."""
+    package = str(Path(__file__).resolve().parents[1])
+    paths = dict.fromkeys([*(path for path in sys.path if path), package])
+    variables = {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
+    return without_launcher(os.environ) | variables
+
+
+def _limits(size: int) -> tuple[int, int]:
+    """Return the limits of memory [B] and processor time [s] to read a file of ``size`` bytes."""
+    return _MEMORY[0] + _MEMORY[1] * size, _SECONDS[0] + size // _SECONDS[1]
+
+
+def _ending(code: int) -> str:
+    """Return how a process ended, in words."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    if -code == signal.SIGXCPU:
+        return "found no end of it"
+    try:
+        return f"crashed ({signal.Signals(-code).name})"
+    except ValueError:  # a real-time signal
+        return f"crashed (signal {-code})"
+
+
+def _serve() -> None:
+    """Call the function that standard input names, and write its outcome to standard output."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # no core file in the user's folder
+    limits, module, name, args = pickle.load(sys.stdin.buffer)
+    for number, limit in zip(
+        (resource.RLIMIT_DATA, resource.RLIMIT_CPU), limits or (), strict=False
+    ):
+        hard = resource.getrlimit(number)[1]
+        resource.setrlimit(number, (limit if hard < 0 else min(limit, hard), hard))
+    # Libraries read standard input for prompts and print to standard output.
+    result = os.fdopen(os.dup(1), "wb")
+    null = os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)
+    os.dup2(null, 1)
+    try:
+        outcome = True, getattr(import_module(module), name)(*args)
+    except Exception as error:
+        outcome = False, error
+    with result:
+        pickle.dump(outcome, result, 5)
+        result.flush()
+    os._exit(0)  # without a library's destructors, which can crash after a damaged file
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,0 +1,48 @@
+"""Files that a user names: only regular ones are opened."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import stat
+from io import BufferedReader
+from pathlib import Path
+
+_KINDS = {
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFCHR: "a character device",
+    stat.S_IFBLK: "a block device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def check_regular(path: str | Path) -> None:
+    """Raise OSError unless a path leads to a regular file, whose text is its ``strerror``.
+
+    Opening a FIFO waits for a writer, and reading a device need not end.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "no file")
+        raise OSError(errno.EINVAL, f"it is {kind}, expected a regular file", str(path))
+
+
+def open_file(path: str | Path) -> BufferedReader:
+    """Open a regular file to read bytes. Raises OSError, as `check_regular` and ``open`` do."""
+    check_regular(path)
+    return open(path, "rb")
+
+
+def read_text(path: str | Path, encoding: str = "utf-8") -> str:
+    """Return the text of a regular file. Raises OSError and UnicodeDecodeError."""
+    check_regular(path)
+    return Path(path).read_text(encoding=encoding)
+
+
+def file_digest(path: str | Path) -> str:
+    """Return a short hash of a regular file's content, 16 digits of its SHA-256. Raises OSError."""
+    with open_file(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]

@@ -1,0 +1,153 @@
+"""Files of users that would execute commands, crash a library or never end: one line each."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import pytest
+from gmsh_files import BOX, write_msh
+
+from fem_snh import child_process
+from fem_snh.errors import BadInput
+from fem_snh.fem import mesh
+from fem_snh.fem.bones import read_bvh
+from fem_snh.fem.obstacles.motion_rows import read_rows
+from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.references import load_reference
+from fem_snh.runs.scene_identity import _digest
+from fem_snh.scenes import load
+
+# Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.
+INVALID_NODE = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+0 0 0 1
+1 0 0 0 1 1 1 0 0
+$EndEntities
+$Nodes
+1 3 1 3
+3 1 0 3
+1
+2
+3
+0 0 0
+1 0 0
+0 1 0
+$EndNodes
+$Elements
+1 1 1 1
+3 1 4 1
+1 -1 1 2 3
+$EndElements
+"""
+
+
+@pytest.mark.mpi
+def test_the_options_beside_a_mesh_are_not_executed(
+    comm: MPI.Intracomm, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """gmsh executes m.msh.opt when it merges m.msh; nor does it take a numpy.py beside it."""
+    path = write_msh(comm, folder, BOX.replace("RECOMBINE", ""))
+    expected = mesh.read(comm, path)
+    monkeypatch.chdir(folder)
+    if comm.rank == 0:
+        Path("mesh.msh.opt").write_text(f'SystemCall "touch {folder}/executed";\n')
+        Path("numpy.py").write_text(f"open('{folder}/executed', 'w')\n")
+    comm.barrier()
+    assert mesh.read(comm, "mesh.msh").num_cells == expected.num_cells
+    assert not (folder / "executed").exists()
+
+
+@pytest.mark.mpi
+def test_a_mesh_that_crashes_gmsh_is_one_line_on_every_rank(
+    comm: MPI.Intracomm, folder: Path
+) -> None:
+    if comm.rank == 0:
+        (folder / "bad.msh").write_text(INVALID_NODE)
+    comm.barrier()
+    with pytest.raises(BadInput, match=r"^mesh '.*bad.msh': gmsh") as caught:
+        mesh.read(comm, folder / "bad.msh")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("face", ["1/9999 2/1 3/1", "1 2 9999", "1//9 2 3", "-9 1 2"])
+def test_faces_without_their_points(tmp_path: Path, face: str) -> None:
+    """VTK ends the process for the first one."""
+    path = tmp_path / "a.obj"
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n")
+    with pytest.raises(BadInput) as caught:
+        ClosedSurface.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def read_mesh(path: Path) -> Any:
+    return mesh.read(MPI.COMM_SELF, path)
+
+
+@pytest.mark.parametrize(
+    ("read", "suffix"),
+    [
+        (read_mesh, ".msh"),
+        (ClosedSurface.read, ".stl"),
+        (read_rows, ".csv"),
+        (read_bvh, ".bvh"),
+        (load, ".toml"),
+        (lambda path: load_reference(f"{path}:energy"), ".py"),
+        (lambda path: _digest("mesh", path), ".msh"),
+    ],
+)
+def test_what_is_no_regular_file(tmp_path: Path, read: Any, suffix: str) -> None:
+    """Opening a FIFO would wait for its writer, and /dev/zero never ends."""
+    fifo, device = tmp_path / f"fifo{suffix}", tmp_path / f"device{suffix}"
+    os.mkfifo(fifo)
+    device.symlink_to("/dev/zero")
+    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
+        read(fifo)
+    with pytest.raises(BadInput, match="it is a character device, expected a regular file"):
+        read(device)
+    with pytest.raises(BadInput, match="Is a directory"):
+        (tmp_path / f"folder{suffix}").mkdir()
+        read(tmp_path / f"folder{suffix}")
+
+
+def test_a_size_that_no_memory_holds(tmp_path: Path) -> None:
+    """gmsh allocates what the file announces, and fills it."""
+    (tmp_path / "bad.msh").write_text(INVALID_NODE.replace("1 3 1 3\n3", "1 3 1 3\n99999999999"))
+    with pytest.raises(BadInput, match=r"^mesh '.*bad.msh': gmsh"):
+        read_mesh(tmp_path / "bad.msh")
+
+
+# --- functions in a process of their own --------------------------------------------------------
+
+
+def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert child_process.call("Python", divmod, 17, 5) == (3, 2)
+    big = bytes(10**7)  # more than a pipe holds, both ways
+    assert child_process.call("Python", bytes, big) == big
+    with pytest.raises(ZeroDivisionError, match="by zero"):
+        child_process.call("Python", divmod, 1, 0)
+    with pytest.raises(EOFError):  # no prompt waits for an answer
+        child_process.call("Python", input, "?")
+    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
+    monkeypatch.setenv("PMIX_RANK", "1")
+    for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "OMPI_MCA_ess"):
+        assert child_process.call("Python", os.getenv, name) is None
+
+
+@pytest.mark.parametrize(
+    ("function", "args", "message"),
+    [
+        (ctypes.string_at, (0,), r"libc crashed \(SIGSEGV\)"),
+        (os.abort, (), r"libc crashed \(SIGABRT\)"),
+        (os._exit, (3,), "libc ended with exit code 3"),
+    ],
+)
+def test_a_crash_is_one_line(function: Any, args: Any, message: str) -> None:
+    with pytest.raises(BadInput, match=message):
+        child_process.call("libc", function, *args)
