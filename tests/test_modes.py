@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.errors import BadInput
 from fem_snh.fem import eigenproblem, modes
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
@@ -71,6 +72,20 @@ def test_mass_is_that_of_the_body_and_consistent(element):
         set_values(p, lambda X: X**2)  # the integral of x^4 + y^4 + z^4
         M.mult(p.x, y)
         assert p.x.dot(y) == pytest.approx(8.0 * 3 * 0.5**7 / 5, rel=1e-12)
+
+
+def test_an_eigenpair_with_a_large_residual_is_refused(monkeypatch):
+    """SLEPc reports convergence; the values are a hundredth off, as with inaccurate factors."""
+    lowest = eigenproblem.Eigenproblem.lowest
+
+    def inaccurate(self, count):
+        values, vectors = lowest(self, count)
+        return 1.01 * values, vectors
+
+    monkeypatch.setattr(eigenproblem.Eigenproblem, "lowest", inaccurate)
+    p = problem(cube(MPI.COMM_SELF, "hexahedron", 3), "Q1", hold=[Hold("left")])
+    with pytest.raises(BadInput, match=r"modes: an eigenpair has the relative residual \S+, more"):
+        modes.lowest(p, 2.0, 3)
 
 
 def timoshenko(ratio, nu, count):

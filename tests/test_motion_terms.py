@@ -12,7 +12,7 @@ from motions import advance, equal_steps, moving, run
 from fem_snh import _dolfinx
 from fem_snh.choices import INTEGRATORS, MASSES
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
+from fem_snh.fem import mesh, nodal_mass
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.ghosted_vectors import add_ghosts, local_values, update_ghosts, writable_values
 from fem_snh.fem.nodal_mass import NodalMass
@@ -74,6 +74,14 @@ def test_lumped_mass(element):
     if ELEMENTS[element].degree == 1:
         sums = applied(V, consistent, np.ones_like)
         np.testing.assert_allclose(ones.array_r, sums.array_r, rtol=1e-12)
+
+
+def test_an_acceleration_that_is_not_solved_for_is_refused(monkeypatch):
+    """The KSP reports convergence at a relative tolerance of 0.5: the residual itself decides."""
+    monkeypatch.setattr(nodal_mass, "_RTOL", 0.5)
+    p, d = in_motion("P2", started=False)
+    with pytest.raises(BadInput, match=r"mass matrix: .* relative residual of 0\.\d+ \(reason 2\)"):
+        d.start(p, lambda X: 0.1 * X)
 
 
 def test_density_is_required():

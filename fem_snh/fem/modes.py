@@ -24,6 +24,10 @@ from fem_snh.errors import BadInput
 from fem_snh.fem.eigenproblem import Eigenproblem
 from fem_snh.fem.problem import Problem
 
+#: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,
+#: which are those of the pencil only as far as the factors are accurate.
+_LARGEST_RESIDUAL = 1e-4
+
 
 @dataclass
 class Modes:
@@ -85,7 +89,8 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
     Raises
     ------
     BadInput
-        On every rank: see `check`; or if SLEPc does not converge.
+        On every rank: see `check`; or if SLEPc does not converge, or its eigenpairs have a large
+        residual.
     """
     start, assembly_seconds = perf_counter(), problem.seconds["assemble"]
     check(problem, count)
@@ -93,6 +98,12 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
         eigenproblem = Eigenproblem(problem, density, prefix)
         values, vectors = eigenproblem.lowest(count)
     problem.seconds["assemble"] = assembly_seconds  # assembly here counts as time of the modes
+    residuals = [eigenproblem.residual(*pair) for pair in zip(values, vectors, strict=True)]
+    if not max(residuals) <= _LARGEST_RESIDUAL:
+        raise BadInput(
+            f"modes: an eigenpair has the relative residual {max(residuals):.2g}, "
+            f"more than {_LARGEST_RESIDUAL:g}: the factors of MUMPS are not accurate enough"
+        )
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
     mass = eigenproblem.density * problem.length**3
     return Modes(
@@ -100,7 +111,7 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
         eigenproblem.density,
         mass,
         frequencies.tolist(),
-        [eigenproblem.residual(*pair) for pair in zip(values, vectors, strict=True)],
+        residuals,
         [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors],
         perf_counter() - start,
     )

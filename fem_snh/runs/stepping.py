@@ -159,6 +159,7 @@ class Stepper:
             "linear": predicted + sum(i.linear for i in history),
             "lbfgs": sum(i.lbfgs for i in history),
             "residual": outcome.residual,
+            **self._linear_residual(outcome),
             **self._energies(load, to),
             **(self.pressures.row() if self.pressures else {}),
             **estimate,
@@ -177,6 +178,12 @@ class Stepper:
         self.seconds += perf_counter() - start
         self.processor += process_time() - processor_start
         return self._last
+
+    @staticmethod
+    def _linear_residual(outcome: solver.Outcome) -> dict[str, float]:
+        """Return the relative residual of a linearised step's linear system."""
+        found = outcome.linear_residual
+        return {} if found is None else {"linear_residual": found}
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""

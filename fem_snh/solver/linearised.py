@@ -13,7 +13,6 @@ from fem_snh.solver.protocol import NonlinearProblem
 from fem_snh.solver.reasons import linear_failure
 from fem_snh.solver.step import Iteration, State
 
-_MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
 #: Length of the central difference along the boundary's motion, relative to the body: about the
 #: cube root of the rounding error, where truncation and rounding are balanced.
 _DIFFERENCE = 1e-6
@@ -45,8 +44,11 @@ def linearised_residual(problem: NonlinearProblem) -> PETSc.Vec:
 class SemiImplicit:
     """Semi-implicit Euler: one linearised step of backward Euler (Baraff & Witkin 1998).
 
-    Hessian and linear solver are those of the SNES, without forcing terms: the relative tolerance
-    of the linear solve is ``-ksp_rtol``. There is no line search.
+    Hessian and linear solver are those of the SNES, without forcing terms. The residual of the
+    linear system, computed in double precision, must not exceed ``-ksp_rtol`` times its right-hand
+    side, or what rounding permits. A solution that misses it is refined; then sparse factors
+    replace the linear solver, unless the user chose it; otherwise the step fails. There is no line
+    search.
 
     Parameters
     ----------
@@ -63,21 +65,30 @@ class SemiImplicit:
         problem, x = self._problem, self._problem.x
         start, d = State(x, linearised_residual(problem)), x.duplicate()
         # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
-        direction = self._snes.getPythonContext().direction(self._snes, ForcingTerm(0.0))
+        direction = self._snes.getPythonContext().direction(self._snes, ForcingTerm(0.0), True)
         found = direction.compute(start, d)
         norm = start.residual.norm()
         iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
-        linear = self._snes.getKSP()
-        stopped = linear.getConvergedReason() == _MAX_IT
-        if norm > 0 and (found.slope is None or stopped):
-            reason, lack = linear_failure(linear), factors_out_of_memory(linear.getPC())
-            return Outcome(False, reason, norm, [iteration], lack)
-        x.axpy(1.0, d)
+        outcome = Outcome(False, "CONVERGED_ITS", norm, [iteration])
+        outcome.linear_residual = found.residual
+        if norm > 0 and (found.slope is None or found.lack):
+            linear = self._snes.getKSP()
+            outcome.reason = linear_failure(linear, found)
+            outcome.out_of_memory = found.out_of_memory or factors_out_of_memory(linear.getPC())
+            return outcome
+        if norm > 0:
+            x.axpy(1.0, d)
         problem.prescribe(x)
         if problem.has_energy and not isfinite(problem.energy(x)):
-            return Outcome(False, "DIVERGED_FUNCTION_DOMAIN", norm, [iteration])
+            outcome.reason = "DIVERGED_FUNCTION_DOMAIN"
+            return outcome
         problem.residual(x, start.residual)
-        norm = start.residual.norm()
-        if not isfinite(norm):
-            return Outcome(False, "DIVERGED_FNORM_NAN", norm, [iteration])
-        return Outcome(True, "CONVERGED_ITS", norm, [iteration])
+        outcome.residual = start.residual.norm()
+        outcome.converged = isfinite(outcome.residual)
+        if not outcome.converged:
+            outcome.reason = "DIVERGED_FNORM_NAN"
+        elif found.remedy:
+            outcome.reason += f": {found.remedy}"
+        # petsc4py frees dropped objects only when told to, for each communicator.
+        PETSc.garbage_cleanup(x.comm)
+        return outcome

@@ -192,17 +192,21 @@ class ProjectedNewton:
         ordinary = LineSearchNewton(direction, line_search)
         return TrustRegion(ordinary, ksp, quasi_newton, self.options)
 
-    def direction(self, snes: PETSc.SNES, forcing: ForcingTerm) -> SearchDirection:
-        """Return the search directions of one solve."""
+    def direction(
+        self, snes: PETSc.SNES, forcing: ForcingTerm, accurate: bool = False
+    ) -> SearchDirection:
+        """Return the search directions of one solve; see `SearchDirection` for ``accurate``."""
 
         def assemble(x: PETSc.Vec, filter: str) -> int:
             self._filter = filter
             snes.computeJacobian(x, *snes.getJacobian()[:2])
             return self._filtered_points
 
+        # A linear solver that the user chose is not replaced.
         return self.search_direction(
-            snes, assemble, self._line_search(snes), forcing, self.options, self.saddle_point
-        )
+            snes, assemble, self._line_search(snes), forcing, self.options, self.saddle_point,
+            bool(self.linear_choice.reason) and not self.linear_choice.direct, accurate,
+        )  # fmt: skip
 
     def _line_search(self, snes: PETSc.SNES) -> LineSearch:
         """Return the line search of one solve: on the energy, or on a saddle point's merit."""

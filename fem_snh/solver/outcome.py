@@ -25,6 +25,8 @@ class Outcome:
         The iterations of all solves.
     out_of_memory : bool
         Whether it failed for want of memory, so that a shorter step fails as well.
+    linear_residual : float or None
+        The relative residual of the linear system of a linearised step.
     """
 
     converged: bool = False
@@ -32,6 +34,7 @@ class Outcome:
     residual: float = 0.0
     history: list[Iteration] = field(default_factory=list)
     out_of_memory: bool = False
+    linear_residual: float | None = None
 
     def add_solve(self, snes: PETSc.SNES) -> None:
         """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""

@@ -8,6 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh._petsc import factors_out_of_memory
+from fem_snh.solver.step import Direction
 
 
 def converged_reason(snes: PETSc.SNES) -> str:
@@ -28,11 +29,14 @@ def failure_reason(snes: PETSc.SNES) -> str:
     return linear_failure(snes.getKSP())
 
 
-def linear_failure(ksp: PETSc.KSP) -> str:
+def linear_failure(ksp: PETSc.KSP, direction: Direction | None = None) -> str:
     """Return the reason of a step without a direction: "DIVERGED_LINEAR_SOLVE: " and its cause."""
     reason, linear = "DIVERGED_LINEAR_SOLVE", ksp.getConvergedReason()
     if factors_out_of_memory(ksp.getPC()):
         return f"{reason}: the factors do not fit into memory"
+    if direction and direction.lack:
+        factors = "; sparse factors do not fit into memory" if direction.out_of_memory else ""
+        return f"{reason}: {direction.lack}{factors}"
     if linear >= 0:
         return f"{reason}: no descent direction"
     return f"{reason}: {_name(PETSc.KSP.ConvergedReason, linear)}"

@@ -13,10 +13,11 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE, set_operators
 from fem_snh.solver.block_triangular import BlockTriangular
-from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.forcing import ForcingTerm, relative_tolerance
 from fem_snh.solver.line_search import SHORT, LineSearch
 from fem_snh.solver.options import Values
 from fem_snh.solver.protocol import SaddlePoint
+from fem_snh.solver.refinement import Solution, improve
 from fem_snh.solver.saddle_point import (
     Blocks,
     frozen_preconditioner,
@@ -62,6 +63,17 @@ class SearchDirection:
     options : dict
         See `fem_snh.solver.options.OPTIONS`.
     saddle_point : SaddlePoint, optional
+    factorise : bool
+        Whether sparse factors replace a linear solver that fails.
+    accurate : bool
+        Whether the direction is used as it is: its residual must reach the tolerance of the linear
+        solver. Newton's iterations need no accuracy, as the nonlinear residual decides.
+
+    Notes
+    -----
+    An inexact solution for a semidefinite matrix may be no descent direction (of a saddle-point
+    problem's merit function, or by rounding). It is improved until it is one (`improve`), and the
+    linear solves of the further iterations have the smallest relative tolerance, ``-ksp_rtol``.
     """
 
     def __init__(
@@ -72,8 +84,11 @@ class SearchDirection:
         forcing: ForcingTerm,
         options: Values,
         saddle_point: SaddlePoint | None = None,
+        factorise: bool = False,
+        accurate: bool = False,
     ) -> None:
         self.snes, self.assemble, self.forcing = snes, assemble, forcing
+        self._factorise, self._accurate = factorise, accurate
         self.hessian = str(options["snes_hessian"])
         self.line_search, self._saddle_point = line_search, saddle_point
         self._fallback = str(options["snes_adaptive_filter"])
@@ -144,21 +159,68 @@ class SearchDirection:
         self, A: PETSc.Mat, P: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, direction: Direction
     ) -> float | None:
         """Solve A d = -f; return the slope along d, or None if A showed negative curvature."""
-        ksp = self.snes.getKSP()
-        filtered = direction.filter in ("clamp", "abs") and self._saddle_point is None
+        ksp, semidefinite = self.snes.getKSP(), direction.filter in ("clamp", "abs")
+        filtered = semidefinite and self._saddle_point is None
         reason = self._apply(ksp, A, P, f, d, direction)
         if reason in _INDEFINITE and filtered and ksp.getType() == PETSc.KSP.Type.PYTHON:
             # A filtered matrix is indefinite only by rounding in single precision, where crushed
             # cells are a million times as stiff as their neighbours.
             self._apply(self._double_precision, A, P, f, d, direction)
-        elif reason in _INDEFINITE:
+        elif reason in _INDEFINITE and not semidefinite:
             return None
+        slope = self._slope(A, f, d, filtered)
+        last = semidefinite or (self.hessian == "exact" and direction.filter == "none needed")
+        if self._accurate or (slope is None and last):
+            return self._improved(A, P, f, d, direction, filtered)
+        return slope
+
+    def _slope(self, A: PETSc.Mat, f: PETSc.Vec, d: PETSc.Vec, filtered: bool) -> float | None:
+        """Return the slope along d, or None if it is no descent direction."""
         if filtered:
             slope = float(f.dot(d))  # the matrix is positive semidefinite
             return slope if slope < 0 else None
         Ad = f.duplicate()
         A.mult(d, Ad)
         return self.line_search.slope(f, d, Ad)
+
+    def _improved(
+        self,
+        A: PETSc.Mat,
+        P: PETSc.Mat,
+        f: PETSc.Vec,
+        d: PETSc.Vec,
+        direction: Direction,
+        filtered: bool,
+    ) -> float | None:
+        """Improve the solution ``d`` until it is accurate, or descends; return the slope along it.
+
+        Returns None if no solution is good enough.
+        """
+        ksp, slope = self.snes.getKSP(), None
+        rtol = ksp.getTolerances()[0]
+
+        def solve(residual: PETSc.Vec, step: PETSc.Vec, tolerance: float) -> None:
+            self._apply(ksp, A, P, residual, step, direction, tolerance)
+
+        def accept() -> bool:
+            nonlocal slope
+            slope = self._slope(A, f, d, filtered)
+            if self._accurate:
+                return solution.relative <= solution.attainable(rtol)
+            return slope is not None
+
+        solution = Solution(A, P, f, d)
+        first = solution.relative
+        accepted = improve(solution, solve, rtol, accept, self._factorise)
+        direction.linear += solution.linear
+        direction.residual, direction.out_of_memory = solution.relative, solution.out_of_memory
+        if solution.factorised:
+            direction.remedy = f"sparse factors, as iterations left {first:.2g} of the residual"
+        if self._accurate and not solution.relative <= solution.attainable(rtol):
+            direction.lack = f"relative residual {solution.relative:.2g} > ksp_rtol = {rtol:g}"
+        if not self._accurate:
+            self.forcing.maximum = min(self.forcing.maximum, rtol)
+        return slope if accepted else None
 
     def _apply(
         self,
@@ -168,10 +230,14 @@ class SearchDirection:
         f: PETSc.Vec,
         d: PETSc.Vec,
         direction: Direction,
+        rtol: float | None = None,
     ) -> int:
-        """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason."""
+        """Set ``d`` to the solution of A d = -f by ``ksp``; return its converged reason.
+
+        The relative tolerance is the forcing term unless ``rtol`` is given.
+        """
         d.set(0.0)
-        with self.forcing.applied(ksp):
+        with self.forcing.applied(ksp) if rtol is None else relative_tolerance(ksp, rtol):
             set_operators(ksp, outer_operator(ksp, A, P), P)
             ksp.solve(f, d)
         d.scale(-1.0)

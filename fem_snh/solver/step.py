@@ -51,12 +51,24 @@ class Direction:
         Quadrature points with a negative eigenvalue.
     linear : int
         Krylov iterations of all attempts.
+    residual : float or None
+        The relative residual of the linear system, if it was measured.
+    remedy : str
+        What replaced a linear solver that failed, and why; empty if nothing did.
+    lack : str
+        Why the solution is not accurate enough; empty if it is or need not be.
+    out_of_memory : bool
+        Whether sparse factors did not fit into memory.
     """
 
     slope: float | None = None
     filter: str = ""
     filtered_points: int = 0
     linear: int = 0
+    residual: float | None = None
+    remedy: str = ""
+    lack: str = ""
+    out_of_memory: bool = False
 
 
 @dataclass
