@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -203,13 +204,22 @@ def test_work_and_dissipation_balance():
     assert lost[1] < 0.4 * lost[0]
 
 
-def test_a_pattern_that_contact_extends():
-    """Mass and damping are added to the same entries after the matrix has further blocks."""
+def test_a_pattern_that_contact_changes():
+    """Mass and damping are added to the same entries after the pattern has grown and shrunk."""
     p, _ = in_motion("Q1")
     p.jacobian(p.x, "exact")
     before, total = dense(p.A), p.comm.allreduce(len(p.coordinates))
-    for other in (total - 1, total - 2):
-        pair = np.array([[0, other], [other, 0]])
-        p.matrix.couple([pair])
+    alone = p.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+
+    def couple(others):
+        """Couple the first node, in both directions; return the number of further entries."""
+        pairs = np.array([[(0, other), (other, 0)] for other in others]).reshape(-1, 2)
+        p.matrix.couple([pairs])
         p.jacobian(p.x, "exact")
         np.testing.assert_allclose(dense(p.A), before, rtol=0, atol=1e-12 * abs(before).max())
+        return p.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] - alone
+
+    last = total - 1 - np.arange(8)
+    assert couple(last[:1]) == 2 * 9
+    assert couple(last[1:7]) == 7 * 2 * 9
+    assert couple(last[7:]) == 2 * 9  # old pairs are dropped: they are more than twice as many

@@ -59,8 +59,13 @@ class StoredMatrix:
                 values[self._constrained[k]] = 0.0
 
     def _change_layout(self, matrix: BlockMatrix) -> None:
-        """Take the layout of a matrix whose pattern was extended, and keep the values."""
+        """Take the layout of a matrix whose pattern has changed, and keep the values.
+
+        The former pattern may have pairs of nodes that the new one lacks. They share no cell, so
+        their values here are zero.
+        """
         blocks = matrix.without_constraints()
+        blocks.mat.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
         blocks.mat.axpy(1.0, self.mat, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._blocks, self._layout, self.mat = blocks, matrix.layout, blocks.mat
         self._constrained = None

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from petsc4py import PETSc
 
+from fem_snh._petsc import set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.forcing import relative_tolerance
@@ -147,7 +148,7 @@ class Predictor:
         ksp = self.snes.getKSP()
         smallest = _SADDLE_RTOL if problem.saddle_point else _RTOL
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], smallest)):
-            ksp.setOperators(outer_operator(ksp, problem.operator, problem.A), problem.A)
+            set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)
             ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:
