@@ -1,5 +1,5 @@
 # %% [markdown]
-# # A biceps in two materials (Smith et al. 2018, Figure 10)
+# # Smith et al., Figure 10: a biceps in two materials
 #
 # A strong arm is flexed by 120°, in four steps, until the forearm meets the biceps: once with
 # Stable Neo-Hookean, and once with St. Venant-Kirchhoff and the compression resistance of

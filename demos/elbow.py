@@ -1,5 +1,5 @@
 # %% [markdown]
-# # A flexed elbow, as ν → 1/2 (Smith et al. 2018, Figure 2)
+# # Smith et al., Figure 2: a flexed elbow, as ν → 1/2
 #
 # An arm of two bones in flesh is flexed by a right angle. The bones are rigid, the joint between
 # them is soft. The smaller ν is, the more volume the flesh loses in front of the elbow; only as

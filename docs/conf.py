@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",  # equations are typeset without a network
     "sphinxcontrib.bibtex",
+    "sphinx_design",  # the grid of the gallery
     "generated",  # of this folder's _ext: tables made from the program
     "gallery",  # the demos as pages
     "short_names",  # links of docstrings to names of other modules

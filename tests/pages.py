@@ -7,7 +7,8 @@ scenes, commands of `fem-snh` in the same process. A block whose first line is a
 name of a file (`# gent.py`, `# squeeze.toml`, `// block.geo`) is that file. A comment above a block
 is its note: `<!-- exit code 1 -->` is what its command returns; `<!-- quick: OLD => NEW -->`
 replaces text of a Python block; the commands below `<!-- not run -->`, and those of the results
-pages, are left to test_docs_commands.py, or `<!-- not run: FILE does -->` to that test.
+pages, are left to test_docs_commands.py, or `<!-- not run: FILE does -->` to that test. On dolfinx
+0.5 a comment `# dolfinx 0.5: CODE` replaces the line before it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -174,11 +176,19 @@ def run(page: Path) -> None:
         if block.kind == "toml":
             _load(block)
         elif block.kind == "python" and not block.file_name:
-            code = "\n" * block.line + _quick(block)  # tracebacks name the page's line
+            # Tracebacks name the page's line.
+            code = "\n" * block.line + for_this_dolfinx(_quick(block))
             exec(compile(code, str(page), "exec"), namespace)
         elif block.kind in SHELL:
             for command, output in commands(block):
                 _command(page, block, command, output)
+
+
+def for_this_dolfinx(code: str) -> str:
+    """Return a program with the lines that dolfinx 0.5 needs, where it is installed."""
+    if "# dolfinx 0.5: " not in code or hasattr(import_module("dolfinx.fem"), "functionspace"):
+        return code
+    return re.sub(r"^.*\n# dolfinx 0\.5: (.*)", r"\n\1", code, flags=re.M)
 
 
 def _quick(block: Block) -> str:

@@ -1,8 +1,9 @@
 """The directive ``{generated} NAME [ARGUMENT]``: a part of a page made from the program itself.
 
 NAME is ``modules`` (the API of a package, the argument), ``commands`` (from the argparse parsers),
-``scene`` (from the pydantic schema), ``fields`` (of the output), ``petsc-options`` (from the
-solver's table), ``scenes`` or ``materials`` (the built-in ones).
+``scene`` (from the pydantic schema), ``fields`` (of the output), ``grid`` (of the pictures of the
+demos named by the argument), ``petsc-options`` (from the solver's table), ``scenes`` or
+``materials`` (the built-in ones).
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from generated import builtin, commands, fields, modules, petsc, scene
+from generated import builtin, commands, fields, grid, modules, petsc, scene
 
 WRITERS: dict[str, Callable[..., str]] = {
     "commands": commands.markdown,
     "fields": fields.markdown,
+    "grid": grid.markdown,
     "materials": builtin.materials,
     "modules": modules.markdown,
     "petsc-options": petsc.markdown,
