@@ -11,7 +11,11 @@ import numpy.typing as npt
 from fem_snh import solver
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import bad_value
-from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.fem.dolfinx_problem import (
+    check_materials,
+    create_dolfinx_problem,
+    listed_terms,
+)
 from fem_snh.fem.motion.dynamics import Dynamics
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material
@@ -87,9 +91,16 @@ class DynamicProblem(NonlinearProblem):
         rho_infinity: float | None = None,
         **arguments: Any,
     ) -> None:
+        check_materials(materials)
         if not materials:
-            raise bad_value("materials", dict(materials), "a material: inertia needs its density")
-        if any(getattr(term, "method", "") == "ipc" for term in arguments.get("terms", ())):
+            raise bad_value("materials", {}, "a material: inertia needs its density")
+        if not isinstance(densities, Mapping):
+            raise bad_value("densities", densities, "{material: density > 0}")
+        if unknown := [key for key in densities if key not in materials]:
+            raise bad_value("densities", unknown[0], "only keys of 'materials'")
+        if any(
+            getattr(term, "method", "") == "ipc" for term in listed_terms(arguments.get("terms"))
+        ):
             accepted = "reference: the first guess of a time step may intersect itself"
             raise bad_value("self_contact.method", "ipc", accepted)
         self._densities, self._duration, self._set_time = densities, duration, set_time

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.errors import NotSettled, choose
+from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material
@@ -34,7 +34,8 @@ class NonlinearProblem:
         hexahedra. Its values are the initial guess, and become the solution.
     materials : mapping of Material to ufl.Measure
         ``{m1: dx(1), m2: dx(2)}``: the cells that each material fills, by meshtags, or ``{m: dx}``.
-        The measures' ``quadrature_degree`` replaces that of the element. May be empty.
+        The measures' ``quadrature_degree`` replaces that of the element; other quadrature rules
+        are refused. May be empty.
     bcs : sequence of dolfinx DirichletBC, optional
         Dirichlet conditions on the displacement's space or on its components.
     terms : sequence of ufl.Form or SelfContact, optional
@@ -106,7 +107,8 @@ class NonlinearProblem:
         predictor: str = _PREDICTORS[0],
     ) -> None:
         choose("predictor", predictor, _PREDICTORS)
-        self._problem = self._create(u, materials, bcs or (), terms, element)
+        _check_options(petsc_options_prefix, petsc_options)
+        self._problem = self._create(u, materials, bcs, terms, element)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A = u, self._problem.x, self._problem.A
         with self._petsc_options():
@@ -190,3 +192,14 @@ class NonlinearProblem:
         """The options in PETSc's database: parts of the solver are set up when it solves."""
         with default_options(self._prefix, self._options):
             yield
+
+
+def _check_options(prefix: Any, options: Any) -> None:
+    """Raise BadInput unless the options are a mapping and the prefix is a text."""
+    if not isinstance(prefix, str):
+        raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")
+    if options is not None and not isinstance(options, Mapping):
+        raise bad_value("petsc_options", options, "a mapping of options without prefix to values")
+    for name in options or {}:
+        if not isinstance(name, str) or not name.strip("-"):
+            raise bad_value("petsc_options", name, "the name of a PETSc option, e.g. 'ksp_rtol'")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 
-from fem_snh.fem import elements
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.kernels.pointwise import material
@@ -48,7 +47,10 @@ THEORY = {
 def problem(body, element, nu, quadrature=None, E=1.0, **conditions):
     """Of the energy of eq. 13, whatever nu."""
     chosen = material("stable_neo_hookean", E=E, nu=nu, barrier=False)
-    return create_problem(body, elements.element(element, quadrature), chosen, **conditions)
+    kind = ELEMENTS[element]
+    if quadrature is not None:  # also one that a scene may not have
+        kind = replace(kind, quadrature=quadrature)
+    return create_problem(body, kind, chosen, **conditions)
 
 
 def poissons(*values):

@@ -64,6 +64,12 @@ def test_materials(body):
         ({"stable_neo_hookean": ufl.dx}, surface),
         ({SNH: two(1), SOFT: three(2)}, "'quadrature degrees 2, 3': expected the same"),
         ({}, "materials = {}: expected a material, or a term that is not linear in u"),
+        (
+            {SNH: dx, SOFT: dx(9)},
+            "[stable_neo_hookean] = 'dx(9)': expected a measure with at least",
+        ),
+        (None, "materials = None: expected {fem_snh.material(...): a measure dx of cells}"),
+        ([SNH], "expected {fem_snh.material(...): a measure dx of cells}"),
     ):
         assert expected in message(body.u, materials)
     facets = mesh.meshtags(body.domain, 2, np.array([0], np.int32), np.array([1], np.int32))
@@ -80,6 +86,75 @@ def test_conditions(body):
         body.u, {SNH: ufl.dx}, bcs=[3]
     )
 
+    for bcs in (body.bcs[0], 3, "x", {}):
+        assert "bcs = " in (found := message(body.u, {SNH: ufl.dx}, bcs=bcs))
+        assert "expected a list of conditions, [dolfinx.fem.dirichletbc(...), ...]" in found
+
+
+def tagged_top(body):
+    """A measure of the boundary, whose top has the tag 1; of several ranks not all have a part."""
+    top = mesh.locate_entities_boundary(body.domain, 2, lambda x: np.isclose(x[2], 1.0))
+    inside = np.setdiff1d(
+        mesh.locate_entities(body.domain, 2, lambda x: np.isclose(x[2], 0.5)), top
+    ).astype(np.int32)
+    facets, first = np.unique(np.concatenate([top, inside]), return_index=True)
+    values = np.where(first < len(top), 1, 5).astype(np.int32)
+    return ufl.Measure(
+        "ds", body.domain, subdomain_data=mesh.meshtags(body.domain, 2, facets, values)
+    )
+
+
+def test_measures_of_nothing(body):
+    """Each integral of a form has a facet, or a cell, on one of the ranks at least."""
+    ds, dx = tagged_top(body), ufl.Measure("dx", body.domain, subdomain_data=halves(body.domain))
+    work, v = body.u[2], ufl.TestFunction(body.V)[2]
+    nothing = "expected an integral over facets of the boundary; none has the tag "
+    for form, expected in (
+        (work * ds(8), f"terms[0] = 'ds(8)': {nothing}8"),
+        (v * ds(8), f"terms[0] = 'ds(8)': {nothing}8"),
+        (work * ds(1) + work * ds(8), f"terms[0] = 'ds(8)': {nothing}8"),
+        (work * ds((1, 8)), f"terms[0] = 'ds(8)': {nothing}8"),
+        (work * ds(5), f"terms[0] = 'ds(5)': {nothing}5"),  # tagged, but inside of the body
+        (work * dx(3), "terms[0] = 'dx(3)': expected an integral over cells; none has the tag 3"),
+        (work * ufl.ds(1), "terms[0] = 'ds(1)': expected a measure with subdomain_data"),
+    ):
+        assert expected in message(body.u, {SNH: ufl.dx}, terms=[form])
+    nodes = np.empty(0, np.int32)
+    empty = fem.dirichletbc(np.zeros(3), nodes, body.V)
+    expected = "bcs[1] = 'a condition on no dof': expected a condition on at least one node"
+    assert expected in message(body.u, {SNH: ufl.dx}, bcs=[body.bcs[0], empty])
+
+
+def test_measures_of_part_of_the_ranks(body):
+    """The tops of all ranks together give the resultant force, 1 per unit of the top."""
+    ds = tagged_top(body)
+    load = fem.Constant(body.domain, 1e-6)
+    problem = fem_snh.NonlinearProblem(
+        body.u, {SNH: ufl.dx}, bcs=body.bcs[:1], terms=[-load * body.u[2] * ds(1)]
+    )
+    problem.solve()
+    assert problem.solver.getConvergedReason() > 0
+    mean = fem.assemble_scalar(fem.form(body.u[2] * ds(1)))
+    assert 1e-7 < body.domain.comm.allreduce(mean) < 1e-5  # about load / E
+
+
+def test_quadrature(body):
+    """A rule that materials would ignore is refused, as is a degree with hourglass modes."""
+    for metadata, expected in (
+        ({"quadrature_degree": 1}, "quadrature = 1: expected a whole number from 2 to 30 with Q1"),
+        ({"quadrature_degree": True}, "quadrature_degree = True: expected a whole number"),
+        ({"quadrature_degree": "x"}, "quadrature_degree = 'x': expected a whole number"),
+        ({"quadrature_degree": [3]}, "quadrature_degree = [3]: expected a whole number"),
+        (
+            {"quadrature_rule": "vertex"},
+            "metadata['quadrature_rule'] = 'vertex': expected 'default'",
+        ),
+        ({"quadratur_degree": 3}, "unknown materials[stable_neo_hookean].metadata key"),
+    ):
+        assert expected in message(body.u, {SNH: ufl.dx(metadata=metadata)})
+    default = ufl.dx(metadata={"quadrature_rule": "default", "quadrature_degree": np.int64(4)})
+    assert fem_snh.NonlinearProblem(body.u, {SNH: default}, bcs=body.bcs)
+
 
 def test_terms(body):
     other = Press(unit_cube(body.domain.comm, 1))
@@ -90,6 +165,10 @@ def test_terms(body):
         (u[0] ** 2, "terms[0] = "),
     ):
         assert expected in message(u, {SNH: ufl.dx}, terms=[term])
+    for terms in (u[0] * ufl.dx, 3, {}, "x"):
+        assert "expected a list of UFL forms and SelfContact, [form, ...]" in message(
+            u, {SNH: ufl.dx}, terms=terms
+        )
 
 
 def test_choices(body):
@@ -99,3 +178,20 @@ def test_choices(body):
     assert "predictor = 'extrapolate': expected" in message(*arguments, predictor="extrapolate")
     options = {"snes_hessian": "positive"}
     assert "hessian = 'positive': expected" in message(*arguments, petsc_options=options)
+    assert "petsc_options = 3: expected a mapping" in message(*arguments, petsc_options=3)
+    assert "petsc_options_prefix = 3: expected a text" in message(
+        *arguments, petsc_options_prefix=3
+    )
+
+
+def test_motion(body):
+    def motion(*arguments, **keywords):
+        with pytest.raises(fem_snh.BadInput) as error:
+            fem_snh.DynamicProblem(*arguments, duration=1.0, **keywords)
+        return str(error.value)
+
+    dx = {SNH: ufl.dx}
+    assert "materials = None: expected {fem_snh" in motion(body.u, None, {SNH: 1.0})
+    assert "densities = None: expected {material: density > 0}" in motion(body.u, dx, None)
+    assert "densities = <stable_neo" in motion(body.u, dx, {SNH: 1.0, SOFT: 1.0})
+    assert "terms = 3: expected a list" in motion(body.u, dx, {SNH: 1.0}, terms=3)

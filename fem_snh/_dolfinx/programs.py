@@ -12,6 +12,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from fem_snh._dolfinx.facets import exterior_facets
 from fem_snh._dolfinx.meshes import num_owned
 
 Array = np.ndarray
@@ -58,21 +59,60 @@ def measure_cells(measure: Any, domain: Any) -> Array:
     ValueError
         If the measure has a subdomain but no data that says which cells are in it.
     """
-    owned, ids = num_owned(domain), measure.subdomain_id()
-    if ids == "everywhere":
+    owned = num_owned(domain)
+    if measure.subdomain_id() == "everywhere":
         return np.arange(owned, dtype=np.int32)
+    found = _tagged(measure, 3, _ids(measure))
+    cells = np.unique(np.concatenate([*found.values(), np.empty(0, np.int32)]))
+    return cells[cells < owned].astype(np.int32)
+
+
+def count_entities(integral: Any, domain: Any) -> dict[int, int]:
+    """Return how many entities of this rank each subdomain of an integral has, by its number.
+
+    They are cells of a ``dx``, exterior facets of a ``ds``; without subdomains the result is empty.
+
+    Raises
+    ------
+    ValueError
+        If the integral has subdomains but no data that says which entities are in them.
+    """
+    if integral.subdomain_id() in ("everywhere", "otherwise", ("everywhere",), ("otherwise",)):
+        return {}
+    dim = 3 if integral.integral_type() == "cell" else 2
+    known = np.arange(num_owned(domain)) if dim == 3 else exterior_facets(domain)[0]
+    counts = {}
+    for number, entities in _tagged(integral, dim, _ids(integral)).items():
+        # Since 0.8 a facet may be given by its cell and its number in that cell.
+        of_cells = dim == 2 and not hasattr(integral.subdomain_data(), "indices")
+        inside = entities.reshape(-1, 2) if of_cells else entities[np.isin(entities, known)]
+        counts[number] = len(inside)
+    return counts
+
+
+def _ids(measure: Any) -> list[int]:
+    """Return the numbers of a measure's or an integral's subdomains."""
+    try:
+        return [int(i) for i in np.atleast_1d(np.asarray(measure.subdomain_id(), dtype=object))]
+    except (TypeError, ValueError):
+        raise ValueError("a measure of numbered subdomains") from None
+
+
+def _tagged(measure: Any, dim: int, ids: Sequence[int]) -> dict[int, Array]:
+    """Return the entities of subdomains by number; raise ValueError if no data has them."""
     data = measure.subdomain_data()
-    ids = [int(i) for i in np.atleast_1d(ids)]
+    kind = "cells" if dim == 3 else "facets"
     if hasattr(data, "indices"):  # meshtags
-        if data.dim != 3:
-            raise ValueError("meshtags of cells")
-        cells = np.asarray(data.indices)[np.isin(data.values, ids)]
-    elif isinstance(data, Sequence):  # (id, cells) pairs, since 0.8
-        chosen = [np.asarray(entities) for i, entities in data if i in ids]
-        cells = np.unique(np.concatenate([*chosen, np.empty(0, np.int32)]))
-    else:
-        raise ValueError("a measure with subdomain_data (meshtags of the cells)")
-    return np.sort(cells[cells < owned]).astype(np.int32)
+        if data.dim != dim:
+            raise ValueError(f"meshtags of {kind}")
+        indices, values = np.asarray(data.indices), np.asarray(data.values)
+        return {i: indices[values == i] for i in ids}
+    if isinstance(data, Sequence):  # (id, entities) pairs, since 0.8
+        empty = np.empty(0, np.int32)
+        return {
+            i: np.concatenate([empty, *(np.asarray(e) for j, e in data if i == j)]) for i in ids
+        }
+    raise ValueError(f"a measure with subdomain_data (meshtags of the {kind})")
 
 
 def is_measure(measure: Any) -> bool:

@@ -12,14 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.errors import bad_value
+from fem_snh.errors import bad_value, check_whole, unknown_name
 from fem_snh.fem.boundary_conditions import Dirichlet
-from fem_snh.fem.elements import ELEMENTS, Element, element
+from fem_snh.fem.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, element
 from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region, check_partition
 from fem_snh.fem.self_contact.choice import SelfContact
 from fem_snh.fem.terms import Term, UFLTerm
+from fem_snh.fem.terms.ufl_term import check_form
 from fem_snh.fem.unknowns import create_unknowns
 from fem_snh.kernels.pointwise import Material
 
@@ -29,6 +30,12 @@ MoreTerms = Callable[[Any, Sequence[Region], Dirichlet], Sequence[Term]]
 
 #: Shear of the central difference in `_shear_modulus`: about the cube root of the rounding error.
 _SHEAR = 1e-5
+#: UFL's symbols of the integrals that a term may have, and what they integrate over.
+_SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
+_ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
+#: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
+_RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
+_DEFAULT_RULES = (None, "", "default")
 
 
 class DolfinxConditions:
@@ -55,6 +62,7 @@ class DolfinxConditions:
     ) -> None:
         self._bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
+        sizes = []
         for number, bc in enumerate(self._bcs):
             if not hasattr(bc, "dof_indices"):
                 raise bad_value(f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc")
@@ -63,7 +71,13 @@ class DolfinxConditions:
                 raise bad_value(f"bcs[{number}]", "a condition on another space", accepted)
             dofs = _dolfinx.bc_dofs(bc)
             # Not all ghosts of constrained nodes need be in a condition.
-            mask.array[dofs[dofs < mask.getLocalSize()]] = 1.0
+            owned = dofs[dofs < mask.getLocalSize()]
+            mask.array[owned] = 1.0
+            sizes.append(len(owned))
+        for number, size in enumerate(V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))):
+            if size == 0:
+                accepted = "a condition on at least one node of the mesh"
+                raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
         update_ghosts(mask)
         self.constrained: Array = local_values(mask).reshape(-1, 3) > 0
         self.dofs: Array = np.flatnonzero(mask.array_r)
@@ -93,7 +107,7 @@ def create_dolfinx_problem(
     u : dolfinx Function
         The displacement [m].
     materials : mapping of Material to ufl.Measure
-        The cells that each material fills, as ``dx`` or ``dx(1)``.
+        The cells that each material fills, as ``dx`` or ``dx(1)``: at least one.
     bcs : sequence of dolfinx DirichletBC
         The Dirichlet conditions.
     terms : sequence of ufl.Form or SelfContact
@@ -114,11 +128,17 @@ def create_dolfinx_problem(
         On every rank, for input that does not fit together.
     """
     check_displacement(u)
+    check_materials(materials)
+    bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
+    terms = listed_terms(terms)
     V = u.function_space
     chosen = _element(u, element_name, materials)
     regions = _regions(V.mesh, materials, densities or {})
     conditions = DolfinxConditions(V, bcs, on_load)
     forms = [(i, term) for i, term in enumerate(terms) if not isinstance(term, SelfContact)]
+    for i, form in forms:
+        check_form(form, u, f"terms[{i}]")
+        _check_integrals(form, f"terms[{i}]", V.mesh)
     ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in forms]
     if not regions and not any(term.has_hessian for term in ufl_terms):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
@@ -157,6 +177,45 @@ def check_displacement(u: Any) -> None:
         raise bad_value("u.function_space", str(V.ufl_element()), accepted)
 
 
+def check_materials(materials: Any) -> None:
+    """Raise BadInput unless ``materials`` maps materials to measures of cells."""
+    accepted = "{fem_snh.material(...): a measure dx of cells}"
+    if not isinstance(materials, Mapping):
+        raise bad_value("materials", materials, accepted)
+    for material, measure in materials.items():
+        if not isinstance(material, Material) or not _dolfinx.is_measure(measure):
+            raise bad_value("materials", {material: measure}, accepted)
+
+
+def listed_terms(terms: Any) -> Sequence[Any]:
+    """Return the terms, of None none; raise BadInput unless they are a list."""
+    return _listed("terms", terms, "a list of UFL forms and SelfContact, [form, ...]")
+
+
+def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
+    """Return a list or a tuple, of None an empty one; raise BadInput for anything else."""
+    if values is None:
+        return ()
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise bad_value(key, values, accepted)
+    return values
+
+
+def _check_integrals(form: Any, name: str, domain: Any) -> None:
+    """Raise BadInput if an integral of a form is over no cell or facet of any rank. Collective."""
+    for integral in form.integrals():
+        symbol = _SYMBOLS[integral.integral_type()]
+        try:
+            counts = _dolfinx.count_entities(integral, domain)
+        except ValueError as error:
+            raise bad_value(name, f"{symbol}({integral.subdomain_id()})", str(error)) from None
+        totals = domain.comm.allreduce(np.array([*counts.values()], dtype=np.int64))
+        for number, total in zip(counts, totals, strict=True):
+            if total == 0:
+                accepted = f"an integral over {_ENTITIES[symbol]}; none has the tag {number}"
+                raise bad_value(name, f"{symbol}({number})", accepted)
+
+
 def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Element:
     """The element by name or by the displacement's space, with the measures' quadrature degree."""
     V = u.function_space
@@ -165,16 +224,28 @@ def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Ele
     if name is not None and name not in fitting:
         accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on {cell}s"
         raise bad_value("element", name, accepted)
-    for material, measure in materials.items():
-        if not isinstance(material, Material) or not _dolfinx.is_measure(measure):
-            accepted = "{fem_snh.material(...): a measure dx of cells}"
-            raise bad_value("materials", {material: measure}, accepted)
-    degrees = {measure.metadata().get("quadrature_degree") for measure in materials.values()}
+    degrees = {_quadrature_degree(m, measure) for m, measure in materials.items()}
     if len(degrees) > 1:
         found = ", ".join(sorted(str(d) for d in degrees))
         raise bad_value("materials", f"quadrature degrees {found}", "the same for all measures")
-    quadrature = degrees.pop() if degrees else None
-    return element(name or fitting[0], None if quadrature is None else int(quadrature))
+    return element(name or fitting[0], degrees.pop() if degrees else None)
+
+
+def _quadrature_degree(material: Material, measure: Any) -> Any:
+    """Return the degree in a measure's metadata; raise BadInput for what would be ignored."""
+    known = {"quadrature_degree", *_RULE_KEYS}
+    key = f"materials[{material.name}].metadata"
+    for name, value in measure.metadata().items():
+        if name not in known:
+            raise unknown_name(f"{key} key", name, ("quadrature_degree",))
+        if name in _RULE_KEYS and value not in _DEFAULT_RULES:
+            accepted = "'default': materials have the quadrature rule of their element"
+            raise bad_value(f"{key}['{name}']", value, accepted)
+    degree = measure.metadata().get("quadrature_degree")
+    degree = degree.item() if isinstance(degree, np.integer) else degree
+    if degree is not None:
+        check_whole("quadrature_degree", degree, 1, MAX_QUADRATURE_DEGREE)
+    return degree
 
 
 def _regions(
@@ -188,10 +259,13 @@ def _regions(
             raise bad_value(f"materials[{material.name}]", found, "the mesh of the displacement")
         try:
             cells = _dolfinx.measure_cells(measure, domain)
-            regions.append(Region(material, cells, densities.get(material)))
         except ValueError as error:
             found = f"dx({measure.subdomain_id()})"
             raise bad_value(f"materials[{material.name}]", found, str(error)) from None
+        if domain.comm.allreduce(len(cells)) == 0:
+            found, accepted = f"dx({measure.subdomain_id()})", "a measure with at least one cell"
+            raise bad_value(f"materials[{material.name}]", found, accepted)
+        regions.append(Region(material, cells, densities.get(material)))
     if regions:
         check_partition(domain, regions)
     return regions

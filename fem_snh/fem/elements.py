@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value, check_whole, choose
 
 #: Highest quadrature degree: that of the last Xiao-Gimbutas rule on tetrahedra in basix.
 MAX_QUADRATURE_DEGREE = 30
@@ -36,6 +36,9 @@ class Element:
         Degree of the Lagrange displacement, 3 components per node.
     quadrature : int
         Degree of polynomials that the quadrature rule integrates exactly on the reference cell.
+    least : int
+        The lowest such degree with which the stiffness of one cell has no zero eigenvalues but
+        those of the six rigid motions.
     volume : {"pointwise", "mean", "cell_pressure", "pressure"}
         Treatment of the volume term.
     pressure_degree : int
@@ -46,6 +49,7 @@ class Element:
     cell: str
     degree: int
     quadrature: int
+    least: int
     volume: str = "pointwise"
     pressure_degree: int = 0
 
@@ -56,18 +60,19 @@ class Element:
 
 
 #: The elements with their default quadrature; docs/results/elements.md measures other degrees. On
-#: tetrahedra degree 3 (6 points) is the lowest that integrates J, a cell's volume, exactly.
+#: tetrahedra degree 3 (6 points) is the lowest that integrates J, a cell's volume, exactly. The
+#: least degrees follow from the eigenvalues of one cell (tests/test_element_modes.py).
 ELEMENTS = {
     e.name: e
     for e in (
-        Element("P1", "tetrahedron", 1, 1),  # 1 point: F is constant
-        Element("P2", "tetrahedron", 2, 2),  # 4 points, the fewest without spurious modes
-        Element("P2P0", "tetrahedron", 2, 3, "mean"),
-        Element("P2P1", "tetrahedron", 2, 3, "pressure", 1),
-        Element("Q1", "hexahedron", 1, 3),  # 2 x 2 x 2 points, as in Smith et al. 2018
-        Element("Q1P0", "hexahedron", 1, 3, "mean"),
-        Element("Q2", "hexahedron", 2, 5),  # 3 x 3 x 3 points
-        Element("Q2Q1", "hexahedron", 2, 5, "pressure", 1),
+        Element("P1", "tetrahedron", 1, 1, 1),  # 1 point: F is constant
+        Element("P2", "tetrahedron", 2, 2, 2),  # 4 points
+        Element("P2P0", "tetrahedron", 2, 3, 2, "mean"),
+        Element("P2P1", "tetrahedron", 2, 3, 2, "pressure", 1),
+        Element("Q1", "hexahedron", 1, 3, 2),  # 2 x 2 x 2 points, as in Smith et al. 2018
+        Element("Q1P0", "hexahedron", 1, 3, 2, "mean"),
+        Element("Q2", "hexahedron", 2, 5, 4),  # 3 x 3 x 3 points
+        Element("Q2Q1", "hexahedron", 2, 5, 4, "pressure", 1),
     )
 }
 
@@ -80,7 +85,8 @@ def element(name: str, quadrature: int | None = None) -> Element:
     name : str
         One of ELEMENTS.
     quadrature : int, optional
-        Quadrature degree, 1 to MAX_QUADRATURE_DEGREE. Default: the element's own.
+        Quadrature degree, from the element's least to MAX_QUADRATURE_DEGREE. Default: the
+        element's own.
 
     Raises
     ------
@@ -90,7 +96,10 @@ def element(name: str, quadrature: int | None = None) -> Element:
     found = ELEMENTS[choose("element", name, ELEMENTS)]
     if quadrature is None:
         return found
-    check_quadrature(quadrature)
+    check_whole("quadrature", quadrature, 1, MAX_QUADRATURE_DEGREE)
+    if quadrature < found.least:
+        accepted = f"a whole number from {found.least} to {MAX_QUADRATURE_DEGREE} with {name}: "
+        raise bad_value("quadrature", quadrature, accepted + "a lower degree leaves spurious modes")
     return replace(found, quadrature=quadrature)
 
 
@@ -101,10 +110,3 @@ def with_cell_pressures(element: Element) -> Element:
     mean J.
     """
     return replace(element, volume="cell_pressure")
-
-
-def check_quadrature(degree: int) -> None:
-    """Raise BadInput for a quadrature degree out of range."""
-    if not 1 <= degree <= MAX_QUADRATURE_DEGREE:
-        accepted = f"a whole number from 1 to {MAX_QUADRATURE_DEGREE}"
-        raise bad_value("quadrature", degree, accepted)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.fem.elements import ELEMENTS, element
 from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
@@ -28,6 +28,7 @@ _QUASI_STATIC = ("modes", "nu_continuation")
 
 def check_consistency(scene: Scene) -> None:
     """Raise BadInput for the first contradiction between keys of a scene."""
+    element(scene.element, scene.quadrature)
     check_tables(scene.table, dict(scene))
     if scene.cavity:
         _check_cavity(scene)

@@ -98,8 +98,9 @@ class Scene(Table):
     )
     quadrature: Degree | None = Field(
         default=None,
-        description="Polynomial degree that the quadrature rule integrates exactly; "
-        "default: the element's.",
+        description="Polynomial degree that the quadrature rule integrates exactly, at least the "
+        "lowest without spurious modes: 1 for P1, 4 for Q2 and Q2Q1, 2 for the others; default: "
+        "the element's.",
     )
     hessian: str | None = Field(
         default=None,
