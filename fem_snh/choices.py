@@ -6,6 +6,8 @@ from fem_snh.errors import bad_value, note_rename
 
 #: Eigenvalue filters of a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
+#: Those, and the clamped Hessian without the stiffness of spins, which damping has.
+POINT_FILTERS = (*FILTERS, "objective")
 
 #: Hessians of Newton's method: one filter throughout, or ``adaptive``: exact while the linear
 #: solver finds it positive definite, filtered when it does not.

@@ -159,6 +159,7 @@ class DynamicProblem(NonlinearProblem):
         else:
             before.copy(self.x)
             problem.set_load(load)
+            self.dynamics.cancel_step()
         self._write_solution()
         return bool(converged)
 

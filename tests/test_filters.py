@@ -36,6 +36,28 @@ def test_filters_against_numpy(m, kind, filter, solver):
     assert np.all(np.linalg.eigvalsh(found / size) >= -5e-15)
 
 
+@every_kind
+@every_material
+def test_the_objective_hessian_has_no_stiffness_of_spins(m, kind):
+    """The clamped one, projected by numpy onto what is orthogonal to W F for all skew W."""
+    m = make(*m)
+    F = deformations(KINDS[kind], seed=1)
+    clamped, found = m.hessian(F, "clamp"), m.hessian(F, "objective")
+    skew = np.zeros((3, 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[i, k, j], skew[i, j, k] = 1.0, -1.0
+    spins = np.einsum("wij,njk->nwki", skew, F).reshape(len(F), 3, 9)  # by columns
+    size = spread(clamped)[:, None]
+    moved = abs(np.einsum("nij,nwj->nwi", found, spins)).max(axis=1)
+    assert np.all(moved <= 1e-14 * size * abs(F).max(axis=(1, 2))[:, None])
+    assert np.all(np.linalg.eigvalsh(found / size[..., None]) >= -1e-14)
+    regular = np.linalg.svd(F, compute_uv=False)[:, 1] > 1e-2 * abs(F).max(axis=(1, 2))
+    basis = np.linalg.qr(np.swapaxes(spins[regular], 1, 2))[0]
+    kept = np.eye(9) - basis @ np.swapaxes(basis, 1, 2)
+    expected = kept @ clamped[regular] @ kept
+    assert np.all(abs(found[regular] - expected) <= 1e-13 * size[regular, None])
+
+
 @every_material
 def test_filters_leave_a_positive_definite_hessian_unchanged(m):
     m = make(*m)

@@ -78,47 +78,91 @@ def test_bodies_of_two_densities_fall_without_deformation(element, mass, damping
     assert d.dissipated == pytest.approx(0, abs=1e-12)
 
 
-def linear_mode(integrator: str, mass: str, steps: int = 40):
-    """Return (position, velocity / omega) of one mode after steps of omega h = 2 pi/40.
+#: Of an amplitude of 1: those of `advance`'s solvers.
+ACCURACY = dict.fromkeys(INTEGRATORS, 1e-12) | {"semi_implicit": 1e-10}
+#: omega h of the linear mode, and its number of steps: one period.
+ANGLE, PERIOD = 2 * pi / 40, 40
+
+
+def linear_mode(integrator: str, mass: str, damping: tuple[float, float], steps: int):
+    """Return (position, velocity / omega) of one mode after each step of omega h = ANGLE.
 
     One cell that is confined to move along z: its stress is linear in the stretch. The mass of the
-    moving face is a third of the cell's (consistent) or a half (lumped).
+    moving face is a third of the cell's (consistent) or a half (lumped). ``damping`` has the ratios
+    to critical damping of the mass's and of the stiffness's part.
     """
     E, nu, rho, amplitude = 3.0, 0.45, 2.0, 0.2
     modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     omega = np.sqrt(modulus / (rho * {"consistent": 1 / 3, "lumped": 1 / 2}[mass]))
     hold = [Hold("body", ("x", "y")), Hold("bottom")]
     fillings = [Filling(material("stable_neo_hookean", E=E, nu=nu), None, rho)]
-    p, d = moving(integrator, fillings=fillings, hold=hold, mass=mass,
-                  duration=steps * 2 * pi / 40 / omega)  # fmt: skip
+    factors = 2 * damping[0] * omega, 2 * damping[1] / omega
+    p, d = moving(integrator, fillings=fillings, hold=hold, mass=mass, damping=factors,
+                  duration=steps * ANGLE / omega)  # fmt: skip
     top = p.coordinates[:, 2] > 0.5
     p.x.array[: p.coordinates.size].reshape(-1, 3)[top, 2] = amplitude
     d.start(p)
-    run(p, d, steps)
-    v = d.v.x.array.reshape(-1, 3)[: len(top)]
-    found = p.comm.allgather(np.column_stack([displacement(p)[top, 2], v[top, 2] / omega]))
-    values = np.concatenate(found) / amplitude
-    assert np.ptp(values, axis=0).max() <= 1e-7
-    return values.mean(axis=0)
+    for _ in advance(p, d, equal_steps(steps)):
+        v = d.v.x.array.reshape(-1, 3)[: len(top)]
+        found = p.comm.allgather(np.column_stack([displacement(p)[top, 2], v[top, 2] / omega]))
+        values = np.concatenate(found) / amplitude
+        assert np.ptp(values, axis=0).max() <= ACCURACY[integrator]
+        yield values.mean(axis=0)
 
 
+def recurrence(integrator: str, ratio: float, steps: int):
+    """Return position and velocity of q'' + 2 ratio q' + q = 0 after each step of h = ANGLE.
+
+    The textbooks' formulas, as linear systems for (q, v, a); q = 1 and v = 0 at the start.
+    """
+    h, c = ANGLE, 2 * ratio
+    y = [np.array([1.0, 0.0, -1.0])]
+    rho = 0.8  # the default spectral radius
+    alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    if integrator == "newmark":
+        alpha_m = alpha_f = 0.0
+    gamma, beta = 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
+    balance = np.array([1.0, c, 1.0])  # q + c v + a
+    for n in range(steps):
+        (q, v, a), rows = y[-1], np.zeros((3, 3))
+        if integrator in ("newmark", "generalized_alpha"):  # Chung & Hulbert 1993, eq. 3 to 8
+            rows[0] = 1, 0, -beta * h**2
+            rows[1] = 0, 1, -gamma * h
+            rows[2] = balance * [1 - alpha_f, 1 - alpha_f, 1 - alpha_m]
+            right = [q + h * v + h**2 * (0.5 - beta) * a, v + h * (1 - gamma) * a]
+            right.append(-balance * [alpha_f, alpha_f, alpha_m] @ y[-1])
+        else:  # of the system of first order; BDF2 after a first step of backward Euler
+            bdf2 = integrator == "bdf2" and n > 0
+            k, known = (1.5, 2 * y[-1] - 0.5 * y[-2]) if bdf2 else (1.0, y[-1])
+            rows[0], rows[1], rows[2] = (k, -h, 0), (0, k, -h), balance
+            right = [known[0], known[1], 0.0]
+        y.append(np.linalg.solve(rows, right))
+    return np.array(y)[1:, :2]
+
+
+@pytest.mark.parametrize("damping", [(0.0, 0.0), (0.05, 0.1)], ids=["undamped", "damped"])
 @pytest.mark.parametrize("mass", MASSES)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_one_linear_mode(integrator, mass):
-    """Amplitude and phase after 40 steps; backward Euler 0.614165724, Newmark 1 and 6.270314."""
-    position, velocity = linear_mode(integrator, mass)
+def test_one_linear_mode(integrator, mass, damping):
+    """Each step is the integrator's own recurrence, also with a damping ratio of 0.15.
+
+    Undamped, after one period: amplitude 0.614165724 of backward Euler, phase 6.270314 of Newmark.
+    """
+    found = np.array(list(linear_mode(integrator, mass, damping, PERIOD)))
+    expected = recurrence(integrator, sum(damping), PERIOD)
+    assert abs(found - expected).max() <= ACCURACY[integrator]
+    position, velocity = found[-1]
     amplitude, phase = np.hypot(position, velocity), np.arctan2(-velocity, position) % (2 * pi)
+    if any(damping):
+        return
     if integrator in ("backward_euler", "semi_implicit"):
-        assert amplitude == pytest.approx((1 + (pi / 20) ** 2) ** -20, abs=1e-6)
-        assert amplitude == pytest.approx(0.614165724, abs=1e-6)
-        assert phase == pytest.approx(40 * atan(pi / 20), abs=1e-5)
+        assert amplitude == pytest.approx((1 + ANGLE**2) ** -20, abs=1e-10)
+        assert amplitude == pytest.approx(0.614165724, abs=1e-9)
+        assert phase == pytest.approx(40 * atan(ANGLE), abs=1e-10)
     elif integrator == "newmark":
-        assert amplitude == pytest.approx(1, abs=1e-6)
-        assert phase == pytest.approx(80 * atan(pi / 40), abs=1e-5)
-        assert phase == pytest.approx(6.270314, abs=1e-5)
-    else:
-        assert 0.97 < amplitude < 1
-        assert phase == pytest.approx(2 * pi, abs=0.1)
+        assert amplitude == pytest.approx(1, abs=1e-12)
+        assert phase == pytest.approx(80 * atan(ANGLE / 2), abs=1e-12)
+        assert phase == pytest.approx(6.270314, abs=1e-6)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bodies import Condition, Hold, dense, wave
 from motions import advance, equal_steps, moving, run
+from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
 from fem_snh.choices import INTEGRATORS, MASSES
@@ -111,10 +112,26 @@ def in_motion(element, integrator="generalized_alpha", started=True, **options):
     return p, d
 
 
+def turned(p, state, h):
+    """Return the rotation in h of each cell of the problem, by scipy: twice Cayley's half turn."""
+    nodes = _dolfinx.node_dofs(p.V)
+    x = (p.V.tabulate_dof_coordinates() + state.u.reshape(-1, 3))[nodes]
+    v, turns = state.v.reshape(-1, 3)[nodes], []
+    for r, velocity in zip(x - x.mean(axis=1, keepdims=True), v, strict=True):
+        rows = np.concatenate([np.cross(np.eye(3), a).T for a in r])  # w x r
+        w = np.linalg.lstsq(rows, velocity.ravel(), rcond=None)[0]
+        angle = 2 * np.arctan(h / 2 * np.linalg.norm(w))
+        turns.append(Rotation.from_rotvec(angle * w / np.linalg.norm(w)).as_matrix())
+    return np.reshape(turns, (-1, 3, 3))
+
+
 @pytest.mark.parametrize("mass", MASSES)
 @pytest.mark.parametrize("element", ["Q1", "P2P1"])
 def test_the_hessian_gets_mass_and_damping_without_constrained_dofs(element, mass):
-    """The difference with and without the terms is c M + c_v (alpha M + beta K), free dofs only."""
+    """The difference with and without the terms is c M + c_v (alpha M + beta K), free dofs only.
+
+    K is that of the cells at the step's start, turned with their spin to its end.
+    """
     p, d = in_motion(element, mass=mass)
     K = p.matrix.without_constraints()
     u0 = d._step.state.u
@@ -123,7 +140,8 @@ def test_the_hessian_gets_mass_and_damping_without_constrained_dofs(element, mas
     start.array[: d.mass.num_owned] = u0[: d.mass.num_owned]
     u, pressure = p.split(start)
     with K.adding():
-        p.elastic.add_hessian(u, pressure, "clamp", K)
+        turns = turned(p, d._step.state, d._step.size)
+        p.elastic.add_hessian(u, pressure, "objective", K, turns)
     p.jacobian(p.x, "exact")
     with_terms, free = dense(p.A), np.ones(p.A.getSize()[0], dtype=bool)
     first = p.A.getOwnershipRange()[0]
@@ -131,13 +149,13 @@ def test_the_hessian_gets_mass_and_damping_without_constrained_dofs(element, mas
     M = p.matrix.without_constraints()
     with M.adding():
         d.mass.add_to(M, 1.0)
-    with d._balance._without_terms():
-        p.jacobian(p.x, "exact")
+    rate, velocity = d._balance.inertia.acceleration.rate, d._step.formulas.velocity.rate
+    d._balance.inertia.acceleration = d._balance.damping.velocity = None
+    p.jacobian(p.x, "exact")
     found = with_terms - dense(p.A)
     is_u = np.zeros(p.x.getLocalSize(), dtype=bool)
     is_u[: d.mass.num_owned] = True
     keep = free & np.concatenate(p.comm.allgather(is_u))
-    rate, velocity = d._balance.inertia.acceleration.rate, d._step.formulas.velocity.rate
     expected = (rate + 0.3 * velocity) * dense(M.mat) + 0.2 * velocity * dense(K.mat)
     expected *= np.outer(keep, keep)
     assert abs(expected).max() > 1e-3
@@ -184,6 +202,70 @@ def test_history_continues_a_motion(integrator):
             )
         else:
             assert abs(one - other).max(initial=0) <= 1e-13
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_damping_of_an_unstressed_body_is_rayleighs(element):
+    """C = alpha M + beta K: a mode has the damping ratio (alpha / omega + beta omega) / 2."""
+    p, d = moving("newmark", element, cells=1 if ELEMENTS[element].degree == 2 else 2,
+                  duration=1.0, damping=(0.3, 0.2))  # fmt: skip
+    d.start(p)
+    d.begin_step(p, 0.5)
+    rate, velocity = d._step.formulas.acceleration.rate, d._step.formulas.velocity.rate
+    p.jacobian(p.x, "exact")
+    whole = dense(p.A)
+    d._balance.inertia.acceleration = d._balance.damping.velocity = None
+    p.jacobian(p.x, "exact")
+    K = dense(p.A)
+    M = p.matrix.without_constraints()
+    with M.adding():
+        d.mass.add_to(M, 1.0)
+    is_u = np.zeros(p.x.getLocalSize(), dtype=bool)
+    is_u[: d.mass.num_owned] = True
+    is_u = np.concatenate(p.comm.allgather(is_u))
+    found = ((whole - K - rate * dense(M.mat)) / velocity)[np.ix_(is_u, is_u)]
+    expected = (0.3 * dense(M.mat) + 0.2 * K)[np.ix_(is_u, is_u)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * abs(whole).max() / velocity)
+    assert abs(0.2 * K).max() > 1e-3
+
+
+EVERYWHERE = ("stable_neo_hookean", "fixed_corotational")
+TURNING = [(element, name) for element in ELEMENTS for name in EVERYWHERE]
+TURNING += [("P2", "stvk"), ("Q1", "neo_hookean"), ("Q1P0", "neo_hookean")]
+
+
+@pytest.mark.parametrize("element, name", TURNING)
+def test_damping_forces_of_a_turning_body(element, name):
+    """None for the velocity of a rotation; no torque, no force and a loss for any other.
+
+    The body is turned by 70 degrees and strained by a fifth; the axis of its spin is a third one,
+    and the step turns it by 40 degrees. The velocity is that at the step's end.
+    """
+    fillings = [Filling(material(name, E=1.0, nu=0.45), None, 2.0)]
+    p, d = moving("newmark", element, fillings=fillings, duration=1.0, damping=(0.0, 1.0))
+    turn = Rotation.from_rotvec([0.7, 0.9, -0.4]).as_matrix()
+    F = turn @ np.array([[1.2, 0.1, 0.0], [0.0, 0.95, 0.05], [0.0, 0.0, 0.9]])
+    X, owned = p.V.tabulate_dof_coordinates(), d.mass.num_owned
+    x = X @ F.T
+    p.x.array[:owned] = (x - X).ravel()[:owned]
+    w, h = np.array([0.3, -0.5, 0.4]), 1.0
+    d.start(p, lambda _: np.cross(w, x))
+    d.begin_step(p, h)
+    angle = 2 * np.arctan(h / 2 * np.linalg.norm(w))
+    end = x @ Rotation.from_rotvec(angle * w / np.linalg.norm(w)).as_matrix().T
+    balance = d._balance
+    other = wave(1.0)(X)
+    size = p.comm.allreduce(abs(balance.damping_forces(other.ravel())).max(initial=0), MPI.MAX)
+    assert size > 1e-3
+    for axis in np.eye(3):
+        rigid = np.cross(axis, end) + np.array([1.0, 2.0, 3.0])
+        force = balance.damping_forces(rigid.ravel())
+        assert abs(force).max(initial=0) <= 1e-12 * size
+    force = balance.damping_forces(other.ravel()).reshape(-1, 3)
+    own = end[: len(force)]
+    total = p.comm.allreduce(np.array([force.sum(axis=0), np.cross(own, force).sum(axis=0)]))
+    assert abs(total).max() <= 1e-12 * size
+    assert p.comm.allreduce(float(force.ravel() @ other.ravel()[:owned])) > 0.1 * size
 
 
 def test_work_and_dissipation_balance():

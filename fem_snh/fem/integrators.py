@@ -92,6 +92,10 @@ class StepFormulas:
         (k_1, k_0), the weights of a and a_0 in the balance of forces.
     old_forces : float
         kappa, the weight of the forces at the step's start.
+    tangent : float
+        The part of a step after which a body that turns steadily is where its ``velocity`` is
+        tangent to its path: 1/2 for the difference (u - u_0) / h, a chord, and 1 for a velocity of
+        the step's end.
     """
 
     velocity: Affine
@@ -100,6 +104,7 @@ class StepFormulas:
     error: tuple[float, float]
     inertia: tuple[float, float] = (1.0, 0.0)
     old_forces: float = 0.0
+    tangent: float = 1.0
 
 
 class Integrator(Protocol):
@@ -115,12 +120,15 @@ class Integrator(Protocol):
         Number of steps that its formulas contain.
     end_weight : float
         Weight of the forces at a step's end in the work that they do in the step.
+    uses_old_forces : bool
+        Whether the balance of a step contains the forces at its start.
     """
 
     name: str
     order: int
     num_steps: int
     end_weight: float
+    uses_old_forces: bool
 
     def formulas(self, h: float, state: State) -> StepFormulas:
         """Return the formulas of a step of h seconds from a state."""
@@ -129,7 +137,7 @@ class Integrator(Protocol):
 class BackwardEuler:
     """v = (u - u_0) / h, a = (v - v_0) / h. Order 1; damps all frequencies."""
 
-    order, num_steps, end_weight = 1, 1, 1.0
+    order, num_steps, end_weight, uses_old_forces = 1, 1, 1.0, False
 
     def __init__(self, name: str = "backward_euler") -> None:
         self.name = name
@@ -138,7 +146,7 @@ class BackwardEuler:
         """Return the formulas of a step; the local error is h^2 a / 2."""
         velocity = Affine(1 / h, state.u.copy())
         acceleration = Affine(1 / h**2, state.u + h * state.v)
-        return StepFormulas(velocity, acceleration, state.a, (h**2 / 2, 0.0))
+        return StepFormulas(velocity, acceleration, state.a, (h**2 / 2, 0.0), tangent=0.5)
 
 
 class BDF2:
@@ -148,7 +156,7 @@ class BDF2:
     1 + sqrt(2) times as long as the one before.
     """
 
-    name, order, num_steps, end_weight = "bdf2", 2, 2, 1.0
+    name, order, num_steps, end_weight, uses_old_forces = "bdf2", 2, 2, 1.0, False
 
     def formulas(self, h: float, state: State) -> StepFormulas:
         """Return the formulas of a step."""
@@ -192,6 +200,7 @@ class GeneralizedAlpha:
         self._gamma = 0.5 - self._shift
         self._beta = (1 - self._shift) ** 2 / 4
         self.num_steps = 2 if self._shift else 1
+        self.uses_old_forces = alpha_f > 0
         # Newmark's forces are in balance at both ends: their work is that of the trapezoidal rule.
         self.end_weight = 1 - alpha_f if alpha_f else 0.5
 

@@ -146,7 +146,8 @@ class CellLoops:
     ) -> Any:
         """Return a MatrixTarget (cell_api.h) for `jacobian`.
 
-        The caller sets ``values`` before each use and keeps the arrays alive.
+        The caller sets ``values`` before each use, and ``rotation`` if it is used, and keeps the
+        arrays alive.
         """
         target = self._ffi.new("MatrixTarget *")
         target.stride = [self.pointer(stride) for stride in strides]
@@ -183,7 +184,7 @@ class CellLoops:
         Parameters
         ----------
         filter, eigensolver : int
-            Positions in `fem_snh.choices.FILTERS` and `EIGENSOLVERS`.
+            Positions in `fem_snh.choices.POINT_FILTERS` and `EIGENSOLVERS`.
         target : MatrixTarget
             From `target`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from fem_snh.choices import EIGENSOLVERS, FILTERS
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 
 #: The SVD and the eigensolvers.
 SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
@@ -22,7 +22,7 @@ def options() -> str:
 
     The C name is the upper-case name; the value is the position in the tuple.
     """
-    enums = (FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
+    enums = (POINT_FILTERS, "eigenvalue filters"), (EIGENSOLVERS, "eigensolvers")
     return "\n".join(
         f"enum {{ {', '.join(name.upper() for name in names)} }}; /* {comment} */"
         for names, comment in enums

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import materials
-from fem_snh.choices import EIGENSOLVERS, FILTERS
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
 from fem_snh.kernels.compiled import compile_kernel
@@ -135,7 +135,8 @@ class Material:
             Deformation gradients.
         filter : str
             What to do with negative eigenvalues: "exact" keeps them, "clamp" replaces them by 0
-            (Smith et al. 2018), "abs" by their absolute values.
+            (Smith et al. 2018), "abs" by their absolute values; "objective" clamps, and then
+            projects out the spins W F with a skew-symmetric W.
         eigensolver : str
             Solver for the 3x3 scaling block: "cubic" (Smith et al. 2018, eq. 42) or "jacobi".
 
@@ -143,7 +144,7 @@ class Material:
         -------
         (..., 9, 9)
         """
-        which = FILTERS.index(choose("filter", filter, FILTERS))
+        which = POINT_FILTERS.index(choose("filter", filter, POINT_FILTERS))
         solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         C = self._call("hessian_points", F, which, solver, sizes=(81,))[0]
         return C.reshape(*C.shape[:-1], 9, 9)

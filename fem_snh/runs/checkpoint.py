@@ -74,7 +74,7 @@ class Writer:
             if before:
                 arrays[f"{name}_before"] = field.gather(before[1])
         arrays |= gather_terms(problem)
-        motion: dict[str, float] | None = None
+        motion: dict[str, Any] | None = None
         if transient := self._stepper.transient:
             arrays["motion"], motion = gather_motion(problem, transient.dynamics)
         about = {

@@ -21,20 +21,20 @@ Array = npt.NDArray[Any]
 _POINTS, _VALUES = "{}_points", "{}_history"
 
 
-def gather_motion(problem: Problem, dynamics: Dynamics) -> tuple[Array, dict[str, float]]:
+def gather_motion(problem: Problem, dynamics: Dynamics) -> tuple[Array, dict[str, Any]]:
     """Return `Dynamics.history` with the rows of all ranks on rank 0. Collective."""
-    values, scalars = dynamics.history()
-    return gather_rows(problem.comm, values), scalars
+    values, about = dynamics.history()
+    return gather_rows(problem.comm, values), about
 
 
 def restore_motion(
-    problem: Problem, dynamics: Dynamics, values: Array | None, scalars: dict[str, float]
+    problem: Problem, dynamics: Dynamics, values: Array | None, about: dict[str, Any]
 ) -> None:
     """Continue the motion from the ``values`` on rank 0, in the order of the nodes. Collective."""
     comm = problem.comm
     columns = comm.bcast(None if values is None else values.shape[1])
     own = scatter_rows(comm, values, (len(problem.coordinates), columns))
-    dynamics.set_history(own, scalars)
+    dynamics.set_history(own, about)
 
 
 def gather_terms(problem: Problem) -> dict[str, Array]:

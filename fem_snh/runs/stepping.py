@@ -149,6 +149,8 @@ class Stepper:
         else:
             previous.copy(problem.x)
             problem.set_load(load)
+            if self.transient:
+                self.transient.cancel_step()
         self._last = {
             "load": to,
             "converged": converged,

@@ -108,6 +108,10 @@ class Transient:
         """Accept the step."""
         self.dynamics.end_step(self._problem)
 
+    def cancel_step(self) -> None:
+        """End a step that failed, with the state at its start."""
+        self.dynamics.cancel_step()
+
     def row(self, load: float, before: float) -> dict[str, Any]:
         """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
         duration = self.time.duration

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.choices import MASSES
-from fem_snh.errors import bad_value
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.integrators import Affine, Before, State, StepFormulas, create
@@ -105,13 +105,15 @@ class Dynamics:
         self.mass = NodalMass(V, regions, mass)
         self.v, self.a = _dolfinx.function(V, "velocity"), _dolfinx.function(V, "acceleration")
         self._motion = PrescribedMotion(V, dirichlet, duration)
-        self._balance = ForceBalance(self.mass, damping)
+        self._balance = ForceBalance(V, self.mass, damping)
         self.terms = self._balance.terms
         self.dissipated = self.work = 0.0
         self._first_energy: float | None = None
         self._before: Before | None = None
         self._step: _Step  # set by begin_step
-        self._reaction: Array | None = None
+        #: Damping forces, and all forces but those of inertia, at the last state (3 owned nodes,).
+        self._damping: Array
+        self._forces: Array
 
     def start(self, problem: Problem, velocity: Callable[[Array], Array] | None = None) -> None:
         """Set the initial velocity and the acceleration that balances the forces. Collective.
@@ -129,14 +131,20 @@ class Dynamics:
             v[:] = np.asarray(velocity(problem.V.tabulate_dof_coordinates())).ravel()
         v[fixed] = motion.v[fixed]
         prescribed = np.where(fixed, motion.a, 0.0)
-        self.a.x.array[:] = self._balance.acceleration(problem, v, prescribed)
+        balance = self._balance
+        balance.update_stiffness(problem, v, 0.0)
+        self._damping = balance.damping_forces(v)
+        self._forces = balance.other_forces(problem) + self._damping
+        self.a.x.array[:] = balance.acceleration(problem, self._forces, prescribed)
+        balance.set_motion(self.a.x.array, self._damping)
         if problem.has_energy:
             self._first_energy = total_energy(self.energies(problem))
 
     def begin_step(self, problem: Problem, load: float) -> None:
         """Set the formulas of the step from the problem's state to a load. Collective.
 
-        A step that failed is repeated by another call, with the problem's state restored.
+        A step that failed is repeated by another call, with the problem's state restored; without
+        one, `cancel_step` ends it.
         """
         h = (load - problem.load) * self._duration
         u = np.array(local_values(problem.split(problem.x)[0]))
@@ -149,38 +157,41 @@ class Dynamics:
         formulas.acceleration.set_values(fixed, motion.u, motion.a)
         self._step = _Step(h, problem.load, state, formulas)
         balance = self._balance
-        if formulas.old_forces:
-            old_forces = formulas.old_forces * balance.forces(problem, state.v)
-            balance.inertia.old_forces = old_forces
-        if self._motion.moves and self._reaction is None:
-            self._reaction = balance.forces(problem, state.v, state.a)
-        balance.update_stiffness(problem)
+        balance.update_stiffness(problem, state.v, formulas.tangent * h)
         new, old = formulas.inertia
         rate, origin = formulas.acceleration.rate, formulas.acceleration.origin
         inertia = Affine(new * rate, origin - old / (new * rate) * formulas.old_acceleration)
         inertia.set_values(fixed, motion.u, motion.a + formulas.old_forces * state.a)
-        balance.set_formulas(inertia, formulas.velocity)
+        constant = formulas.old_forces * self._forces if formulas.old_forces else None
+        balance.set_step(inertia, formulas.velocity, constant)
+
+    def cancel_step(self) -> None:
+        """End a step that failed: the problem is again at the step's start. Collective."""
+        self._balance.set_motion(self.a.x.array, self._damping)
 
     def end_step(self, problem: Problem) -> None:
         """Accept the step, before `TermHistory.end_step`. Collective."""
         h, load, state, formulas = self._step
         u = np.array(local_values(problem.split(problem.x)[0]))
         v, a = formulas.velocity(u), formulas.acceleration(u)
-        weight, moved = self.integrator.end_weight, u - state.u
-        if self._balance.damping:
-            force = self._balance.damping.apply(weight * v + (1 - weight) * state.v)
-            self.dissipated += problem.comm.allreduce(float(force @ moved))
-        self._balance.outdate_stiffness()
+        weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
+        balance, damping = self._balance, self._balance.damping_forces(v)
+        if balance.damping:
+            mean = weight * damping + (1 - weight) * self._damping
+            self.dissipated += problem.comm.allreduce(float(mean @ moved))
         work, lost = work_of_loads(problem, state.u, load, weight, self.terms)
         self.work, self.dissipated = self.work + work, self.dissipated + lost
-        if self._motion.moves:
-            dofs, reaction = problem.constrained_dofs, self._balance.forces(problem, v, a)
-            mean = weight * reaction + (1 - weight) * np.asarray(self._reaction)
-            self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
-            self._reaction = reaction
+        if self._needs_forces:
+            forces = balance.other_forces(problem) + damping
+            if self._motion.moves:
+                mean = weight * (forces + balance.inertial_forces(a))
+                mean += (1 - weight) * (self._forces + balance.inertial_forces(state.a))
+                dofs = problem.constrained_dofs
+                self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
+            self._forces = forces
+        self._damping = damping
         # The problem's gradient is now the sum of all forces at the step's end: its reactions.
-        self._balance.inertia.old_forces = None
-        self._balance.set_formulas(formulas.acceleration, formulas.velocity)
+        balance.set_motion(a, damping)
         self.v.x.array[:], self.a.x.array[:] = v, a
         self._before = Before(h, state.u, state.v, formulas.old_acceleration)
 
@@ -215,36 +226,60 @@ class Dynamics:
             found["numerical_dissipation"] = available - total_energy(found)
         return found
 
-    def history(self) -> tuple[Array, dict[str, float]]:
+    @property
+    def _needs_forces(self) -> bool:
+        """Whether a step needs the forces at its start: its balance, or the work of reactions."""
+        return self._motion.moves or self.integrator.uses_old_forces
+
+    def history(self) -> tuple[Array, dict[str, Any]]:
         """Return what the next steps need of the last ones, for a checkpoint.
 
         Returns
         -------
         values : (n, k)
             Values at the displacement nodes that this rank owns.
-        scalars : dict
-            The same on all ranks.
+        about : dict
+            The same on all ranks: numbers, and the names of the fields in ``values``.
         """
-        scalars = {"dissipated": self.dissipated, "work": self.work}
+        about: dict[str, Any] = {"dissipated": self.dissipated, "work": self.work}
         if self._first_energy is not None:
-            scalars["first_energy"] = self._first_energy
-        fields = [self.v.x.array, self.a.x.array]
+            about["first_energy"] = self._first_energy
+        fields = {"v": self.v.x.array, "a": self.a.x.array}
         if self._before and self.integrator.num_steps > 1:
-            scalars["step_before"] = self._before.size
-            fields += self._before[1:]
-        owned = [field[: self.mass.num_owned].reshape(-1, 3) for field in fields]
-        return np.concatenate(owned, axis=1), scalars
+            about["step_before"] = self._before.size
+            names = ("u_before", "v_before", "a_before")
+            fields |= dict(zip(names, self._before[1:], strict=True))
+        if self._balance.damping:
+            fields["damping"] = self._damping
+        if self._needs_forces:
+            fields["forces"] = self._forces
+        owned = [field[: self.mass.num_owned].reshape(-1, 3) for field in fields.values()]
+        return np.concatenate(owned, axis=1), about | {"fields": list(fields)}
 
-    def set_history(self, values: Array, scalars: Mapping[str, float]) -> None:
-        """Continue from what `history` returned, instead of `start`. Collective."""
-        vector, fields = _dolfinx.create_vector(self.v.function_space), []
-        for field in np.split(values, values.shape[1] // 3, axis=1):
+    def set_history(self, values: Array, about: Mapping[str, Any]) -> None:
+        """Continue from what `history` returned, instead of `start`. Collective.
+
+        Raises
+        ------
+        BadInput
+            If ``about`` is from a version whose history lacks something.
+        """
+        vector, fields = _dolfinx.create_vector(self.v.function_space), {}
+        for name, field in zip(about.get("fields", ()), np.hsplit(values, values.shape[1] // 3)):
             vector.array[:] = field.ravel()
             update_ghosts(vector)
-            fields.append(np.array(local_values(vector)))
-        self.v.x.array[:], self.a.x.array[:] = fields[:2]
-        self.dissipated, self.work = scalars["dissipated"], scalars["work"]
-        self._first_energy = scalars.get("first_energy")
-        self._before = Before(scalars["step_before"], *fields[2:]) if fields[2:] else None
-        self._balance.outdate_stiffness()
-        self._reaction = None
+            fields[name] = np.array(local_values(vector))
+        needed = {"v", "a", *(["damping"] if self._balance.damping else [])}
+        if not needed | ({"forces"} if self._needs_forces else set()) <= set(fields):
+            raise BadInput("the checkpoint is of an older version: start again with --overwrite")
+        self.v.x.array[:], self.a.x.array[:] = fields["v"], fields["a"]
+        self.dissipated, self.work = about["dissipated"], about["work"]
+        self._first_energy = about.get("first_energy")
+        self._before = None
+        if "u_before" in fields:
+            motion = (fields[name] for name in ("u_before", "v_before", "a_before"))
+            self._before = Before(about["step_before"], *motion)
+        none, owned = np.zeros(self.mass.num_owned), slice(self.mass.num_owned)
+        self._damping = fields.get("damping", none)[owned]
+        self._forces = fields.get("forces", none)[owned]
+        self._balance.set_motion(self.a.x.array, self._damping)

@@ -24,8 +24,9 @@ class Damping:
 
     .. math:: E(u) = \frac{1}{2 c} v \cdot C v, \qquad v = c (u - w), \qquad C = \alpha M + \beta K
 
-    Its derivative is C v. K is the clamped Hessian of the elastic energy at the step's start, so
-    that C is constant in a step and positive semidefinite.
+    Its derivative is C v. K is the Hessian of the elastic energy at the step's start, clamped and
+    without the stiffness of spins, and turned with its cells: C is constant in a step, positive
+    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md).
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class Damping:
         x, u : PETSc.Vec
             Vectors of the unknowns and of the displacement, for their layout.
         add_hessian : callable
-            Adds the clamped Hessian of the elastic energy to a matrix.
+            Adds K to a matrix.
         """
         if self._K is None:
             self._K, self._vectors = StoredMatrix(matrix), (x.duplicate(), x.duplicate())

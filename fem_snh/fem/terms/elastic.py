@@ -16,7 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.choices import EIGENSOLVERS, FILTERS
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 from fem_snh.errors import BadInput, choose, on_root
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.element_tables import element_tables, restricted, selection
@@ -149,15 +149,29 @@ class Elastic:
             part.loops.residual(*values)
 
     def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+        self,
+        u: PETSc.Vec,
+        p: PETSc.Vec | None,
+        filter: str,
+        target: BlockMatrix,
+        rotations: Array | None = None,
     ) -> int:
-        """Add d2E/du2 [N/m], filtered at each quadrature point: see `Term.add_hessian`."""
-        which = FILTERS.index(choose("filter", filter, FILTERS))
+        """Add d2E/du2 [N/m], filtered at each quadrature point: see `Term.add_hessian`.
+
+        With ``rotations`` (cells, 3, 3), each cell's matrix is that of the rotated cell; the
+        coupling to an unknown pressure is not rotated.
+        """
+        which = POINT_FILTERS.index(choose("filter", filter, POINT_FILTERS))
         values, pressure = local_values(u), _if_any(local_values, p)
         filtered = 0
         for part, struct in zip(self.parts, self._structs(target), strict=True):
             for k, address in enumerate(target.addresses):
                 struct.values[k] = part.loops.address(address)
+            turned = None
+            if rotations is not None:
+                cells = selection(part.region.cells, len(rotations))
+                turned = np.ascontiguousarray(rotations[cells])
+            struct.rotation = part.loops.pointer(turned)
             filtered += part.loops.jacobian(values, which, self._solver, struct, pressure)
         return filtered
 

@@ -17,12 +17,12 @@ Array = npt.NDArray[Any]
 
 
 class Inertia:
-    r"""The potential of the inertial forces, and of the forces at the step's start.
+    r"""The potential of the inertial forces, and of constant forces.
 
-    .. math:: E(u) = \frac{c}{2} (u - w) \cdot M (u - w) + \kappa f_0 \cdot u
+    .. math:: E(u) = \frac{c}{2} (u - w) \cdot M (u - w) + g \cdot u
 
-    Its derivative is :math:`M a + \kappa f_0` with :math:`a = c (u - w)`. Without a step, as in the
-    computation of static forces, the term is zero.
+    Its derivative is :math:`M a + g` with :math:`a = c (u - w)`. In a step, g are forces of the
+    step's start. Between steps the acceleration is that of the last state, and its forces are in g.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ class Inertia:
     ----------
     acceleration : Affine or None
         a as a function of the displacement; None without a step.
-    old_forces : (3 owned nodes,) or None
-        The forces :math:`\kappa f_0` [N].
+    constant : (3 owned nodes,) or None
+        The forces g [N].
     """
 
     name = "inertia"
@@ -43,31 +43,30 @@ class Inertia:
     def __init__(self, mass: NodalMass) -> None:
         self._mass = mass
         self.acceleration: Affine | None = None
-        self.old_forces: Array | None = None
+        self.constant: Array | None = None
 
     def set_load(self, load: float) -> None:
         """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the potential [J]. Collective."""
-        if self.acceleration is None:
-            return 0.0
-        a = self.acceleration(local_values(u))
-        energy = self._mass.dot(a, a) / (2 * self.acceleration.rate)
-        if self.old_forces is not None:
-            energy += u.comm.tompi4py().allreduce(float(self.old_forces @ u.array_r))
+        energy = 0.0
+        if self.acceleration is not None:
+            a = self.acceleration(local_values(u))
+            energy += self._mass.dot(a, a) / (2 * self.acceleration.rate)
+        if self.constant is not None:
+            energy += u.comm.tompi4py().allreduce(float(self.constant @ u.array_r))
         return energy
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Add the forces [N] to all entries of ``r_u``, ghosts included."""
-        if self.acceleration is None:
-            return
         values = writable_values(r_u)
-        values += self._mass.apply(self.acceleration(local_values(u)))
-        if self.old_forces is not None:
-            values[: len(self.old_forces)] += self.old_forces
+        if self.acceleration is not None:
+            values += self._mass.apply(self.acceleration(local_values(u)))
+        if self.constant is not None:
+            values[: len(self.constant)] += self.constant
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix

@@ -26,6 +26,7 @@ typedef struct {
                              value) + (index 0, 1 or 2 of the array) */
   const double *free;     /* [nodes][3] 0 where the displacement is prescribed, else 1 */
   const unsigned char *constrained; /* [cells] 1 if a displacement component of the cell is prescribed */
+  const double *rotation; /* [cells][3][3] R: jacobian_cells adds R K_ab R^T instead of the block K_ab; NULL: K_ab */
 } MatrixTarget;
 
 /* The energy [J] of the cells; +inf if it is infinite at any point. `pressure` is NULL where it is no unknown. */
@@ -34,7 +35,7 @@ double energy_cells(const Cells *c, const double *u, const double *pressure);
 /* r += dE/du [N] and r_p += dE/dp, at owned and ghost nodes. */
 void residual_cells(const Cells *c, const double *u, const double *pressure, double *r, double *r_p);
 
-/* Add the filtered Jacobian to `t`. `filter` and `solver` are positions in fem_snh.choices.FILTERS and
+/* Add the filtered Jacobian to `t`. `filter` and `solver` are positions in fem_snh.choices.POINT_FILTERS and
  * EIGENSOLVERS. Returns the number of quadrature points where the exact material Hessian has a negative eigenvalue. */
 long jacobian_cells(const Cells *c, const double *u, const double *pressure, int filter, int solver,
                     const MatrixTarget *t);

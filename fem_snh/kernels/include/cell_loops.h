@@ -48,6 +48,7 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
     for (int l = 0; l < lanes; ++l) constrained |= t->constrained[start + l];
     if (constrained) GATHER(free, NODES, 3, c->nodes, t->free)
     volume_jacobian_add(c, t, start, lanes, filter, &volume, K, constrained, free);
+    if (t->rotation) rotate_blocks(t->rotation, start, lanes, K);
     if (constrained) { /* rows and columns of prescribed components are zero */
       real *block = K;
       for (int b = 0; b < NODES; ++b)

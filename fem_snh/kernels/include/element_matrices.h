@@ -80,6 +80,19 @@ INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   }
 }
 
+/* Replace each block B of the element matrices K by R B R^T, with the rotations R of W cells. */
+INLINE void rotate_blocks(const double *rotation, long start, int lanes, real *K) {
+  real R[9], T[9];
+  for (int i = 0; i < 9; ++i)
+    for (int l = 0; l < W; ++l) R[i][l] = rotation[9 * (start + (l < lanes ? l : lanes - 1)) + i];
+  for (real *block = K; block < K + 9 * PAIRS; block += 9) {
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) T[3 * i + j] = dot(block + 3 * i, R + 3 * j);
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) block[3 * i + j] = R[3 * i] * T[j] + R[3 * i + 1] * T[3 + j] + R[3 * i + 2] * T[6 + j];
+  }
+}
+
 /* Add the element matrix of lane l to the global one: each block (a, b) and, transposed, (b, a). */
 INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position, const real *K, int l) {
   const double *block = (const double *)K + l;

@@ -10,7 +10,7 @@
 
 /* The eigenvalue after the filter: clamp to >= 0, absolute value, or unchanged. */
 INLINE real filter_eigenvalue(int filter, real e) {
-  return filter == CLAMP ? lane_max(e, splat(0)) : filter == ABS ? absolute(e) : e;
+  return filter == EXACT ? e : filter == ABS ? absolute(e) : lane_max(e, splat(0));
 }
 
 /* Lanes where F is nearly singular: |det F| < 1e-3 |F|^3, where cancellation in the cofactor formula of
@@ -157,6 +157,16 @@ INLINE mask filter_scaling_block(int filter, int solver, real *A) {
   return ~positive & (e[2] < 0);
 }
 
+/* Remove the spin from the block {{same, other}, {other, same}} of a twist/flip pair on u_a v_b^T, u_b v_a^T. A spin
+ * changes F by W F with a skew W, here along (s_b, -s_a). What remains is the block's value along (s_a, s_b). */
+INLINE void objective_pair(real sa, real sb, real *same, real *other) {
+  const real squares = sa * sa + sb * sb, value = same[0] + 2 * *other * sa * sb / squares;
+  const mask spins = squares > 0;
+  same[0] = select(spins, value * sa * sa / squares, same[0]);
+  same[1] = select(spins, value * sb * sb / squares, same[1]);
+  *other = select(spins, value * sa * sb / squares, *other);
+}
+
 /* The filtered 9x9 Hessian C of psi (row-major, on vec(F)) [Pa]. Returns the lanes where the exact Hessian
  * has a negative eigenvalue.
  *
@@ -181,11 +191,12 @@ INLINE mask hessian_point(Parameters p, const real *F, int filter, int solver, r
   for (int k = 0; k < 3; ++k) {
     negative |= (twist[k] < 0) | (flip[k] < 0);
     const real t = filter_eigenvalue(filter, twist[k]), f = filter_eigenvalue(filter, flip[k]);
-    const real same = (f + t) / 2, other = (f - t) / 2; /* the 2x2 block of the pair */
-    const int a = k == 0, b = k == 2 ? 1 : 2;           /* the stretches that twist k and flip k couple */
+    real same[2] = {(f + t) / 2, (f + t) / 2}, other = (f - t) / 2; /* the 2x2 block of the pair */
+    const int a = k == 0, b = k == 2 ? 1 : 2; /* the stretches that twist k and flip k couple */
+    if (filter == OBJECTIVE) objective_pair(s[a], s[b], same, &other);
     for (int side = 0; side < 2; ++side) {
       const real *mine = side ? o[3 * b + a] : o[3 * a + b], *theirs = side ? o[3 * a + b] : o[3 * b + a];
-      for (int i = 0; i < 9; ++i) y[i] = same * mine[i] + other * theirs[i];
+      for (int i = 0; i < 9; ++i) y[i] = same[side] * mine[i] + other * theirs[i];
       for (int i = 0; i < 9; ++i)
         for (int j = i; j < 9; ++j) C[9 * i + j] += y[i] * mine[j];
     }

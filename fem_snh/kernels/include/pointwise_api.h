@@ -1,6 +1,6 @@
 /* A material's kernels at n deformation gradients F[n][9] (stored by columns). Read by the C compiler and
  * by cffi. `constants` are the material's; `filter` and `solver` are positions in
- * fem_snh.choices.FILTERS and EIGENSOLVERS. */
+ * fem_snh.choices.POINT_FILTERS and EIGENSOLVERS. */
 
 /* psi[n] [Pa]; +inf outside the energy's domain. */
 void energy_points(const double *constants, long n, const double *F, double *psi);
