@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fem_snh.errors import bad_value, note_rename
-
 #: Eigenvalue filters of a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
 #: Those, and the clamped Hessian without the stiffness of spins, which damping has.
@@ -71,33 +69,3 @@ GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 #: of them need a half to a sixth of the Newton iterations that 40 need (measured:
 #: python -m benchmarks negative_curvature --lbfgs 40,640; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
-
-#: Hessian and globalization of ``hessian = "trust"``, a value of versions before 0.1.0.
-_ALIAS, _MEANING = "trust", ("adaptive", "trust_region")
-
-
-def replace_alias(
-    hessian: str | None, globalization: str | None, warn: bool = True
-) -> tuple[str | None, str | None]:
-    """Return the two choices with the alias ``hessian = 'trust'`` replaced.
-
-    Parameters
-    ----------
-    hessian, globalization : str or None
-        The user's choices; None without one.
-    warn : bool
-        Issue a note (`RenamedKey`) if the alias is used; true on one rank only.
-
-    Raises
-    ------
-    BadInput
-        If the alias contradicts ``globalization``.
-    """
-    if hessian != _ALIAS:
-        return hessian, globalization
-    if globalization not in (None, _MEANING[1]):
-        accepted = f"'{_MEANING[1]}', which hessian = 'trust' stands for"
-        raise bad_value("globalization", globalization, accepted)
-    if warn:
-        note_rename("hessian = trust", "hessian = {}, globalization = {}".format(*_MEANING))
-    return _MEANING

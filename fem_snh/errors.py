@@ -7,7 +7,6 @@ raise these exceptions; the command line prints the message and returns the exit
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from pathlib import Path
@@ -31,10 +30,6 @@ class BadInput(ValueError):
 
     def __init__(self, message: str = "") -> None:
         super().__init__(" ".join(str(message).split()))
-
-
-class RenamedKey(FutureWarning):
-    """The note that a key or a value has a new name; the old one is accepted."""
 
 
 class Failed(RuntimeError):
@@ -114,11 +109,6 @@ def choose(key: str, word: str, known: Iterable[str]) -> str:
     if word not in known:
         raise bad_value(key, word, f"one of {', '.join(known)}", known)
     return word
-
-
-def note_rename(old: str, new: str) -> None:
-    """Issue the note that ``old`` is accepted and has a new name."""
-    warnings.warn(f"'{old}' is accepted and now called '{new}'", RenamedKey, stacklevel=3)
 
 
 def on_root(comm: Any, function: Callable[..., T], *args: Any) -> T:

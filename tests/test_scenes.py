@@ -10,7 +10,6 @@ import pytest
 from scene_file import TOML
 
 from fem_snh import materials, scenes
-from fem_snh.errors import RenamedKey
 from fem_snh.scenes import Scene
 
 
@@ -136,11 +135,3 @@ def test_scene_file(toml: Path) -> None:
     assert scene.traction[0].vector == (0, 6.25, 0)
     assert (scene.quadrature, scene.eigensolver) == (4, "cubic")
     assert (scene.probe[0].name, scene.probe[0].point) == ("tip", (1, 0.5, 0))
-
-
-def test_the_old_name_of_a_key_is_accepted_with_a_note(toml: Path) -> None:
-    with pytest.warns(RenamedKey, match="'soften' is accepted and now called 'nu_continuation'"):
-        assert scenes.load("twist", soften=[0.3]).nu_continuation == [0.3]
-    toml.write_text(TOML.replace("steps = 4", "soften = [0.1]"))
-    with pytest.warns(RenamedKey, match="nu_continuation"):
-        assert scenes.load(toml).nu_continuation == [0.1]

@@ -1,9 +1,6 @@
-"""The choice of Hessian and globalization: defaults, the alias ``trust``, thresholds."""
+"""The choice of Hessian and globalization: defaults, thresholds."""
 
 from __future__ import annotations
-
-import warnings
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -12,7 +9,7 @@ from solver_problems import TRUST, half_turn, options, solve, twist
 
 from fem_snh import scenes, solver
 from fem_snh.choices import HESSIANS
-from fem_snh.errors import BadInput, RenamedKey
+from fem_snh.errors import BadInput
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.kernels.pointwise import material
@@ -25,12 +22,6 @@ def choices(snes):
     """The Hessian and the globalization of a solver."""
     used = snes.getPythonContext().options
     return {key: used[f"snes_{key}"] for key in ("hessian", "globalization")}
-
-
-def note(comm):
-    """Expect the note of the alias on rank 0."""
-    named = "'hessian = trust' is accepted and now called 'hessian = adaptive, globalization = t"
-    return pytest.warns(RenamedKey, match=named) if comm.rank == 0 else nullcontext()
 
 
 @pytest.mark.parametrize(
@@ -57,23 +48,7 @@ def test_a_named_hessian_is_used_with_a_line_search(comm):
             assert choices(solver.create(p)) == expected
 
 
-@mpi
-def test_alias_is_accepted_with_a_note(comm):
-    p = twist(comm, cells=1)
-    with note(comm):
-        assert choices(solver.create(p, "trust")) == TRUST
-    with options(snes_hessian="trust"), note(comm):
-        assert choices(solver.create(p, "clamp", "linesearch")) == TRUST
-    with pytest.raises(BadInput, match=r"globalization = 'linesearch': expected 'trust_region'"):
-        solver.create(p, "trust", "linesearch")
-
-
-def test_alias_in_a_scene():
-    with pytest.warns(RenamedKey, match="hessian = trust"):
-        scene = scenes.load("twist", hessian="trust")
-    assert {"hessian": scene.hessian, "globalization": scene.globalization} == TRUST
-    with pytest.raises(BadInput, match=r"globalization = 'linesearch': expected 'trust_region'"):
-        scenes.load("twist", hessian="trust", globalization="linesearch")
+def test_an_unknown_globalization_in_a_scene():
     with pytest.raises(BadInput, match=r"globalization = 'trust_regon': .*did you mean 'trust_reg"):
         scenes.load("twist", globalization="trust_regon")
 
@@ -81,8 +56,7 @@ def test_alias_in_a_scene():
 @mpi
 def test_options_come_before_arguments(comm):
     p = twist(comm, cells=1)
-    with options(snes_globalization="linesearch"), warnings.catch_warnings():
-        warnings.simplefilter("error", RenamedKey)
+    with options(snes_globalization="linesearch"):
         snes = solver.create(p, "abs", "trust_region")
     assert choices(snes) == {"hessian": "abs", "globalization": "linesearch"}
     assert snes.getPythonContext().trust_ksp is None
@@ -140,12 +114,6 @@ def test_initial_radius_and_largest_radius(comm, radius):
     with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
         snes, _ = solve(p, **TRUST)
     assert snes.getConvergedReason() > 0
-
-
-def test_old_option_is_refused(comm):
-    p = twist(comm, cells=1)
-    with options(snes_corrections=5), pytest.raises(BadInput, match="'snes_lbfgs_max_it'"):
-        solver.create(p)
 
 
 def test_every_option_has_a_meaning_and_an_origin():

@@ -13,13 +13,12 @@ import os
 import sys
 import time
 import traceback
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.errors import BadInput, Failed, RenamedKey, choose
+from fem_snh.errors import BadInput, Failed, choose
 
 if TYPE_CHECKING:
     from fem_snh.cli.options import Parser
@@ -37,7 +36,6 @@ COMMANDS = {
     "export": ("export", "write a run as one VTKHDF file, or its surface as OBJ files"),
     "doctor": ("tools", "check the installation"),
 }
-_format = warnings.formatwarning
 #: Variables set by MPI launchers; without them there is one rank, and MPI is not started.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
 #: Errors of a full disk, which can also concern standard output.
@@ -57,7 +55,6 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
     # PETSc's handler reports every signal as a crash, SIGPIPE from `| head` included.
     if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
         os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler"
-    warnings.formatwarning = _format_warning
     try:
         return command(argv)
     except BadInput as error:
@@ -79,19 +76,6 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
         return _stop("interrupted; what was computed is kept", 130)
     except Exception:  # a bug: its traceback, and no rank waits for this one
         return _crash()
-
-
-def _format_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    line: str | None = None,
-) -> str:
-    """Return the note of a renamed key as one line, and other warnings as Python shows them."""
-    if issubclass(category, RenamedKey):
-        return f"fem-snh: note: {message}\n"
-    return _format(message, category, filename, lineno, line)
 
 
 def _dispatch(argv: list[str]) -> int:

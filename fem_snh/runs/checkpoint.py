@@ -31,7 +31,6 @@ from fem_snh.runs.history import gather_motion, gather_terms, restore_motion, re
 from fem_snh.runs.scene_identity import check_same, identity
 from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
-from fem_snh.scenes.schema import RENAMED
 
 Array = npt.NDArray[Any]
 
@@ -136,9 +135,7 @@ class Checkpoint:
 
         def read() -> tuple[dict[str, Any], dict[str, Any] | None]:
             about, found = load(folder.path)
-            # A checkpoint of an older version has the old names of keys.
-            before = {RENAMED.get(key, key): value for key, value in about["scene"].items()}
-            check_same(folder.path, before, identity(scene))
+            check_same(folder.path, about["scene"], identity(scene))
             arrays.update(found)
             return about, _finished(folder.path, about["load"])
 

@@ -56,10 +56,8 @@ def describe_defaults(scene: Scene, problem: Problem, snes: PETSc.SNES) -> dict[
     if scene.globalization is None and not database.hasName("snes_globalization"):
         reason = _MINIMUM if problem.has_energy else _FORCES
         reason = _SADDLE if problem.saddle_point else reason
-        # An alias of the Hessian (`fem_snh.choices.replace_alias`) names both.
-        if context.options["snes_globalization"] == "linesearch" or not named:
-            reason = _NAMED_HESSIAN if named else reason
-            add("globalization", context.options["snes_globalization"], reason)
+        reason = _NAMED_HESSIAN if named else reason
+        add("globalization", context.options["snes_globalization"], reason)
     if context.linear_choice.reason:
         add("linear_solver", solver.linear_solver_name(snes), context.linear_choice.reason)
     if scene.quadrature is None:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
-from warnings import catch_warnings
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
-from fem_snh.errors import BadInput, RenamedKey, on_every, on_root
+from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
@@ -122,11 +120,9 @@ def run(
 
 
 def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
-    """Load the scene on every rank; only rank 0 issues the note of a renamed key. Collective."""
-    silent = catch_warnings(action="ignore", category=RenamedKey)
-    with silent if comm.rank else nullcontext():
-        # Files may differ from rank to rank: the scene, and the functions that it refers to.
-        return on_every(comm, partial(scenes.load, scene, **overrides))
+    """Load the scene on every rank. Collective."""
+    # Files may differ from rank to rank: the scene, and the functions that it refers to.
+    return on_every(comm, partial(scenes.load, scene, **overrides))
 
 
 def _recorder(

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fem_snh.errors import BadInput, nearest_file, note_rename, unknown_name
+from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
 from fem_snh.materials import Reference
 from fem_snh.references import is_reference
@@ -19,7 +19,7 @@ from fem_snh.scenes._library import SceneFunction, function, make_scene, paramet
 from fem_snh.scenes._obstacles import FILES
 from fem_snh.scenes._synonyms import suggestion
 from fem_snh.scenes._validation import one_line
-from fem_snh.scenes.schema import RENAMED, MaterialChoice, Scene
+from fem_snh.scenes.schema import MaterialChoice, Scene
 
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
@@ -49,9 +49,6 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     """
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
-    for key in [key for key in given if key in RENAMED]:
-        note_rename(key, RENAMED[key])
-        given[RENAMED[key]] = given.pop(key)
     if isinstance(scene, Scene):
         return validate(scene.model_dump(), scene.name, given)
     if callable(scene):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -17,9 +17,8 @@ from fem_snh.choices import (
     GLOBALIZATIONS,
     HESSIANS,
     PREDICTORS,
-    replace_alias,
 )
-from fem_snh.errors import choose, note_rename
+from fem_snh.errors import choose
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motions
@@ -54,14 +53,11 @@ from fem_snh.scenes._types import (
 from fem_snh.scenes._validation import Expect, Table
 
 __all__ = [
-    "RENAMED", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
+    "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Motion", "Move", "ObstacleChoice",
     "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
     "Time", "Traction",
 ]  # fmt: skip
-
-#: Old names of a scene's keys, and their new ones.
-RENAMED = {"soften": "nu_continuation"}
 
 #: The values of keys that accept one of several words.
 WORDS = {
@@ -198,20 +194,6 @@ class Scene(Table):
     load_range: Range = Field(
         default=(0.0, 1.0), description="What plots show for the loads 0 and 1."
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _rename(cls, data: Any) -> Any:
-        """Accept the old names of keys and values, with a note."""
-        if not isinstance(data, dict):
-            return data
-        for key in [key for key in data if key in RENAMED]:
-            note_rename(key, RENAMED[key])
-        data = {RENAMED.get(key, key): value for key, value in data.items()}
-        if "hessian" in data:
-            choices = replace_alias(data["hessian"], data.get("globalization"))
-            data |= dict(zip(("hessian", "globalization"), choices, strict=True))
-        return data
 
     @field_validator(*WORDS)
     @classmethod

@@ -17,7 +17,6 @@ from fem_snh.choices import (
     GLOBALIZATION_OF_NAMED_HESSIAN,
     GLOBALIZATIONS,
     HESSIANS,
-    replace_alias,
 )
 from fem_snh.errors import BadInput, choose
 from fem_snh.solver.linear_choice import CHOICES
@@ -128,9 +127,6 @@ OPTIONS: dict[str, Option] = {
     ),
 }  # fmt: skip
 
-#: Options of earlier versions, and what replaced them.
-_RENAMED = {"snes_corrections": "snes_lbfgs_max_it"}
-
 
 def defaults_for(globalization: str) -> Values:
     """Return the default of each option with this globalization."""
@@ -141,12 +137,11 @@ def defaults_for(globalization: str) -> Values:
 
 
 def read_choices(
-    prefix: str, hessian: str | None, globalization: str | None, warn: bool
+    prefix: str, hessian: str | None, globalization: str | None
 ) -> tuple[str, str | None]:
     """Return Hessian and globalization: PETSc's options, where given, before the arguments.
 
-    The globalization is None where neither of the two choices is made. ``warn`` is true on one rank
-    only, which reports the use of an alias.
+    The globalization is None where neither of the two choices is made.
 
     Raises
     ------
@@ -154,30 +149,17 @@ def read_choices(
         For an unknown value.
     """
     database = PETSc.Options(prefix)
-    given = database.getString("snes_hessian", "") or None
-    named = database.getString("snes_globalization", "") or None
-    chosen, wanted = replace_alias(hessian, globalization, warn)
-    choose("hessian", chosen or DEFAULT_HESSIAN, HESSIANS)
-    if given:
-        chosen, implied = replace_alias(given, named, warn)
-        wanted = implied or globalization
-    wanted = named or wanted or (GLOBALIZATION_OF_NAMED_HESSIAN if chosen else None)
+    choose("hessian", hessian or DEFAULT_HESSIAN, HESSIANS)
+    chosen = database.getString("snes_hessian", "") or hessian
+    wanted = database.getString("snes_globalization", "") or globalization
+    wanted = wanted or (GLOBALIZATION_OF_NAMED_HESSIAN if chosen else None)
     chosen = choose("hessian", chosen or DEFAULT_HESSIAN, HESSIANS)
     return chosen, wanted and choose("globalization", wanted, GLOBALIZATIONS)
 
 
 def read(prefix: str, given: Values) -> Values:
-    """Return the options of PETSc's database, completed by the values ``given``.
-
-    Raises
-    ------
-    BadInput
-        For the name of an earlier version.
-    """
+    """Return the options of PETSc's database, completed by the values ``given``."""
     database, found = PETSc.Options(prefix), dict(given)
-    for old, new in _RENAMED.items():
-        if database.hasName(old):
-            raise BadInput(f"unknown PETSc option '{old}' (did you mean '{new}'?)")
     for name, option in OPTIONS.items():
         if name in ("snes_hessian", "snes_globalization"):
             continue

@@ -64,7 +64,7 @@ def create(
     """
     garbage.free_unused(problem.comm)
     saddle = problem.saddle_point
-    hessian, chosen = options.read_choices(prefix, hessian, globalization, problem.comm.rank == 0)
+    hessian, chosen = options.read_choices(prefix, hessian, globalization)
     globalization = chosen or default_globalization(problem)
     context = ProjectedNewton(
         problem.jacobian,
