@@ -136,8 +136,8 @@ class DynamicProblem(NonlinearProblem):
     def step(self, size: float) -> bool:
         """Advance by one time step [s]; return whether the solver converged. Collective.
 
-        Otherwise nothing has changed, and a shorter step can be tried. The first step calls `start`
-        if the program did not.
+        Otherwise nothing has changed, `reason` says why, and a shorter step can be tried. The first
+        step calls `start` if the program did not.
         """
         if not self._has_started:
             self.start()
@@ -148,7 +148,8 @@ class DynamicProblem(NonlinearProblem):
         problem.set_load(to)
         with self._petsc_options(), solver.callback_errors():
             if self._integrator == "semi_implicit":
-                converged = solver.SemiImplicit(problem, self.solver).solve().converged
+                outcome = solver.SemiImplicit(problem, self.solver).solve()
+                converged, self.reason = outcome.converged, outcome.reason
                 if converged:  # lagged quantities follow once a step
                     problem.history.update_lagged(problem.split(self.x)[0])
             else:

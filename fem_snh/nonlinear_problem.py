@@ -68,6 +68,9 @@ class NonlinearProblem:
         The pressure [Pa] of an element that has one.
     solver : PETSc.SNES
         The solver; its `ProjectedNewton` has the history of iterations.
+    reason : str
+        Why the last solve ended: PETSc's name, followed by the cause of a failure, such as
+        "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first one.
     x : PETSc.Vec
         The unknowns. Without a pressure it is the vector of ``u``, and shares its memory.
     b : PETSc.Vec
@@ -89,7 +92,7 @@ class NonlinearProblem:
     >>> m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.49)
     >>> problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs)
     >>> problem.solve()
-    >>> assert problem.solver.getConvergedReason() > 0
+    >>> assert problem.solver.getConvergedReason() > 0, problem.reason
     """
 
     def __init__(
@@ -110,7 +113,7 @@ class NonlinearProblem:
         _check_options(petsc_options_prefix, petsc_options)
         self._problem = self._create(u, materials, bcs, terms, element)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
-        self.u, self.x, self.A = u, self._problem.x, self._problem.A
+        self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
         with self._petsc_options():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
         self._predictor = solver.Predictor(self._problem, self.solver, predictor)
@@ -134,7 +137,7 @@ class NonlinearProblem:
         ------
         petsc4py.PETSc.Error
             If the solver diverged and ``snes_error_if_not_converged`` is set. Otherwise
-            ``solver.getConvergedReason()`` is negative.
+            ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
         problem = self._problem
         self._read_displacement()
@@ -158,17 +161,20 @@ class NonlinearProblem:
         Pairs of self-contact that do not settle, and boundary values with which the surface would
         intersect itself (`ipc`), have the converged reason DIVERGED_INNER. Collective.
         """
+        outcome, again = solver.Outcome(), True
         try:
             guess()
-            while True:
+            while again:
                 self.solver.solve(None, self.x)
-                if self.solver.getConvergedReason() <= 0:
-                    return False
-                if not self._problem.history.update_lagged(self._problem.split(self.x)[0]):
-                    return True
-        except NotSettled:
+                outcome.add_solve(self.solver)
+                again = outcome.converged and self._problem.history.update_lagged(
+                    self._problem.split(self.x)[0]
+                )
+        except NotSettled as error:
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-            return False
+            outcome.converged, outcome.reason = False, f"DIVERGED_INNER: {error}"
+        self.reason = outcome.reason
+        return outcome.converged
 
     def _read_displacement(self) -> None:
         """Set the unknowns to the values of ``u``."""

@@ -67,6 +67,7 @@ def test_pairs_that_do_not_settle_are_a_divergence(comm, monkeypatch):
     close(1.0)
     problem.solve()
     assert problem.solver.getConvergedReason() == PETSc.SNES.ConvergedReason.DIVERGED_INNER
+    assert problem.reason.startswith("DIVERGED_INNER: ")
 
 
 @mpi

@@ -61,7 +61,20 @@ class SemiImplicit:
         self._problem, self._snes = problem, snes
 
     def solve(self) -> Outcome:
-        """Make the step from ``problem.x``, in place. Collective."""
+        """Make the step from ``problem.x``, in place. Collective.
+
+        The SNES has the outcome's converged reason and iteration, as after a solve of its own.
+        """
+        outcome = self._step()
+        self._snes.getPythonContext().history = outcome.history
+        name = outcome.reason.partition(":")[0]
+        self._snes.setConvergedReason(getattr(PETSc.SNES.ConvergedReason, name))
+        # petsc4py frees dropped objects only when told to, for each communicator.
+        PETSc.garbage_cleanup(self._problem.x.comm)
+        return outcome
+
+    def _step(self) -> Outcome:
+        """Make the step."""
         problem, x = self._problem, self._problem.x
         start, d = State(x, linearised_residual(problem)), x.duplicate()
         # A new one for each step: a run that is resumed has no memory of the last one's Hessian.
@@ -89,6 +102,4 @@ class SemiImplicit:
             outcome.reason = "DIVERGED_FNORM_NAN"
         elif found.remedy:
             outcome.reason += f": {found.remedy}"
-        # petsc4py frees dropped objects only when told to, for each communicator.
-        PETSc.garbage_cleanup(x.comm)
         return outcome
