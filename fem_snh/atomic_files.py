@@ -10,7 +10,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from fem_snh.errors import BadInput
+from fem_snh.errors import BadInput, bad_value
+
+
+def output_path(key: str, path: str | Path) -> Path:
+    """Return the path that a user gave for output.
+
+    Raises
+    ------
+    BadInput
+        For an empty text, which would be the working directory, and for one with a null byte.
+    """
+    text = os.fspath(path)
+    if not text.strip() or "\0" in text:
+        raise bad_value(key, text, "a path; '.' is the working directory")
+    return Path(text)
 
 
 def replace_file(

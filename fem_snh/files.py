@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 import stat
+from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
 
@@ -44,5 +45,12 @@ def read_text(path: str | Path, encoding: str = "utf-8") -> str:
 
 def file_digest(path: str | Path) -> str:
     """Return a short hash of a regular file's content, 16 digits of its SHA-256. Raises OSError."""
+    state = os.stat(path)
+    return _digest(os.path.abspath(path), state.st_mtime_ns, state.st_size)
+
+
+@lru_cache
+def _digest(path: str, _modified: int, _size: int) -> str:
+    """Hash a file; time and size are part of the key, so that a changed file is hashed again."""
     with open_file(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]

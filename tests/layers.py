@@ -8,6 +8,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "choices", "output_fields", "cache", "interrupts", "fem.timing", "files"),
     ("child_process",),
     ("atomic_files", "references", "c_declarations"),
+    ("run_files",),
+    ("pvd",),
     ("_petsc", "materials", "fem.elements", "fem.shapes", "fem.skin"),
     ("fem.obstacles",),
     ("fem.bones",),

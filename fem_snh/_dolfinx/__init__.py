@@ -40,7 +40,7 @@ from fem_snh._dolfinx.meshes import (
     reference_corners,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
-from fem_snh._dolfinx.output import Series, collection, earlier_states
+from fem_snh._dolfinx.output import Series
 from fem_snh._dolfinx.points import bounding_box, locate
 from fem_snh._dolfinx.programs import (
     bc_dofs,
@@ -80,8 +80,8 @@ version: str = dolfinx.__version__
 __all__ = [
     "FACET_OF", "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar",
     "assemble_vector", "bc_dofs", "bc_space_is_within", "bounding_box", "cell_measures",
-    "cell_name", "collection", "constant", "coordinates", "count_entities", "create_matrix",
-    "create_mesh", "create_vector", "degree", "earlier_states", "exterior_facets", "facet_maps",
+    "cell_name", "constant", "coordinates", "count_entities", "create_matrix",
+    "create_mesh", "create_vector", "degree", "exterior_facets", "facet_maps",
     "form", "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "has_real_values", "input_cells", "input_vertices", "integrals",
     "interpolate", "is_function", "is_lagrange", "is_measure", "kernel_arguments",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fem_snh.cli.options import Parser
+from fem_snh.cli.options import Parser, output
 from fem_snh.cli.progress_bar import progress_bar
 
 
@@ -19,7 +19,7 @@ def export_parser() -> Parser:
     parser.add_argument(
         "out",
         metavar="OUT",
-        type=Path,
+        type=output,
         help="NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...; "
         "NAME.usd: one file (needs fem_snh[usd])",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.cli import study_options
-from fem_snh.cli.options import Parser, value
+from fem_snh.cli.options import Parser, output, value
 
 #: Defaults: cases that run at a time, and the limits of each [s, GiB].
 JOBS, TIMEOUT, MEMORY = 2, 900.0, 3.0
@@ -39,7 +39,7 @@ def extremes_parser() -> Parser:
         help="test this material, e.g. one of your own; default: all pointwise, Stable Neo-Hookean",
     )
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("out/extremes"), help="the study's folder"
+        "--out", metavar="DIR", type=output, default=Path("out/extremes"), help="the study's folder"
     )
     study_options.add_limits(parser, TIMEOUT, MEMORY, JOBS)
     return parser

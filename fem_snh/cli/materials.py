@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli.options import Parser, assignments, value
+from fem_snh.cli.options import Parser, assignments, output, value
 from fem_snh.errors import BadInput
 
 EPILOG = """\
@@ -47,7 +47,7 @@ def materials_parser() -> Parser:
     parser.add_argument(
         "--table", action="store_true", help="compare the stability of NAME ... or of all materials"
     )
-    parser.add_argument("--csv", metavar="FILE", type=Path, help="also write the table to FILE")
+    parser.add_argument("--csv", metavar="FILE", type=output, help="also write the table to FILE")
     return parser
 
 

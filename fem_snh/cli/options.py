@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
+from fem_snh.atomic_files import output_path
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
@@ -92,6 +94,14 @@ class Parser(argparse.ArgumentParser):
                 )
             self.error(f"unexpected '{word}': one {'scene' if 'scene' in args else 'name'} at most")
         return args
+
+
+def output(text: str) -> Path:
+    """Return the path of a folder or file that is written; an empty text is none."""
+    try:
+        return output_path("path", text)
+    except BadInput as error:  # argparse would not show the message of a ValueError
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _is_number(word: str) -> bool:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, split_petsc, value
+from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, output, split_petsc, value
 from fem_snh.doctor import check
 from fem_snh.errors import BadInput, on_root
 
@@ -41,7 +41,7 @@ def run_parser() -> Parser:
         "built-in scene",
     )
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, help="folder for run.json, tables and fields"
+        "--out", metavar="DIR", type=output, help="folder for run.json, tables and fields"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace the run in DIR")
     parser.add_argument(

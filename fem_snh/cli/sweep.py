@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from fem_snh.cli import study_options
-from fem_snh.cli.options import Parser, split_petsc
+from fem_snh.cli.options import Parser, output, split_petsc
 
 
 def sweep_parser() -> Parser:
@@ -15,7 +13,9 @@ def sweep_parser() -> Parser:
         "Solve a scene for every combination of values, in --jobs processes beside each other.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the sweep's folder")
+    parser.add_argument(
+        "--out", metavar="DIR", type=output, required=True, help="the sweep's folder"
+    )
     parser.add_argument(
         "--render",
         metavar="FIELD",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from fem_snh.cli.options import Parser, value
+from fem_snh.cli.options import Parser, output, value
 from fem_snh.cli.progress_bar import progress_bar
 from fem_snh.errors import BadInput
 
@@ -14,7 +14,7 @@ def plot_parser() -> Parser:
     """Return the parser of ``fem-snh plot``."""
     parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
     parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path, help="what to draw")
-    parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
+    parser.add_argument("--out", metavar="PNG", type=output, help="file of the picture")
     parser.add_argument("--newton", action="store_true", help="also draw the Newton iterations")
     return parser
 
@@ -34,7 +34,7 @@ def render_parser() -> Parser:
     """Return the parser of ``fem-snh render``."""
     parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("--out", metavar="PNG", type=Path, help="file of the picture")
+    parser.add_argument("--out", metavar="PNG", type=output, help="file of the picture")
     parser.add_argument(
         "--loads",
         metavar="T,T",
@@ -57,7 +57,7 @@ def render_parser() -> Parser:
         help="opacity of the body, e.g. 0.4 to show its bones; default: 1",
     )
     parser.add_argument(
-        "--movie", metavar="FILE", type=Path, help="draw a movie instead: a file .mp4 or .gif"
+        "--movie", metavar="FILE", type=output, help="draw a movie instead: a file .mp4 or .gif"
     )
     parser.add_argument(
         "--seconds", metavar="S", type=float, default=4.0, help="length of the movie; default: 4"
@@ -106,7 +106,9 @@ def view_parser() -> Parser:
         "dimensions, curves, steps, settings and versions.",
     )
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("--out", metavar="HTML", type=Path, help="the page; default: DIR/view.html")
+    parser.add_argument(
+        "--out", metavar="HTML", type=output, help="the page; default: DIR/view.html"
+    )
     parser.add_argument(
         "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
     )

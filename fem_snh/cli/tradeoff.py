@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from fem_snh.cli import study_options
-from fem_snh.cli.options import Parser, assignments, split_petsc, value
+from fem_snh.cli.options import Parser, assignments, output, split_petsc, value
 from fem_snh.cli.run import scene_list
 from fem_snh.errors import BadInput
 
@@ -34,7 +33,9 @@ def tradeoff_parser() -> Parser:
         scene_list,
     )
     parser.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the study's folder")
+    parser.add_argument(
+        "--out", metavar="DIR", type=output, required=True, help="the study's folder"
+    )
     parser.add_argument("--nu", metavar="X,..", help="Poisson's ratios; default: the scene's")
     parser.add_argument(
         "--elements", metavar="E,..", help="elements to compare; default: all that fit the scene"

@@ -25,8 +25,9 @@ import numpy.typing as npt
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
+from fem_snh.run_files import CHECKPOINT
 from fem_snh.runs import nodal_values
-from fem_snh.runs.folder import CHECKPOINT, Folder
+from fem_snh.runs.folder import Folder
 from fem_snh.runs.history import gather_motion, gather_terms, restore_motion, restore_terms
 from fem_snh.runs.scene_identity import check_same, identity
 from fem_snh.runs.stepping import Stepper
@@ -94,6 +95,7 @@ class Writer:
         content: dict[str, Any] = {"about": np.frombuffer(text, np.uint8), **arrays}
         flush = monotonic() > self._flushed + _FLUSH_INTERVAL
         path = self._folder.path / CHECKPOINT
+        self._folder.announce(CHECKPOINT)
         replace_file(path, lambda file: np.savez(file, **content), sync=flush)
         if flush:
             self._flushed = monotonic()

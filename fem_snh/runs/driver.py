@@ -53,9 +53,10 @@ def run(
     out : str or Path, optional
         Folder for run.json, steps.csv, checkpoint.npz and fields.pvd, all written after every step;
         modes.csv and modes.pvd if the scene requests modes. A folder that holds a run is an error
-        without ``overwrite`` or ``resume``.
+        without ``overwrite`` or ``resume``, one that holds other files without ``overwrite``.
     overwrite : bool
-        Replace the run in ``out``.
+        Replace the run in ``out``: the files that its run.json lists. Other files stay, except
+        those whose names a run writes.
     resume : bool
         Continue the run in ``out`` from its last step, on any number of ranks. It must be a run of
         the same scene, except for the keys SOLVER_KEYS and OUTPUT_KEYS of
@@ -89,9 +90,26 @@ def run(
     if resume and (out is None or overwrite):
         raise BadInput("--resume: expected with --out DIR, and without --overwrite")
     scene = _load(comm, scene, overrides)
-    folder = None if out is None else Folder(comm, Path(out), overwrite, resume)
-    stored = Checkpoint.read(folder, scene) if resume and folder else None
     printed = Progress(comm, progress, expected)
+    if out is None:
+        return _run(comm, scene, None, None, printed, note or {}, start)
+    with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
+        stored = Checkpoint.read(folder, scene) if resume else None
+        result = _run(comm, scene, folder, stored, printed, note or {}, start)
+    comm.barrier()  # the files are complete before any rank returns
+    return result
+
+
+def _run(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    folder: Folder | None,
+    stored: Checkpoint | None,
+    printed: Progress,
+    note: Mapping[str, Any],
+    start: float,
+) -> Result:
+    """Solve a scene, from the checkpoint if there is one; see `run`. Collective."""
     defaults = multigrid.smoothers(min(material.E for material in scene.materials))
     with (
         solver.petsc_failures(),
@@ -100,7 +118,9 @@ def run(
         setup = set_up(comm, scene)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.transient)
         describe_condensation(about, setup.problem.element, setup.condensation)
-        about |= dict(note or {})
+        if folder and folder.note:
+            about["notes"] = [*about.get("notes", ()), folder.note]
+        about |= note
         printed.start(about)
         if stored and folder:
             stored.restore(setup.stepper)
@@ -112,7 +132,6 @@ def run(
         _solve(comm, scene, setup, recorder, printed)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         recorder.save(status)
-        comm.barrier()  # the files are complete before any rank returns
         path = folder.path if folder else None
         printed.end(recorder.record, path, unused())
         setup.destroy()
@@ -149,7 +168,7 @@ def _recorder(
     if folder and (scene.obstacle or scene.bone):
         from fem_snh.runs.obstacle_records import copy_surfaces
 
-        on_root(comm, copy_surfaces, scene, folder.path)
+        on_root(comm, copy_surfaces, scene, folder)
     return recorder
 
 

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx
 from fem_snh.fem.problem import Problem
+from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
     from fem_snh.fem.modes import Modes
@@ -46,6 +47,8 @@ class Fields:
         Where they are written.
     transient : Transient, optional
         The time integration of a scene in time.
+    files : RunFiles, optional
+        The run's files.
 
     Attributes
     ----------
@@ -61,6 +64,7 @@ class Fields:
         names: Sequence[str] = (),
         at: str = "cells",
         transient: Transient | None = None,
+        files: RunFiles | None = None,
     ) -> None:
         #: The time of load 1.
         self._duration = transient.time.duration if transient else 1.0
@@ -73,20 +77,18 @@ class Fields:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
             scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
             self._nodal.append(_dolfinx.function(scalars, "pressure"))
-        self._series = _dolfinx.Series(
-            problem.comm, path, problem.load * self._duration if resumed else None
-        )
         until = problem.load * self._duration if resumed else None
+        self._series = _dolfinx.Series(problem.comm, path, until, files)
         self._obstacles: ObstacleSeries | None = None
         if any(term.name == "obstacle" for term in problem.terms):
             from fem_snh.runs.obstacle_series import ObstacleSeries
 
-            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until)
+            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until, files)
         self._skin: SkinSeries | None = None
         if problem.skin is not None:
             from fem_snh.runs.skin_series import SkinSeries
 
-            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until)
+            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
         self._requested: RequestedFields | None = None
         start = perf_counter()
         if names:
@@ -98,9 +100,15 @@ class Fields:
         self.jit_seconds = perf_counter() - start
 
     def write(self, problem: Problem) -> None:
-        """Append the problem's state at its load, unless the series has it. Collective."""
+        """Append the problem's state at its load to each series that does not have it. Collective.
+
+        A run that is killed may leave the state in some of the series.
+        """
         time = problem.load * self._duration
-        if time in self._series.times:
+        if self._obstacles and time not in self._obstacles.times:
+            self._obstacles.write(problem, time)
+        lacking = [s for s in (self._series, self._skin) if s and time not in s.times]
+        if not lacking:
             return
         fields = problem.cell_fields(problem.x)
         values = {
@@ -114,10 +122,9 @@ class Fields:
             self._pressure.x.array[:] = problem.saddle_point.pressure()
             self._nodal[1].interpolate(self._pressure)
         further = self._requested.arrays() if self._requested else ([], [])
-        self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
-        if self._obstacles:
-            self._obstacles.write(problem, time)
-        if self._skin:
+        if self._series in lacking:
+            self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
+        if self._skin in lacking:
             cells, nodes = ({array.name: array.values for array in found} for found in further)
             if problem.saddle_point:
                 vector = _dolfinx.function(problem.V, "pressure")  # the skin needs its numbering
@@ -127,7 +134,7 @@ class Fields:
             self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
 
 
-def write_modes(path: Path, modes: Modes) -> None:
+def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None:
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
@@ -139,10 +146,12 @@ def write_modes(path: Path, modes: Modes) -> None:
         The .pvd file.
     modes : Modes
         The eigenfrequencies and mode shapes.
+    files : RunFiles, optional
+        The run's files.
     """
     problem = modes.problem
     shape = _dolfinx.function(problem.V, "mode")
-    series = _dolfinx.Series(problem.comm, path)
+    series = _dolfinx.Series(problem.comm, path, files=files)
     for number, vector in enumerate(modes.shapes, 1):
         x = _dolfinx.petsc_vec(shape)
         vector.copy(x)

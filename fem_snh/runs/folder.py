@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
@@ -17,10 +17,11 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import _dolfinx, solver
-from fem_snh.atomic_files import remove, replace_file
+from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
+from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
@@ -32,13 +33,6 @@ if TYPE_CHECKING:
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
     "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
-)  # fmt: skip
-#: File name of the checkpoint.
-CHECKPOINT = "checkpoint.npz"
-#: Files of an earlier run, beside the tables and the checkpoint.
-_OLD_FILES = (
-    "fields*.pvd", "fields*vtu", "skin*.pvd", "skin*vtu", "modes*.pvd", "modes*vtu",
-    "obstacles.pvd", "obstacles*vtu", "obstacle_*.stl", "bone_*.stl", "bone_*.obj",
 )  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")
@@ -144,55 +138,77 @@ def _describe_material(choice: MaterialChoice, region: Region) -> dict[str, Any]
 class Folder:
     """The output folder, created if it does not exist; only rank 0 writes. Collective.
 
+    As a context it is released at the end.
+
     Parameters
     ----------
     comm : MPI.Comm
         The communicator.
-    path : Path
+    path : str or Path
         The folder.
+    inputs : iterable of Path
+        The files that the run reads.
     overwrite, resume : bool
-        Accept a folder that holds a run, to replace or to continue it.
+        Accept a folder that holds a run, to replace or to continue it; with ``overwrite`` also a
+        folder that holds other files, which stay.
+
+    Attributes
+    ----------
+    files : RunFiles or None
+        The files of the run, on rank 0.
+    note : str
+        Why the folder is not locked, or "".
 
     Raises
     ------
     BadInput
-        On every rank, if the folder holds a run, does not exist for a resumed run, or is not
-        writable.
+        On every rank, if the folder is neither empty nor accepted, does not exist for a resumed
+        run, is not writable, is used by another process, or holds an input that the run might
+        replace.
     """
 
     def __init__(
-        self, comm: MPI.Comm, path: Path, overwrite: bool = False, resume: bool = False
+        self,
+        comm: MPI.Comm,
+        path: str | Path,
+        inputs: Iterable[Path] = (),
+        overwrite: bool = False,
+        resume: bool = False,
     ) -> None:
-        self.comm, self.path = comm, path
-        on_root(comm, self._check, overwrite, resume)
+        self.comm, self.path = comm, output_path("out", path)
+        self.files: RunFiles | None = None
+        self.note = on_root(comm, self._open, inputs, overwrite, resume)
 
-    def _check(self, overwrite: bool, resume: bool) -> None:
-        """Make the folder and check that a file can be written in it."""
-        if (self.path / "run.json").exists() and not (overwrite or resume):
-            raise BadInput(
-                f"{self.path} already holds a run: give --overwrite or another --out, "
-                "or continue it with --resume"
-            )
+    def _open(self, inputs: Iterable[Path], overwrite: bool, resume: bool) -> str:
+        """Make the folder and lock it."""
         if resume and not self.path.is_dir():
             raise BadInput(f"there is no folder {self.path} to resume from: start without --resume")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            with TemporaryFile(dir=self.path):
-                pass
         except OSError as error:
             raise BadInput(
                 f"output folder {self.path} cannot be written ({error.strerror}): choose another"
             ) from None
+        self.files = RunFiles(self.path, inputs, overwrite, resume)
+        return self.files.note
+
+    def __enter__(self) -> Folder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.files:
+            self.files.close()
 
     def clear(self) -> None:
         """Remove the files of an earlier run. Collective."""
-        if self.comm.rank == 0:
-            for pattern in _OLD_FILES:
-                for file in self.path.glob(pattern):
-                    remove(file)
-            for name in (CHECKPOINT, "steps.csv", "modes.csv"):
-                remove(self.path / name)
+        if self.files:
+            self.files.discard(list(self.files.names))
         self.comm.barrier()
+
+    def announce(self, *names: str) -> None:
+        """List files of the run before they are written. On rank 0."""
+        if self.files:
+            self.files.add(names)
 
     def write(self, record: dict[str, Any]) -> None:
         """Write run.json and the tables on rank 0. Not collective.
@@ -202,8 +218,9 @@ class Folder:
         BadInput
             If a file cannot be written.
         """
-        if self.comm.rank:
+        if self.files is None:
             return
+        self.announce("run.json", "steps.csv", *(["modes.csv"] if "modes" in record else []))
         steps = [flat(step) for step in record["steps"]]
         columns = dict.fromkeys([*COLUMNS, *(key for step in steps for key in step)])
         replace_file(self.path / "steps.csv", table_text(list(columns), steps))
@@ -212,7 +229,9 @@ class Folder:
             numbered = enumerate(zip(modes["frequencies"], modes["residuals"], strict=True), 1)
             rows = [dict(zip(MODE_COLUMNS, (i, *values), strict=True)) for i, values in numbered]
             replace_file(self.path / "modes.csv", table_text(MODE_COLUMNS, rows))
-        replace_file(self.path / "run.json", json.dumps(_json_value(record), indent=1) + "\n")
+        whole = record | {"files": list(self.files.names)}
+        replace_file(self.path / "run.json", json.dumps(_json_value(whole), indent=1) + "\n")
+        self.files.note_recorded()
 
 
 def _json_value(value: Any) -> Any:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.fem.problem import Problem
+from fem_snh.runs.folder import Folder
 from fem_snh.scenes import BoneChoice, Scene, obstacle_names
 
 
@@ -32,8 +32,8 @@ def describe_obstacles(scene: Scene, problem: Problem) -> dict[str, dict[str, An
     return found
 
 
-def copy_surfaces(scene: Scene, folder: Path) -> None:
-    """Copy the surfaces of obstacles and bones to the folder of a run.
+def copy_surfaces(scene: Scene, folder: Folder) -> None:
+    """Copy the surfaces of obstacles and bones to the folder of a run. On rank 0.
 
     Raises
     ------
@@ -44,9 +44,10 @@ def copy_surfaces(scene: Scene, folder: Path) -> None:
     files |= {surface_name(scene, choice): choice.surface for choice in scene.bone}
     for name, path in files.items():
         if path is not None:
+            folder.announce(name)
             try:
                 with path.open("rb") as source:
-                    replace_file(folder / name, partial(shutil.copyfileobj, source))
+                    replace_file(folder.path / name, partial(shutil.copyfileobj, source))
             except OSError as error:
                 raise BadInput(f"cannot read {path}: {error.strerror}") from None
 

@@ -11,12 +11,13 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.shapes import Shape, SmoothUnion, Union
 from fem_snh.fem.shapes.triangles import surface_triangles
+from fem_snh.pvd import Collection
+from fem_snh.run_files import RunFiles
 from fem_snh.runs.triangle_file import triangle_file
 
 Array = npt.NDArray[Any]
@@ -27,7 +28,7 @@ _REACH = 1.5
 _CUBES = 40
 
 
-class ObstacleSeries:
+class ObstacleSeries(Collection):
     """The surfaces of the obstacles where they are at increasing times. Collective.
 
     Rank 0 writes triangles with the number of their obstacle, as run.json orders them.
@@ -40,16 +41,22 @@ class ObstacleSeries:
         A problem with a term of obstacles.
     until : float, optional
         Keep the states of an existing file up to this time.
+    files : RunFiles, optional
+        The run's files.
     """
 
-    def __init__(self, path: Path, problem: Problem, until: float | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        problem: Problem,
+        until: float | None = None,
+        files: RunFiles | None = None,
+    ) -> None:
+        super().__init__(problem.comm, path, until, files)
         term: Any = next(term for term in problem.terms if term.name == "obstacle")
-        self._comm: MPI.Comm = problem.comm
-        self._path = path
         self._obstacles = [contact.obstacle for contact in term.contacts]
         #: The triangles of surfaces with an end, at their reference position.
         self._made: dict[int, tuple[Array, Array]] = {}
-        self._times: list[float] = on_root(self._comm, _dolfinx.earlier_states, path, until)
 
     def write(self, problem: Problem, t: float) -> None:
         """Append the obstacles at the problem's load. Collective.
@@ -61,10 +68,10 @@ class ObstacleSeries:
         """
         x = problem.coordinates + problem.x.array_r[: problem.coordinates.size].reshape(-1, 3)
         low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
-        self._comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-        self._comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-        on_root(self._comm, self._write, problem.load, t, np.array([low, high]))
-        self._times.append(t)
+        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        on_root(self.comm, self._write, problem.load, t, np.array([low, high]))
+        self.times.append(t)
 
     def _write(self, load: float, t: float, box: Array) -> None:
         """Write the state's file, then the collection. On rank 0."""
@@ -76,11 +83,11 @@ class ObstacleSeries:
             )
             parts.append((pose.apply(X), triangles))
         numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
-        names = [f"{self._path.stem}{k:06}.vtu" for k in range(len(self._times) + 1)]
         text = triangle_file(*_joined(parts), {}, {"obstacle": numbers})
-        replace_file(self._path.with_name(names[-1]), text)
-        listed = _dolfinx.collection(zip([*self._times, t], names, strict=True))
-        replace_file(self._path, listed)
+        name = self.name(".vtu")
+        self.announce(name)
+        replace_file(self.path.with_name(name), text)
+        self.list_next(t, ".vtu")
 
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
         """Return the triangles of an obstacle at its reference position, near the body."""

@@ -72,7 +72,7 @@ class Recorder:
         if folder:
             resumed, path = earlier is not None, folder.path / "fields.pvd"
             transient = stepper.transient
-            self._fields = Fields(path, self._problem, resumed, *fields, transient)
+            self._fields = Fields(path, self._problem, resumed, *fields, transient, folder.files)
             self._seconds = seconds | {"jit": seconds["jit"] + self._fields.jit_seconds}
         self._output = 0.0
         #: Whether a state that converged has not been written.
@@ -105,7 +105,7 @@ class Recorder:
         self.record["modes"] = modes.record
         self._seconds = self._seconds | {"modes": modes.seconds}
         if self._folder:
-            write_modes(self._folder.path / "modes.pvd", modes)
+            write_modes(self._folder.path / "modes.pvd", modes, self._folder.files)
         self._output += perf_counter() - start
 
     def save(self, status: str, state: bool = False) -> None:

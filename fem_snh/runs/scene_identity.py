@@ -8,7 +8,7 @@ from typing import Any
 
 from fem_snh.errors import BadInput
 from fem_snh.files import file_digest
-from fem_snh.scenes import OBSTACLE_FILES, Scene
+from fem_snh.scenes import Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
 SOLVER_KEYS = (
@@ -30,22 +30,7 @@ def identity(scene: Scene) -> dict[str, Any]:
     data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
     if scene.time:
         del data["time"]["output_every"]
-    if isinstance(scene.mesh, Path):
-        data["mesh"] = _digest("mesh", scene.mesh)
-    for key in ("lattice", "surface"):
-        if isinstance(path := getattr(scene.mesh, key, None), Path):
-            data["mesh"][key] = _digest(f"mesh.{key}", path)
-    tables = data["material"] if isinstance(data["material"], list) else [data["material"]]
-    for material, table in zip(scene.materials, tables, strict=True):
-        table |= {path.name: _digest("material", path) for path in material.files}
-    for obstacle, table in zip(scene.obstacle, data["obstacle"], strict=True):
-        files = {key: getattr(obstacle, key) for key in OBSTACLE_FILES}
-        table |= {key: _digest(key, path) for key, path in files.items() if path is not None}
-    for bone, table in zip(scene.bone, data["bone"], strict=True):
-        table |= {key: _digest(key, path) for key, path in bone.files.items()}
-        if "motion.bvh" in table:
-            del table["motion"]["bvh"]
-    return _flat(data)
+    return _flat(data) | {key: _digest(key, path) for key, path in scene.files.items()}
 
 
 def _digest(key: str, path: Path) -> str:

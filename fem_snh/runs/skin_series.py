@@ -6,22 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import _dolfinx
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
 from fem_snh.fem.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.fem.skin import Skin
+from fem_snh.pvd import Collection
+from fem_snh.run_files import RunFiles
 from fem_snh.runs.triangle_file import triangle_file
 
 Array = npt.NDArray[Any]
 
 
-class SkinSeries:
+class SkinSeries(Collection):
     """The skin of a body at increasing times, as triangles with fields at the points. Collective.
 
     Rank 0 writes. A field of the cells has at each point the value of the cell that carries it.
@@ -36,14 +35,22 @@ class SkinSeries:
         The skin.
     until : float, optional
         Keep the states of an existing file up to this time.
+    files : RunFiles, optional
+        The run's files.
     """
 
-    def __init__(self, path: Path, V: Any, skin: Skin, until: float | None = None) -> None:
-        self._comm: MPI.Comm = V.mesh.comm
-        self._path, self._skin = path, skin
+    def __init__(
+        self,
+        path: Path,
+        V: Any,
+        skin: Skin,
+        until: float | None = None,
+        files: RunFiles | None = None,
+    ) -> None:
+        super().__init__(V.mesh.comm, path, until, files)
+        self._skin = skin
         self._surface = EmbeddedSurface.of_skin(V, skin)
         self._points, self._cells = carried_points(V.mesh, skin)
-        self._times: list[float] = on_root(self._comm, _dolfinx.earlier_states, path, until)
 
     def write(
         self, u: Array, t: float, cells: Mapping[str, Array], nodes: Mapping[str, Array]
@@ -71,12 +78,12 @@ class SkinSeries:
             fields[name] = self._carried(values)
         for name, values in nodes.items():
             fields[name] = self._interpolated(values)
-        on_root(self._comm, self._write, fields, t)
-        self._times.append(t)
+        on_root(self.comm, self._write, fields, t)
+        self.times.append(t)
 
     def _carried(self, values: Array) -> Array | None:
         """Return the values of the cells that carry the points, on rank 0."""
-        parts = self._comm.gather((self._points, values[self._cells]))
+        parts = self.comm.gather((self._points, values[self._cells]))
         if parts is None:
             return None
         found = np.empty((len(self._skin.points), *values.shape[1:]))
@@ -97,8 +104,8 @@ class SkinSeries:
 
     def _write(self, fields: Mapping[str, Any], t: float) -> None:
         """Write the state's file, then the collection."""
-        names = [f"{self._path.stem}{k:06}.vtu" for k in range(len(self._times) + 1)]
+        name = self.name(".vtu")
+        self.announce(name)
         skin = triangle_file(self._skin.points, self._skin.triangles, fields)
-        replace_file(self._path.with_name(names[-1]), skin)
-        text = _dolfinx.collection(zip([*self._times, t], names, strict=True))
-        replace_file(self._path, text)
+        replace_file(self.path.with_name(name), skin)
+        self.list_next(t, ".vtu")

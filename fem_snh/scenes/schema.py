@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -27,6 +28,7 @@ from fem_snh.scenes._contact import Contact
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._loads import Cavity, Gravity, Load, Pressure, Spring, Traction, load_amplitudes
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
+from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
 from fem_snh.scenes._obstacles import ObstacleChoice
 from fem_snh.scenes._outputs import (
     Geometry,
@@ -214,6 +216,20 @@ class Scene(Table):
     def materials(self) -> list[MaterialChoice]:
         """The materials: one, or several with their groups."""
         return self.material if isinstance(self.material, list) else [self.material]
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that the scene reads, by dotted keys."""
+        found: dict[str, object] = {"mesh": self.mesh}
+        found |= {f"mesh.{key}": getattr(self.mesh, key, None) for key in ("lattice", "surface")}
+        for i, material in enumerate(self.materials):
+            table = f"material.{i}" if isinstance(self.material, list) else "material"
+            found |= {f"{table}.{path.name}": path for path in material.files}
+        for i, obstacle in enumerate(self.obstacle):
+            found |= {f"obstacle.{i}.{key}": getattr(obstacle, key) for key in OBSTACLE_FILES}
+        for i, bone in enumerate(self.bone):
+            found |= {f"bone.{i}.{key}": path for key, path in bone.files.items()}
+        return {key: path for key, path in found.items() if isinstance(path, Path)}
 
     @property
     def nu(self) -> float:

@@ -7,18 +7,15 @@ study continues when it is started again.
 
 from __future__ import annotations
 
-import json
-import shutil
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import replace_file
-from fem_snh.errors import BadInput
 from fem_snh.interrupts import Interrupts
+from fem_snh.studies.folder import LOG, StudyFolder
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
 from fem_snh.studies.table import Table, read_record
@@ -35,11 +32,11 @@ _POLL_INTERVAL = 0.005
 class Batch:
     """The folder and the table of a study, and the loop that runs its points.
 
-    Only one process may use a folder.
+    Only one process may use a folder; as a context, a batch releases it at the end.
 
     Parameters
     ----------
-    out : Path
+    out : str or Path
         The folder.
     name : str
         Name of the study: its files are NAME.json, NAME.csv, NAME.png.
@@ -47,6 +44,8 @@ class Batch:
         The values that all rows of the table share.
     columns : sequence of str
         Columns of the table.
+    inputs : iterable of Path
+        Files that the study reads.
     success : str
         The column that is true for a point which ``retry`` does not run again.
     retry : bool
@@ -62,35 +61,58 @@ class Batch:
     Raises
     ------
     BadInput
-        If ``out`` holds a study of another definition and ``overwrite`` is false.
+        As from `fem_snh.studies.folder.StudyFolder`.
     """
 
     def __init__(
         self,
-        out: Path,
+        out: str | Path,
         name: str,
         definition: Mapping[str, Any],
         columns: Sequence[str],
         limits: Limits,
         *,
+        inputs: Iterable[Path] = (),
         success: str = "converged",
         retry: bool = False,
         overwrite: bool = False,
         reuse: bool = False,
         report: Callable[[str], None] = print,
     ) -> None:
-        self.out, self.name, self.limits, self.report = out, name, limits, report
+        self.name, self.limits, self.report = name, limits, report
         program(limits.ranks)  # fails here, before anything runs, if there is no mpirun
         definition = {**definition, "ranks": limits.ranks}
-        _prepare_folder(out, name, definition, overwrite)
-        self.table = Table(out / f"{name}.csv", columns)
+        self._folder = StudyFolder(out, name, definition, inputs, overwrite)
+        self.out = self._folder.path
+        if self._folder.note:
+            report(f"note: {self._folder.note}")
+        self.table = Table(self.out / f"{name}.csv", columns)
         self._success, self._retry, self._reuse = success, retry, reuse
         self._idle: list[Worker] = []
 
+    def __enter__(self) -> Batch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.close()
+
+    def register(self, points: Mapping[str, Point]) -> None:
+        """Check the rows and folders of points before they run; see `StudyFolder.register`."""
+        kept = (row for row in self.table.rows() if not self._is_repeated(row))
+        self._folder.register(points, (row["point"] for row in kept))
+
+    def _is_repeated(self, row: Mapping[str, Any]) -> bool:
+        """Return whether the point of a row is run again."""
+        return self._retry and row[self._success] != "True"
+
     def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> None:
-        """Run the points that have no row; a failed point has a row with the reason."""
+        """Run the points that have no row; a failed point has a row with the reason.
+
+        Raises BadInput before anything runs if a row is not that of its point; see `register`.
+        """
+        self.register(points)
         if self._retry:  # rows of points that are not asked for stay
-            failed = (r["point"] for r in self.table.rows() if r[self._success] != "True")
+            failed = (row["point"] for row in self.table.rows() if self._is_repeated(row))
             self.table.drop(name for name in failed if name in points)
         rows = {row["point"]: row for row in self.table.rows()}
         waiting = [name for name in points if name not in rows]
@@ -150,16 +172,14 @@ class Batch:
         return ready[: self.limits.jobs - len(running)]
 
     def _start(self, name: str, point: Point) -> Child:
-        folder = self.out / name
-        shutil.rmtree(folder, ignore_errors=True)  # of a point that was interrupted
-        folder.mkdir(parents=True)
+        folder = self._folder.begin(name)
         arguments = point.arguments(folder)
         limits = self._timeout(point), self.limits.memory
         if not self._reuse:
             command = [*program(self._ranks(point), point.module), *arguments]
-            return Child(command, folder / "log.txt", *limits)
+            return Child(command, folder / LOG, *limits)
         worker = self._idle.pop() if self._idle else Worker(self.limits.ranks)
-        worker.start(arguments, folder / "log.txt", *limits)
+        worker.start(arguments, folder / LOG, *limits)
         return worker
 
     def _keep_or_close(self, child: Child, wanted: bool) -> None:
@@ -198,7 +218,7 @@ class Batch:
         """Return the row of a point that has ended."""
         record = read_record(self.out / name, point.record)
         row = self._row(name, point)
-        row |= point.measured(record, self.out / name / "log.txt", child.poll() or 0)
+        row |= point.measured(record, self.out / name / LOG, child.poll() or 0)
         row["seconds"] = row["seconds"] or child.seconds
         if child.limit_reached:
             row |= {"converged": False, "status": child.limit_reached}
@@ -219,28 +239,3 @@ def _coarser_status(coarser: Mapping[str, Any]) -> str:
     if status.startswith("not tried: "):
         return status.removeprefix("not tried: ")
     return f"{coarser['cells']} cells were {status}"
-
-
-def _prepare_folder(out: Path, name: str, definition: Mapping[str, Any], overwrite: bool) -> None:
-    """Create the folder of a study, or check that the study in it has the same definition."""
-    record = out / f"{name}.json"
-    definition = json.loads(json.dumps(definition))
-    try:
-        earlier = json.loads(record.read_text(encoding="utf-8")) if record.exists() else None
-    except ValueError:
-        earlier = {}
-    if earlier is not None and earlier != definition and not overwrite:
-        other = [key for key in definition if earlier.get(key) != definition[key]]
-        raise BadInput(
-            f"out = {out}: holds {name}.csv of other {', '.join(other)}: "
-            "expected another folder, or --overwrite"
-        )
-    if overwrite and earlier is not None:
-        for log in out.glob("*/log.txt"):  # every point has a log, also an interrupted one
-            shutil.rmtree(log.parent, ignore_errors=True)
-        (out / f"{name}.csv").unlink(missing_ok=True)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"out = {out}: cannot be written: {error.strerror}") from None
-    replace_file(record, json.dumps(definition, indent=1))

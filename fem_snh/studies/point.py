@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -91,6 +91,10 @@ class Point(ABC):
     @abstractmethod
     def arguments(self, folder: Path) -> list[str]:
         """Return the arguments of the module for a point that writes into ``folder``."""
+
+    def files(self) -> Sequence[Path]:
+        """Return the files whose content its row depends on."""
+        return ()
 
     @abstractmethod
     def requested(self) -> Mapping[str, Any]:

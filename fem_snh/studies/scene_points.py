@@ -41,6 +41,10 @@ class ScenePoint(Point):
         """Return the arguments of ``fem-snh``."""
         return run_arguments(self.name, folder, self.values, self.petsc)
 
+    def files(self) -> list[Path]:
+        """Return the files of the scene."""
+        return scene_files(self.name, [self.scene])
+
     def requested(self) -> Mapping[str, Any]:
         """Return its values and the columns REQUESTED."""
         return {**self.values, **requested_columns(self.scene)}
@@ -55,7 +59,7 @@ def run_arguments(
     scene: str | Path, folder: Path, values: Mapping[str, Any], petsc: Mapping[str, Any]
 ) -> list[str]:
     """Return the arguments of ``fem-snh`` for a run with these values and PETSc options."""
-    arguments = ["run", str(scene), "--out", str(folder), "--quiet"]
+    arguments = ["run", str(scene), "--out", str(folder), "--overwrite", "--quiet"]
     arguments += [f"--set={key}={json.dumps(v)}" for key, v in values.items()]
     options = [[f"-{k}"] if v is None else [f"-{k}", value_text(v)] for k, v in petsc.items()]
     return [*arguments, "--", *itertools.chain(*options)]
@@ -79,15 +83,14 @@ def _joined(values: Iterable[Any]) -> str:
     return " + ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
 
 
-def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
-    """Return a digest of each file of a scene, by which a study detects other contents."""
+def scene_files(scene: str | Path, loaded: Iterable[scenes.Scene]) -> list[Path]:
+    """Return the files of a scene: its own, and those that it reads."""
     paths = {file_of(str(scene))}
     for each in loaded:
-        paths |= {each.mesh} if isinstance(each.mesh, Path) else set()
-        bodies = (getattr(each.mesh, key, None) for key in ("lattice", "surface"))
-        paths |= {path for path in bodies if isinstance(path, Path)}
-        paths |= {path for material in each.materials for path in material.files}
-        files = (getattr(o, key) for o in each.obstacle for key in scenes.OBSTACLE_FILES)
-        paths |= {path for path in files if path is not None}
-        paths |= {path for bone in each.bone for path in bone.files.values()}
-    return {str(path): file_digest(path) for path in sorted(paths) if path.suffix}
+        paths |= set(each.files.values())
+    return [path for path in sorted(paths) if path.suffix]
+
+
+def file_digests(scene: str | Path, loaded: Iterable[scenes.Scene]) -> dict[str, str]:
+    """Return a digest of each file of a scene, by which a study detects other contents."""
+    return {str(path): file_digest(path) for path in scene_files(scene, loaded)}

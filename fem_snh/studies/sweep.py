@@ -20,7 +20,7 @@ from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
-from fem_snh.studies.scene_points import ScenePoint, file_digests, value_text
+from fem_snh.studies.scene_points import ScenePoint, file_digests, scene_files, value_text
 from fem_snh.studies.table import MEASURED, REQUESTED
 
 if TYPE_CHECKING:
@@ -98,20 +98,22 @@ def sweep(
     files = file_digests(scene, (point.scene for point in points.values()))
     extra = [key for key in lists if key not in (*REQUESTED, *MEASURED)]
     batch = Batch(
-        Path(out),
+        out,
         "sweep",
         {"scene": str(scene), "axes": lists, "files": files, "petsc": options},
         ["point", *REQUESTED, *extra, "ranks", *MEASURED],
         limits,
+        inputs=scene_files(scene, (point.scene for point in points.values())),
         retry=retry,
         overwrite=overwrite,
         reuse=True,
         report=report,
     )
-    batch.run(points)
-    batch.draw()
-    if render is not None:
-        report(_draw_bodies(batch.out, list(points), render))
+    with batch:
+        batch.run(points)
+        batch.draw()
+        if render is not None:
+            report(_draw_bodies(batch.out, list(points), render))
     import pandas as pd
 
     return pd.read_csv(batch.table.path)

@@ -99,16 +99,18 @@ def extremes(
     cases = {case.name: case for family in chosen for case in family}
     definition = {"quick": quick, "material": material}
     batch = Batch(
-        Path(out), "extremes", definition, COLUMNS, Limits(**limits),
+        out, "extremes", definition, COLUMNS, Limits(**limits),
+        inputs=[file for case in cases.values() for file in case.point.files()],
         success="passed", report=report, **flags,
     )  # fmt: skip
 
     def evaluate(record: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any]:
         return cases[row["point"]].evaluate(record, row)
 
-    batch.run({name: case.point for name, case in cases.items()}, evaluate)
-    table = pd.read_csv(batch.table.path)
-    batch.draw()
-    report(f"page: {page.write(table, Path(out))}")
+    with batch:
+        batch.run({name: case.point for name, case in cases.items()}, evaluate)
+        table = pd.read_csv(batch.table.path)
+        batch.draw()
+        report(f"page: {page.write(table, batch.out)}")
     requested = table[table["point"].isin(list(cases))]
     return Outcome(requested, page.aggregate_criteria(requested))

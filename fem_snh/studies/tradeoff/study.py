@@ -10,10 +10,10 @@ more values.
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -26,7 +26,7 @@ from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.processes import environment, program
-from fem_snh.studies.scene_points import file_digests, run_arguments
+from fem_snh.studies.scene_points import file_digests, run_arguments, scene_files
 from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, resolutions
@@ -112,22 +112,27 @@ def tradeoff(
     options = dict(petsc or {})
     shared = {"scene": str(scene), "values": overrides, "petsc": options}
     batch = Batch(
-        Path(out),
+        out,
         "tradeoff",
         shared | {"files": file_digests(scene, [own])},
         [*columns, *_COST, *values, *errors.columns(of)],
         Limits(**limits),
+        inputs=[*scene_files(scene, [own]), *(Path(m) for m in meshes if isinstance(m, str))],
         report=report,
         **flags,
     )
     studied = {nu: plan.points(scene, nu, overrides, options) for nu in plan.nus}
-    _warm_up(scene, plan, overrides, batch)
-    for nu, points in studied.items():
-        batch.run(points, _measured)
-        _assess(batch, of, nu)
-    table = pd.read_csv(batch.table.path)
-    write_advice(table, Path(out))
-    batch.draw()
+    with batch:
+        batch.register(
+            {name: point for points in studied.values() for name, point in points.items()}
+        )
+        _warm_up(scene, plan, overrides, batch)
+        for nu, points in studied.items():
+            batch.run(points, _measured)
+            _assess(batch, of, nu)
+        table = pd.read_csv(batch.table.path)
+        write_advice(table, batch.out)
+        batch.draw()
     return table
 
 
@@ -201,11 +206,10 @@ def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch:
             continue
         choice = plan.default(element, plan.resolutions[element][0])
         values = {"nu": nus[0]} | dict(overrides) | choice.values()
-        folder = batch.out / f"warm-up_{element}"
-        petsc = {"snes_max_it": 1}
-        command = [*program(1), *run_arguments(scene, folder, values, petsc)]
-        subprocess.run(command, env=environment(), capture_output=True)
-        shutil.rmtree(folder, ignore_errors=True)
+        with TemporaryDirectory() as folder:
+            petsc = {"snes_max_it": 1}
+            command = [*program(1), *run_arguments(scene, Path(folder), values, petsc)]
+            subprocess.run(command, env=environment(), capture_output=True)
 
 
 def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:

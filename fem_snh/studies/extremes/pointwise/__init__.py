@@ -16,6 +16,7 @@ import pandas as pd
 
 from fem_snh import materials
 from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.references import file_of, is_reference
 from fem_snh.studies.extremes.cases import Case, Record, Row, case_columns
 from fem_snh.studies.extremes.pointwise.bounds import compare
 from fem_snh.studies.extremes.pointwise.points import MODULI, QUICK, groups
@@ -121,6 +122,10 @@ class PointwisePoint(Point):
     def arguments(self, folder: Path) -> list[str]:
         """Return the arguments of ``python -m fem_snh.studies.extremes.pointwise``."""
         return [self.material, str(folder), *(["--quick"] if self.quick else [])]
+
+    def files(self) -> list[Path]:
+        """Return the file of a material of the user's own."""
+        return [file_of(self.material)] if is_reference(self.material) else []
 
     def requested(self) -> Mapping[str, Any]:
         """Return the material."""

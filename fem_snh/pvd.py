@@ -1,0 +1,92 @@
+"""A .pvd file, which lists the states of a run for ParaView, and the names of their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import BadInput, on_root
+from fem_snh.run_files import RunFiles
+
+
+class Collection:
+    """The states of a run at increasing times, each in files of its own. Collective.
+
+    A state is listed when its files are complete. The file can therefore be read at any time, also
+    after a crash, and another run can continue it.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    path : Path
+        The .pvd file.
+    until : float, optional
+        Keep the states of an existing file up to this time; None keeps none.
+    files : RunFiles, optional
+        The run's files on rank 0. They list each file before it is written; files of states that
+        are not kept are removed if they are listed.
+
+    Attributes
+    ----------
+    times : list of float
+        Times of the states, on every rank.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if an existing file cannot be read.
+    """
+
+    def __init__(
+        self, comm: Any, path: Path, until: float | None = None, files: RunFiles | None = None
+    ) -> None:
+        self.comm, self.path, self._files = comm, path, files
+        self.times: list[float] = on_root(comm, self._keep, until)
+
+    def _keep(self, until: float | None) -> list[float]:
+        """Return the times of the states that are kept; remove the files of the others."""
+        kept = []
+        if until is not None and self.path.exists():
+            try:
+                states = list(ET.parse(self.path).iter("DataSet"))
+                kept = [t for s in states if (t := float(s.attrib["timestep"])) <= until]
+            except (OSError, ET.ParseError, KeyError, ValueError) as error:
+                raise BadInput(f"{self.path} cannot be read ({error}): remove it") from None
+        if self._files:
+            numbers = ((name, _state_number(name, self.path.stem)) for name in self._files.names)
+            self._files.discard([n for n, k in numbers if k is not None and k >= len(kept)])
+        return kept
+
+    def name(self, suffix: str, part: str = "", number: int | None = None) -> str:
+        """Return the name of a file of state ``number``, by default of the next one."""
+        number = len(self.times) if number is None else number
+        return f"{self.path.stem}{part}{number:06}{suffix}"
+
+    def announce(self, *names: str) -> None:
+        """List the next state's files as files of the run before they are written. On rank 0."""
+        if self._files:
+            self._files.add((*names, self.path.name))
+
+    def list_next(self, t: float, suffix: str) -> None:
+        """Add the next state, whose files are complete, to the .pvd file. On rank 0."""
+        names = (self.name(suffix, number=number) for number in range(len(self.times) + 1))
+        rows = [
+            f'    <DataSet timestep="{time:.17g}" part="0" file="{name}" />\n'
+            for time, name in zip([*self.times, t], names, strict=True)
+        ]
+        replace_file(
+            self.path,
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0">\n  <Collection>\n'
+            + "".join(rows)
+            + "  </Collection>\n</VTKFile>\n",
+        )
+
+
+def _state_number(name: str, stem: str) -> int | None:
+    """Return the number of the state that a file belongs to; None for another file."""
+    rest = name.removeprefix(stem)
+    digits = rest.rpartition("_")[2].partition(".")[0]
+    return int(digits) if rest != name and digits.isdigit() else None
