@@ -148,13 +148,10 @@ class DynamicProblem(NonlinearProblem):
         problem.set_load(to)
         with self._petsc_options(), solver.callback_errors():
             if self._integrator == "semi_implicit":
-                outcome = solver.SemiImplicit(problem, self.solver).solve()
-                converged, self.reason = outcome.converged, outcome.reason
-                if converged:  # lagged quantities follow once a step
-                    problem.history.update_lagged(problem.split(self.x)[0])
+                outcome = self._end(solver.SemiImplicit(problem, self.solver).solve())
             else:
-                converged = self._solve_until_settled(lambda: self._guess_step(size))
-        if converged:
+                outcome = self._solve_until_settled(lambda: self._guess_step(size))
+        if outcome.converged:
             self.dynamics.end_step(problem)
             problem.history.end_step(problem.split(self.x)[0])
         else:
@@ -162,7 +159,7 @@ class DynamicProblem(NonlinearProblem):
             problem.set_load(load)
             self.dynamics.cancel_step()
         self._write_solution()
-        return bool(converged)
+        return outcome.converged
 
     def _guess_step(self, size: float) -> None:
         """Set the unknowns to the first guess of a time step: a constant velocity."""

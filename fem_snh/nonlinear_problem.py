@@ -143,7 +143,7 @@ class NonlinearProblem:
         self._read_displacement()
         problem.history.begin_step(problem.split(self.x)[0])
         with self._petsc_options(), solver.callback_errors():
-            if self._solve_until_settled(self._guess):
+            if self._solve_until_settled(self._guess).converged:
                 problem.history.end_step(problem.split(self.x)[0])
         self._write_solution()
         return self.u
@@ -155,26 +155,27 @@ class NonlinearProblem:
         else:
             self._problem.set_load(1.0)
 
-    def _solve_until_settled(self, guess: Callable[[], None]) -> bool:
-        """Solve, again while a term has new lagged quantities; return whether it converged.
+    def _solve_until_settled(self, guess: Callable[[], None]) -> solver.Outcome:
+        """Solve from a guess, again while a term has new lagged quantities. Collective.
 
-        Pairs of self-contact that do not settle, and boundary values with which the surface would
-        intersect itself (`ipc`), have the converged reason DIVERGED_INNER. Collective.
+        Friction and pairs of self-contact that do not settle, and boundary values with which the
+        surface would intersect itself (`ipc`), have the converged reason DIVERGED_INNER.
         """
-        outcome, again = solver.Outcome(), True
+        outcome = solver.Outcome()
         try:
             guess()
-            while again:
-                self.solver.solve(None, self.x)
-                outcome.add_solve(self.solver)
-                again = outcome.converged and self._problem.history.update_lagged(
-                    self._problem.split(self.x)[0]
-                )
+            solver.solve_until_settled(self._problem, self.solver, outcome)
         except NotSettled as error:
+            outcome.fail_inner(error)
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-            outcome.converged, outcome.reason = False, f"DIVERGED_INNER: {error}"
+        return self._end(outcome)
+
+    def _end(self, outcome: solver.Outcome) -> solver.Outcome:
+        """Set the attribute `reason`, and the SNES's converged reason if only it converged."""
         self.reason = outcome.reason
-        return outcome.converged
+        if not outcome.converged and self.solver.getConvergedReason() > 0:
+            self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
+        return outcome
 
     def _read_displacement(self) -> None:
         """Set the unknowns to the values of ``u``."""

@@ -106,7 +106,6 @@ def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[s
         p.set_load(step / steps)
         if linearised:
             assert one_step.solve().converged
-            p.history.update_lagged(u())
         else:
             p.prescribe(p.x)
             again = True

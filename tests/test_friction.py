@@ -7,8 +7,13 @@ import pytest
 from bodies import cube
 from contact_problems import accurate_snes, constant, contact_problem, march, nodes_mean, plane
 
+from fem_snh.fem import term_history
 from fem_snh.fem.terms.contact import Contact
+from fem_snh.runs import run
 from fem_snh.runs.stepping import Stepper
+from fem_snh.scenes import Scene
+
+mpi = pytest.mark.mpi
 
 G = 9.81
 
@@ -73,3 +78,56 @@ def test_a_sticking_block_does_not_creep(comm):
     np.testing.assert_allclose(row["force"], [-0.3 * G, 0, G], rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(means[2:], [means[1]] * 2, rtol=1e-4, atol=1e-9)
     assert row["sliding"] < row["contacts"] and 0 < means[-1][0] < 1e-3
+
+
+def strut(coefficient):
+    """A cube, held on the left; a plate at 60 degrees to its axis presses and slides on its edge.
+
+    Friction presses the edge on the plate: with the coefficient 2 the normal force of a solve
+    decreases by more than friction's lagged normal force increases.
+    """
+    normal, along = np.array([-0.5, 0, np.sqrt(0.75)]), np.array([np.sqrt(0.75), 0, 0.5])
+    plate = {
+        "name": "plate",
+        "shape": {"plane": {"point": [1, 0, 0], "normal": normal.tolist()}},
+        "translate": (0.05 * normal + 0.1 * along).tolist(),
+        "friction": coefficient,
+    }
+    material = {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3}
+    scene = {
+        "name": "strut", "mesh": {"source": "cube"}, "cells": 3, "element": "Q1", "steps": 4,
+        "predictor": "none", "material": material, "hold": [{"group": "left"}],
+        "obstacle": [plate],
+    }  # fmt: skip
+    return Scene.model_validate(scene), normal, along
+
+
+@mpi
+@pytest.mark.parametrize("coefficient", [1.0, 2.0])
+def test_friction_that_presses_its_surface_settles(coefficient):
+    """The sliding edge has Coulomb's ratio of tangential and normal force, in each step."""
+    scene, normal, along = strut(coefficient)
+    result = run(scene, progress=False)
+    assert result.converged and len(result.steps) == 4
+    for step in result.steps[2:]:
+        row = step["obstacles"]["plate"]
+        force = np.array(row["force"])
+        assert row["sliding"] == row["contacts"] > 0
+        assert force @ along == pytest.approx(coefficient * (force @ normal), rel=2e-3)
+        assert step["lagged_change"] <= 1 and step["solves"] <= 12
+
+
+@mpi
+def test_friction_that_has_not_settled_fails_the_step(monkeypatch):
+    """Such a step is halved as any other; the run ends without convergence, and says why."""
+    monkeypatch.setattr(term_history, "MAX_SOLVES", 3)
+    result = run(strut(2.0)[0], progress=False)
+    assert not result.converged
+    reason = "obstacle 'plate': the change of friction's normal forces is"
+    assert f"1/64 of the nominal one still fails (DIVERGED_INNER: {reason}" in result.status
+    failed = [step for step in result.steps if not step["converged"]]
+    assert len(failed) >= 7  # 1, 1/2, ... 1/64 of a step
+    for step in failed:
+        assert step["reason"].startswith(f"DIVERGED_INNER: {reason}")
+        assert step["reason"].endswith("times the tolerance after 3 solves")
+        assert step["solves"] == 3 and step["lagged_change"] > 1

@@ -177,6 +177,13 @@ class Problem:
         for term in self.terms:
             term.set_load(load)
 
+    def update_lagged(self) -> bool:
+        """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
+
+        It raises `NotSettled` as `TermHistory.update_lagged` does.
+        """
+        return self.history.update_lagged(self.split(self.x)[0])
+
     def prescribe(self, x: PETSc.Vec) -> None:
         """Set the constrained entries of ``x`` to their values at the present load."""
         self.dirichlet.set_values(x, self.load)

@@ -14,7 +14,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.errors import NotSettled
 from fem_snh.fem.terms import Term
+from fem_snh.fem.terms.settling import MAX_SOLVES, LaggedChange, largest_change
 
 Array = npt.NDArray[np.float64]
 
@@ -36,10 +38,10 @@ class HistoryTerm(Protocol):
         It is called before each attempt of a step, so also after one that failed.
         """
 
-    def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Update lagged quantities after a converged solve; return whether to solve again.
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update lagged quantities after a converged solve; return their change.
 
-        The result is the same on all ranks. A term limits the number of times it returns True.
+        The result is the same on all ranks.
         """
 
     def end_step(self, u: PETSc.Vec) -> None:
@@ -88,21 +90,51 @@ class TermHistory:
     ----------
     terms : sequence of Term
         The problem's terms.
+
+    Attributes
+    ----------
+    solves : int
+        How often the present step was solved.
+    change : LaggedChange
+        The largest change of lagged quantities after the last solve.
     """
 
     def __init__(self, terms: Sequence[Term]) -> None:
         self._terms = [term for term in terms if isinstance(term, HistoryTerm)]
         self._working = [term for term in terms if isinstance(term, WorkingTerm)]
         self._recorded = [term for term in terms if isinstance(term, RecordedTerm)]
+        self.solves, self.change = 0, LaggedChange()
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the terms to the last accepted step, whose displacement is ``u``."""
+        self.solves, self.change = 0, LaggedChange()
         for term in self._terms:
             term.begin_step(u)
 
     def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Update lagged quantities after a solve; return whether the step is solved again."""
-        return any([term.update_lagged(u) for term in self._terms])
+        """Update lagged quantities after a solve; return whether the step is solved again.
+
+        Raises
+        ------
+        NotSettled
+            On every rank, if they still change after `MAX_SOLVES`.
+        """
+        self.solves += 1
+        self.change = change = largest_change([term.update_lagged(u) for term in self._terms])
+        if not change.settled and self.solves >= MAX_SOLVES:
+            times = f"{change.ratio:.3g} times the tolerance"
+            raise NotSettled(f"{change.what} is {times} after {self.solves} solves")
+        return not change.settled
+
+    def settling(self) -> dict[str, Any]:
+        """Return what a step's row of run.json says of terms with a history.
+
+        ``solves``, how often the step was solved, and ``lagged_change``, how much that last
+        changed lagged quantities, in their tolerance.
+        """
+        if not self._terms:
+            return {}
+        return {"solves": self.solves, "lagged_change": self.change.ratio}
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
         """Return the sums of the terms' work and dissipation in a step: see `WorkingTerm`."""

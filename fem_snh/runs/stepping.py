@@ -161,6 +161,7 @@ class Stepper:
             "linear": predicted + sum(i.linear for i in history),
             "lbfgs": sum(i.lbfgs for i in history),
             "residual": outcome.residual,
+            **problem.history.settling(),
             **self._linear_residual(outcome),
             **self._energies(load, to),
             **(self.pressures.row() if self.pressures else {}),
@@ -213,33 +214,17 @@ class Stepper:
             problem.set_load(to)
             with solver.callback_errors():
                 outcome = self._semi_implicit.solve()
-            if outcome.converged:  # lagged quantities follow once a step
-                self._update_lagged(outcome)
             return outcome, 0
         outcome = solver.Outcome()
         try:
             predicted = self.predictor.predict(to)
         except NotSettled as error:
-            outcome.reason = f"DIVERGED_INNER: {error}"
+            outcome.fail_inner(error)
             return outcome, 0
         if self.continuation:
             outcome.history += self.continuation.solve(problem)
         if self.pressures:
             self.pressures.solve()
             outcome.history += self.pressures.history
-        while True:
-            with solver.callback_errors():
-                self.snes.solve(None, problem.x)
-            outcome.add_solve(self.snes)
-            if not outcome.converged or not self._update_lagged(outcome):
-                return outcome, predicted
-
-    def _update_lagged(self, outcome: solver.Outcome) -> bool:
-        """Update lagged quantities; return whether to solve again. They may not settle."""
-        problem = self.problem
-        try:
-            return problem.history.update_lagged(problem.split(problem.x)[0])
-        except NotSettled as error:
-            outcome.converged = False
-            outcome.reason = f"DIVERGED_INNER: {error}"
-            return False
+        solver.solve_until_settled(problem, self.snes, outcome)
+        return outcome, predicted

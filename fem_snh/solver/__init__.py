@@ -13,6 +13,7 @@ from fem_snh.solver.predictor import Predictor
 from fem_snh.solver.protocol import NonlinearProblem, SaddlePoint
 from fem_snh.solver.reasons import converged_reason, failure_reason, out_of_memory
 from fem_snh.solver.search_direction import SearchDirection
+from fem_snh.solver.settling import solve_until_settled
 from fem_snh.solver.snes import (
     PREFIX,
     create,
@@ -27,4 +28,5 @@ __all__ = [
     "ProjectedNewton", "SaddlePoint", "SearchDirection", "SemiImplicit", "State", "Step",
     "callback_errors", "converged_reason", "create", "default_globalization", "destroy",
     "failure_reason", "linear_solver_name", "out_of_memory", "petsc_failures",
+    "solve_until_settled",
 ]  # fmt: skip

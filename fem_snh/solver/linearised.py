@@ -11,6 +11,7 @@ from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.outcome import Outcome
 from fem_snh.solver.protocol import NonlinearProblem
 from fem_snh.solver.reasons import linear_failure
+from fem_snh.solver.settling import update_lagged
 from fem_snh.solver.step import Iteration, State
 
 #: Length of the central difference along the boundary's motion, relative to the body: about the
@@ -66,6 +67,8 @@ class SemiImplicit:
         The SNES has the outcome's converged reason and iteration, as after a solve of its own.
         """
         outcome = self._step()
+        if outcome.converged:  # lagged quantities follow once a step
+            update_lagged(self._problem, outcome)
         self._snes.getPythonContext().history = outcome.history
         name = outcome.reason.partition(":")[0]
         self._snes.setConvergedReason(getattr(PETSc.SNES.ConvergedReason, name))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
+from fem_snh.errors import NotSettled
 from fem_snh.solver.reasons import failure_reason, out_of_memory
 from fem_snh.solver.step import Iteration
 
@@ -42,3 +43,7 @@ class Outcome:
         self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
         self.history += snes.getPythonContext().history
         self.out_of_memory = out_of_memory(snes)
+
+    def fail_inner(self, error: NotSettled) -> None:
+        """Set the reason to PETSc's name of the failure of an inner solver, with its cause."""
+        self.converged, self.reason = False, f"DIVERGED_INNER: {error}"

@@ -120,6 +120,12 @@ class NonlinearProblem(Protocol):
     def jacobian(self, x: PETSc.Vec, filter: str) -> int:
         """Assemble the filtered Hessian into ``A``; return the number of filtered points."""
 
+    def update_lagged(self) -> bool:
+        """Update what is constant in a solve, at ``x``; return whether to solve again. Collective.
+
+        It raises `NotSettled` on every rank if that does not settle.
+        """
+
     def set_load(self, load: float) -> None:
         """Set the load."""
 

@@ -20,14 +20,13 @@ from fem_snh.fem.regions import Region, reference_modulus
 from fem_snh.fem.self_contact.ipc_energy import BarrierEnergy
 from fem_snh.fem.self_contact.ipc_matrix import Blocks, SurfaceMatrix
 from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
+from fem_snh.fem.terms.settling import LaggedChange
 
 Array = npt.NDArray[Any]
 
 #: Default stiffness in the materials' modulus: a contact pressure of E leaves about half of the
 #: activation distance.
 _STIFFNESS = 0.1
-#: Solves of a step after which friction is not updated any more.
-MAX_FRICTION_SOLVES = 20
 
 
 class IPC:
@@ -189,8 +188,8 @@ class IPC:
         self._origin = self._nodal_displacement(u)
         self._next, self._blocks = x, None
 
-    def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Update the normal forces of friction; return whether to solve again. Collective.
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update the normal forces of friction; return the change of its forces. Collective.
 
         Raises
         ------
@@ -201,10 +200,10 @@ class IPC:
         self.solves += 1
         if self.collision_surface.intersects(x):
             raise NotSettled("the surface intersects itself")
-        if self.solves > MAX_FRICTION_SOLVES or not self._energy.settle(x):
-            return False
-        self._blocks = None
-        return True
+        ratio = self._energy.settle(x)
+        if not ratio <= 1:
+            self._blocks = None
+        return LaggedChange(ratio, "self_contact: the change of friction's forces")
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep the forces of friction, and leave its energy out: it is dissipated. Collective."""

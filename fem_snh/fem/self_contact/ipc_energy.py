@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from fem_snh.fem.self_contact.ipc_friction import SurfaceFriction
 from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
+from fem_snh.fem.terms.settling import relative
 
 Array = npt.NDArray[Any]
 
@@ -98,11 +99,14 @@ class BarrierEnergy:
         """Set the normal forces of friction to those at points x."""
         self.friction.lag(x, self.collisions(x), self._barrier)
 
-    def settle(self, x: Array) -> bool:
-        """Update the normal forces of friction; return whether that changes its forces."""
+    def settle(self, x: Array) -> float:
+        """Update the normal forces of friction; return the change of its forces, in its tolerance.
+
+        They are kept where the change is below the tolerance.
+        """
         change = self.friction.change(x, self.collisions(x), self._barrier)
         normal = self.gradient(x) - self.friction.gradient(x)
-        if change <= _SETTLED * self._coefficient * float(np.linalg.norm(normal)):
-            return False
-        self.lag(x)
-        return True
+        ratio = relative(change, self._coefficient * float(np.linalg.norm(normal)), _SETTLED)
+        if not ratio <= 1:
+            self.lag(x)
+        return ratio

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.choices import FILTERS
-from fem_snh.errors import NotSettled, choose
+from fem_snh.errors import choose
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.contact.embedded_surface import embedded_surface
 from fem_snh.fem.ghosted_vectors import local_values, writable_values
@@ -20,6 +20,7 @@ from fem_snh.fem.regions import Region
 from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
 from fem_snh.fem.self_contact.pairs import ContactPairs
 from fem_snh.fem.self_contact.target_search import TargetSearch
+from fem_snh.fem.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]
 
@@ -30,8 +31,6 @@ _SETTLED = 1e-2
 #: this part of a cell, after the second number any: where two triangles of different normals are
 #: close, it would change from one to the other and back for ever.
 _FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 2, 0.25
-#: Solves of a step after which pairs that still change make it fail.
-MAX_ROUNDS = 15
 
 
 class ReferenceContact:
@@ -161,14 +160,8 @@ class ReferenceContact:
         """
         self.rounds, self._stale = 0, True
 
-    def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Search again; return whether to solve again. Collective.
-
-        Raises
-        ------
-        NotSettled
-            On every rank, if the pairs still change after `MAX_ROUNDS` solves.
-        """
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Search again; return the change of the forces. Collective."""
         pairs, x = self._present(u)
         before = self._matrix.nodal(pairs.gradient(x))
         self.rounds += 1
@@ -177,16 +170,11 @@ class ReferenceContact:
         updated = self._updated(new, x)
         after = self._matrix.nodal(updated.gradient(x))
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
-        change = np.abs(after - before).max(initial=0.0)
-        if change <= _SETTLED * largest:
-            return False  # the pairs stay, with which the forces are in equilibrium
-        if self.rounds > MAX_ROUNDS:
-            raise NotSettled(
-                f"self_contact: the pairs still change after {self.rounds} solves, the forces by "
-                f"{change / largest:.2g} of the largest"
-            )
-        self._set_pairs(updated)
-        return True
+        ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
+        change = LaggedChange(ratio, "self_contact: the change of forces by another search")
+        if not change.settled:  # else the pairs stay, with which the forces are in equilibrium
+            self._set_pairs(updated)
+        return change
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Do nothing: the next step searches again."""

@@ -1,4 +1,4 @@
-"""The augmented Lagrangian of `ContactPair` and `SurfacePair`: limits, and stiffness in a step."""
+"""The augmented Lagrangian of `ContactPair` and `SurfacePair`: tolerance, stiffness in a step."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import math
 
 #: Default tolerance of the gap in the height of the cell at the surface.
 TOLERANCE = 1e-3
-#: Solves of a step with new multipliers after which it fails. Each reduces the penetration by about
-#: E/(k h), and a stiffness that is too small increases; nodes that are constrained cannot follow.
-MAX_AUGMENTATIONS = 50
 #: Augmentations that leave more than this part of the gap increase the stiffness by this factor
 #: (Nocedal & Wright 2006, framework 17.3), at most to this multiple of the default stiffness.
 #: Multipliers at more points than a facet can follow need it: without, a ball of 3 cells that

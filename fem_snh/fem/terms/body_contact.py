@@ -20,6 +20,7 @@ from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.ghosted_vectors import local_values, writable_values
 from fem_snh.fem.regions import Region
 from fem_snh.fem.terms.augmentation import TOLERANCE
+from fem_snh.fem.terms.settling import LaggedChange, largest_change
 from fem_snh.fem.terms.surface_pair import BodyPair, SurfacePair
 
 Array = npt.NDArray[Any]
@@ -149,14 +150,11 @@ class BodyContact:
             pair.reset()
         self._positions(u)
 
-    def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Search again, update multipliers; return whether to solve again. Collective.
-
-        It raises `NotSettled` on every rank, as `SurfacePair.settle` does.
-        """
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Search again, update multipliers; return the largest change. Collective."""
         x = self._positions(u)
         self.solves += 1
-        return any([pair.settle(x, self.solves) for pair in self.pairs])
+        return largest_change([pair.settle(x, self.solves) for pair in self.pairs])
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep the multipliers."""

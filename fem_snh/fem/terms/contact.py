@@ -13,17 +13,18 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.choices import FILTERS
-from fem_snh.errors import NotSettled, choose
+from fem_snh.errors import choose
 from fem_snh.fem.assembled_matrix import BlockMatrix
 from fem_snh.fem.contact.stiffness import cell_heights, default_stiffness
 from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.ghosted_vectors import nodal_vectors, writable_values
 from fem_snh.fem.obstacles import Obstacle
 from fem_snh.fem.regions import Region
-from fem_snh.fem.terms.augmentation import MAX_AUGMENTATIONS, TOLERANCE, PenaltyGrowth
+from fem_snh.fem.terms.augmentation import TOLERANCE, PenaltyGrowth
 from fem_snh.fem.terms.contact_pair import ContactPair
 from fem_snh.fem.terms.friction import Friction
 from fem_snh.fem.terms.obstacle_work import ObstacleWork
+from fem_snh.fem.terms.settling import LaggedChange, largest_change
 
 Array = npt.NDArray[Any]
 
@@ -35,10 +36,8 @@ _DEGREE = (3, 2)
 #: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
 #: the friction coefficient times the penetration.
 _TANGENTIAL = 1.0
-#: Friction has settled when its lagged normal forces change by less than this in a solve ...
+#: Friction has settled when its lagged normal forces change by less than this in a solve.
 _SETTLED = 1e-3
-#: ... or after this many solves, whose number is in the row of the step.
-MAX_FRICTION_SOLVES = 20
 
 
 class Contact(NamedTuple):
@@ -79,7 +78,7 @@ class ObstacleContact:
     `ContactPair` has the derivatives, `Friction` the energy of friction. Multipliers and the lagged
     forces of friction are constant in a solve and updated after it: with an augmented Lagrangian
     until no point in contact is farther from the obstacle than the tolerance, with friction until
-    the normal forces have settled. A step that needs more than `MAX_AUGMENTATIONS` solves fails.
+    the normal forces have settled.
 
     Parameters
     ----------
@@ -178,15 +177,9 @@ class ObstacleContact:
                 friction.begin_step(values, pair.load, pair.points(values))
         self._work.begin_step(values)
 
-    def update_lagged(self, u: PETSc.Vec) -> bool:
-        """Update multipliers and lagged forces; return whether to solve again. Collective.
-
-        Raises
-        ------
-        NotSettled
-            On every rank, if the penetration is above the tolerance after `MAX_AUGMENTATIONS`.
-        """
-        values, again = nodal_vectors(u), False
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update multipliers and lagged forces; return their largest change. Collective."""
+        values, changes = nodal_vectors(u), list[LaggedChange]()
         self.solves += 1
         for c, (pair, friction), tolerance in zip(
             self.contacts, self._both(), self.tolerances, strict=True
@@ -195,20 +188,14 @@ class ObstacleContact:
             if c.augmented:
                 gaps = np.abs(at.gap) / tolerance[at.which, None]
                 error = self.comm.allreduce(gaps[at.pressure > 0].max(initial=0.0), op=MPI.MAX)
-                if error > 1 and self.solves > MAX_AUGMENTATIONS:
-                    raise NotSettled(
-                        f"obstacle '{c.name}': the gap is {error:.3g} times the tolerance after "
-                        f"{MAX_AUGMENTATIONS} augmentations"
-                    )
                 if error > 1:
                     pair.augment(at, error)
-                    again = True
-            if friction and self.solves <= MAX_FRICTION_SOLVES:
-                change, force = self.comm.allreduce(np.array(friction.change(at)))
-                if change > _SETTLED * force:
-                    friction.lag(at)
-                    again = True
-        return again
+                changes.append(LaggedChange(error, f"obstacle '{c.name}': the gap"))
+            if friction:
+                ratio = friction.settle(at, self.comm, _SETTLED)
+                what = f"obstacle '{c.name}': the change of friction's normal forces"
+                changes.append(LaggedChange(ratio, what))
+        return largest_change(changes)
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
         """Return the work of moving obstacles in a step, and what friction dissipated [J]."""

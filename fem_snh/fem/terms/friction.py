@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.obstacles import Obstacle
 from fem_snh.fem.terms.contact_pair import ContactPoints
+from fem_snh.fem.terms.settling import relative
 
 Array = npt.NDArray[Any]
 
 #: Rounding of the yield limit: a point that slid is at the limit when its slip is kept.
 _YIELD = 1 - 1e-9
+#: Changes of the lagged pressures that decrease by less than this factor are taken in part ...
+_SLOW = 0.5
+#: ... of at least this share.
+_LEAST_SHARE = 1 / 32
 
 
 class Friction:
@@ -65,12 +72,15 @@ class Friction:
         self.pressure: Array = np.zeros(surface.weights.shape)
         self.normal, self.slip = (np.zeros(surface.X.shape) for _ in range(2))
         self._start: Array = np.zeros((surface.num_nodes, 3))
+        #: The last change of the lagged pressures and its norm [N], and the share of it taken.
+        self._difference, self._change, self._share = np.zeros_like(self.pressure), np.inf, 1.0
         self._loads = 0.0, 0.0
         self._select()
 
     def begin_step(self, u: Array, load: float, at: ContactPoints) -> None:
         """Start a step at nodal displacements ``u`` (nodes, 3) and a load, with points ``at``."""
         self._start, self._loads = u.copy(), (load, load)
+        self._difference, self._change, self._share = np.zeros_like(self.pressure), np.inf, 1.0
         self.lag(at)
         self.slip[self.pressure == 0] = 0.0
 
@@ -89,13 +99,33 @@ class Friction:
         self.normal[at.which] = normal
         self._select()
 
-    def change(self, at: ContactPoints) -> tuple[float, float]:
-        """Return the change of the lagged normal force by `lag`, and the new force [N]."""
-        difference = self.pressure.copy()
-        difference[at.which] -= at.pressure
-        weights = self._surface.weights
-        new = float((weights[at.which] * at.pressure).sum())
-        return float((weights * np.abs(difference)).sum()), new
+    def settle(self, at: ContactPoints, comm: MPI.Comm, tolerance: float) -> float:
+        r"""Lag the pressures after a solve; return their change in ``tolerance``. Collective.
+
+        The change is :math:`\sum_q w_q |\Delta \ell_q|` in the normal force; pressures that
+        change by less than the tolerance of it stay. Where friction presses the body on the
+        obstacle or lifts it off, new pressures alternate around the solution: if the change does
+        not decrease by half, a share of it is lagged, by Aitken's formula
+        (Küttler & Wall 2008, eq. 44).
+        """
+        new = np.zeros_like(self.pressure)
+        new[at.which] = at.pressure
+        d = new - self.pressure
+        turn = d - self._difference
+        products = (np.abs(d), new, self._difference * turn, turn * turn)
+        sums = [float((self._surface.weights * product).sum()) for product in products]
+        change, force, along, square = comm.allreduce(np.array(sums))
+        ratio = relative(change, force, tolerance)
+        if ratio <= 1:
+            return ratio
+        if change > _SLOW * self._change and along < 0:  # else they grow in the same direction
+            self._share = min(1.0, max(_LEAST_SHARE, -self._share * along / square))
+        self._difference, self._change = d, change
+        lagged = self.pressure + self._share * d
+        self.lag(at)
+        self.pressure[:] = lagged
+        self._select()
+        return ratio
 
     def keep(self, u: Array) -> None:
         """Keep the elastic part of the slip, at the end of a step."""

@@ -9,9 +9,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.errors import NotSettled, bad_value
+from fem_snh.errors import bad_value
 from fem_snh.fem.contact.gathered_surface import GatheredSurface, Side
-from fem_snh.fem.terms.augmentation import MAX_AUGMENTATIONS, PenaltyGrowth
+from fem_snh.fem.terms.augmentation import PenaltyGrowth
+from fem_snh.fem.terms.settling import LaggedChange, largest_change, relative
 from fem_snh.fem.terms.surface_pass import SurfacePass
 
 Array = npt.NDArray[Any]
@@ -23,8 +24,6 @@ _SETTLED = 1e-4
 #: less than _KEPT, in reference coordinates: a point at an edge between two facets of different
 #: normals would change from one to the other and back for ever.
 _FREE_SEARCHES, _KEPT = 3, 0.1
-#: Solves of a step after which points that still change their facets make it fail.
-MAX_SEARCHES = 15
 #: Reach of the search in the diagonal of the smaller surface: bodies may move by this in a step.
 _REACH = 0.5
 #: Points by which a checkpoint finds multipliers are inside of their body by this many facets, as
@@ -127,42 +126,30 @@ class SurfacePair:
             "stiffness": self.stiffness,
         }
 
-    def settle(self, x: Array, solves: int) -> bool:
-        """Search again and update the multipliers; return whether to solve again.
+    def settle(self, x: Array, solves: int) -> LaggedChange:
+        """Search again and update the multipliers; return the largest change.
 
         ``solves`` counts the solves of the step.
-
-        Raises
-        ------
-        NotSettled
-            If points still change their facets after `MAX_SEARCHES` solves, or the penetration is
-            above the tolerance after `MAX_AUGMENTATIONS`.
         """
         before = self.gradient(x)
         for one in self.passes:
             one.search(x, _KEPT if solves > _FREE_SEARCHES else None)
         after = self.gradient(x)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
-        changed = bool(np.abs(after - before).max(initial=0.0) > _SETTLED * largest)
-        if changed and solves > MAX_SEARCHES:
-            raise NotSettled(
-                f"contact '{self.name}': points still change their facets after {solves} solves"
-            )
+        change = float(np.abs(after - before).max(initial=0.0))
+        ratio = relative(change, largest, _SETTLED)
+        what = f"contact '{self.name}': the change of forces by another search"
+        changed = LaggedChange(ratio, what)
         if not self.augmented:
             return changed
         gap = max(one.largest_gap(x) for one in self.passes)
-        if gap <= self._tolerance:
-            return changed
-        if solves > MAX_AUGMENTATIONS:
-            raise NotSettled(
-                f"contact '{self.name}': a gap of {gap:.3g} after {MAX_AUGMENTATIONS} "
-                f"augmentations; the tolerance is {self._tolerance:.3g}"
-            )
-        factor = self._growth.update(gap)
-        for one in self.passes:
-            one.set_multipliers(x)
-            one.stiffness = factor * self.stiffness / 2
-        return True
+        error = gap / self._tolerance
+        if error > 1:
+            factor = self._growth.update(gap)
+            for one in self.passes:
+                one.set_multipliers(x)
+                one.stiffness = factor * self.stiffness / 2
+        return largest_change([changed, LaggedChange(error, f"contact '{self.name}': the gap")])
 
     def reset(self) -> None:
         """Reset the multipliers to those of the last step."""

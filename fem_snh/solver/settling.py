@@ -1,0 +1,43 @@
+"""Solve a step, again while the terms' lagged quantities change.
+
+Scenes, programs and time steps have this one loop. The terms update multipliers, lagged friction
+and pairs of surfaces after each solve (`fem_snh.fem.term_history.TermHistory`).
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from fem_snh.errors import NotSettled
+from fem_snh.solver.errors import callback_errors
+from fem_snh.solver.outcome import Outcome
+from fem_snh.solver.protocol import NonlinearProblem
+
+
+def solve_until_settled(problem: NonlinearProblem, snes: PETSc.SNES, outcome: Outcome) -> None:
+    """Solve from ``problem.x``, in place, until nothing lagged changes. Collective.
+
+    Parameters
+    ----------
+    problem : NonlinearProblem
+    snes : SNES
+        Its solver.
+    outcome : Outcome
+        The outcome of the step, to which each solve is added. It has not converged if a solve has
+        not, or if lagged quantities do not settle: the reason then says which.
+    """
+    again = True
+    while again:
+        with callback_errors():
+            snes.solve(None, problem.x)
+        outcome.add_solve(snes)
+        again = outcome.converged and update_lagged(problem, outcome)
+
+
+def update_lagged(problem: NonlinearProblem, outcome: Outcome) -> bool:
+    """Update lagged quantities after a solve; return whether to solve again. Collective."""
+    try:
+        return problem.update_lagged()
+    except NotSettled as error:
+        outcome.fail_inner(error)
+        return False
