@@ -105,9 +105,9 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     found |= {*moved.record, *moved.steps[0]}
     assert found <= listed
     assert listed - found <= {
-        "accuracy", "bones", "cavities", "contacts", "fields", "lagged_change", "linear_residual",
-        "mixed_newton", "mixed_reason", "notes", "obstacles", "resumed", "self_contact", "solves",
-        "static_condensation", "volumes",
+        "accuracy", "bones", "cavities", "contacts", "fields", "files", "lagged_change",
+        "linear_residual", "mixed_newton", "mixed_reason", "notes", "obstacles", "resumed",
+        "self_contact", "solves", "static_condensation", "volumes",
     }  # fmt: skip
 
 

@@ -73,7 +73,7 @@ class BlockMatrix:
     Raises
     ------
     BadInput
-        If a rank has more values than a 32-bit offset can address.
+        On every rank, if one has more values than a 32-bit offset can address.
     """
 
     def __init__(

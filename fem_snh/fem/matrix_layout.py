@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -24,6 +25,8 @@ Array = npt.NDArray[Any]
 
 #: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
+#: Largest of these numbers: the compiled loops read them as 32-bit integers.
+_LARGEST = int(np.iinfo(np.int32).max)
 #: Pairs of blocks of cells that are expanded at the same time: a bound of memory.
 _PAIRS_AT_ONCE = 2**22
 
@@ -77,7 +80,7 @@ class MatrixLayout:
     Raises
     ------
     BadInput
-        If a rank has more values than a 32-bit offset can address.
+        On every rank, if one has more values than a 32-bit offset can address.
     """
 
     def __init__(
@@ -115,7 +118,8 @@ class MatrixLayout:
         del own
         self.received = [Received(r, c, owned_positions(r, c)) for r, c in received]
         positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
-        if len(positions) and positions.max() > np.iinfo(np.int32).max:
+        too_many = bool(positions.max(initial=0) > _LARGEST)
+        if dof_map.comm.allreduce(too_many, op=MPI.LOR):
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
         shape = (*dof_map.cell_blocks.shape, dof_map.cell_blocks.shape[1])
         self.block_positions = np.empty(shape, np.int32)

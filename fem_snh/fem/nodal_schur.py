@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh._petsc import aij_blocks
+from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.fem.pressure_masses import PressureMasses
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.matrix_parts import Diagonal
@@ -39,6 +39,7 @@ class NodalSchur:
 
     def __init__(self, masses: PressureMasses, num_u: int) -> None:
         self._masses, self._num_u, self._diagonal = masses, num_u, Diagonal()
+        self._halo: tuple[tuple[int, int], Halo] | None = None
         self.matrix = masses.shear_compliance.matrix.copy()
         self.matrix.scale(-masses.shear_compliance.scale)
         self._subtract_volume_compliance()
@@ -89,8 +90,7 @@ class NodalSchur:
             for k, block in enumerate(blocks):
                 weight = local
                 if k:
-                    comm, first = A.comm.tompi4py(), A.getOwnershipRanges()
-                    halo = Halo(comm, first, block.ghosts, 1, np.float64)
+                    halo = self._halo_of(A, block.ghosts)
                     halo.exchange(local)
                     weight = halo.ghosts.ravel()
                 start, column = block.csr()
@@ -100,3 +100,10 @@ class NodalSchur:
                 if filled.any():
                     d[filled] += np.add.reduceat(terms, start[num_u:-1][filled] - start[num_u])
         return d
+
+    def _halo_of(self, A: PETSc.Mat, ghosts: np.ndarray) -> Halo:
+        """Return the exchange of one value for each ghost column of the pattern. Collective."""
+        if self._halo is None or self._halo[0] != nonzero_state(A):
+            comm, first = A.comm.tompi4py(), A.getOwnershipRanges()
+            self._halo = nonzero_state(A), Halo(comm, first, ghosts, 1, np.float64)
+        return self._halo[1]

@@ -5,6 +5,7 @@ An iteration of the linear solvers exchanges once.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 from mpi4py import MPI
@@ -12,6 +13,13 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+
+
+@lru_cache
+def _node_type(itemsize: int, width: int) -> MPI.Datatype:
+    """Return the type of a node's values: one for all exchanges, as MPI never frees it."""
+    scalar = {4: MPI.FLOAT, 8: MPI.DOUBLE}[itemsize]
+    return scalar.Create_contiguous(width).Commit()
 
 
 class Halo:
@@ -49,8 +57,7 @@ class Halo:
         self._forest = PETSc.SF().create(comm)
         self._forest.setGraph(int(first[comm.rank + 1] - first[comm.rank]), None, remote)
         self.ghosts: npt.NDArray[Any] = np.zeros((len(nodes), width), dtype)
-        scalar = {4: MPI.FLOAT, 8: MPI.DOUBLE}[self.ghosts.itemsize]
-        self._node = scalar.Create_contiguous(width).Commit()
+        self._node = _node_type(self.ghosts.itemsize, width)
 
     def exchange(self, values: np.ndarray) -> None:
         """Copy other ranks' ``values``, (width rows,), into ``ghosts``."""

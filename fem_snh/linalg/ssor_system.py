@@ -37,7 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks, nonzero_state
-from fem_snh.errors import BadInput, on_root
+from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.kernels import build
 from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
@@ -96,7 +96,7 @@ class SSORSystem:
     Raises
     ------
     BadInput
-        For a matrix whose blocks are not 3x3.
+        On every rank, for a matrix whose blocks are not 3x3 or miss on one rank's diagonal.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class SSORSystem:
         path = on_root(self.comm, build.library, library.source())
         stored = displacement_blocks(A)
         blocks = stored.diagonal, stored.off_diagonal
-        self._matrix = SymmetricBlockMatrix(path, *blocks)
+        self._matrix = on_every(self.comm, SymmetricBlockMatrix, path, *blocks)
         shared = stored.off_diagonal is not None
         self._halo = Halo(self.comm, stored.first, stored.ghosts) if shared else None
         self.deflation = None
