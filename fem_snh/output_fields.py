@@ -72,7 +72,8 @@ ON_REQUEST = {
     ),
     "reaction_force": OutputField(
         "reaction force", "N", VECTOR,
-        "force of the constraint on each constrained node, 0 at the others",
+        "force of the constraint on each constrained node, 0 at the others; the sum over points "
+        "is the total, as one rank's file has the force of a shared node and the others have 0",
     ),
 }  # fmt: skip
 
@@ -99,5 +100,8 @@ NAMED = ON_REQUEST | IN_TIME | AT_OBSTACLES
 
 #: Fields that are at the nodes always.
 NODAL = ("reaction_force", *IN_TIME, *AT_OBSTACLES)
+#: Those whose sum over the nodes has a meaning. A file of several ranks lists a shared node several
+#: times: one of them has the value, the others have 0.
+SUMMED = ("reaction_force",)
 #: Where the other fields are written.
 LOCATIONS = ("cells", "nodes")

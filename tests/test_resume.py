@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from bodies import PRESS
 from contact_scenes import slide
-from interrupted_runs import ALL, ALONE, STRETCH, cut, record, solve
+from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
 from test_cavity import SYMMETRIC, shell
 from time_scenes import SWING, TURN, in_time
 
 from fem_snh.runs import checkpoint, nodal_values
+from fem_snh.runs.fields import Fields
 
 mpi = pytest.mark.mpi
 
@@ -33,6 +34,22 @@ def times(folder):
     return [
         float(t) for t in re.findall(r'timestep="([^"]+)"', (folder / "fields.pvd").read_text())
     ]
+
+
+def contents(folder):
+    """The content of all files of the series' states, by name."""
+    return {file.name: file.read_bytes() for file in sorted(folder.glob("*vtu"))}
+
+
+def case_of(name):
+    """Return scene, options, and rows after which it is cut off, with fields of all kinds."""
+    scene, options, steps = CASES[name]
+    fields = ["reaction_force", "cauchy_stress"]
+    if scene == "bounce" or (not isinstance(scene, str) and scene.obstacle):
+        fields += ["contact_pressure", "gap"]
+    if scene == "bounce" or (not isinstance(scene, str) and scene.time):
+        fields += ["velocity", "acceleration"]
+    return scene, options | {"fields": fields}, steps
 
 
 BACK: dict[str, Any] = {"duration": 0.3, "steps": 5, "integrator": "bdf2"}
@@ -65,7 +82,8 @@ CASES = {
 @mpi
 @pytest.mark.parametrize("case", CASES)
 def test_on_the_same_ranks_it_is_the_same_to_the_last_digit(comm, folder, case):
-    scene, options, steps = CASES[case]
+    """Rows, unknowns, velocity and acceleration, and every byte of the fields' files."""
+    scene, options, steps = case_of(case)
     whole = solve(scene, out=folder / "whole", **options)
     with cut(steps):
         solve(scene, out=folder / "cut", **options)
@@ -81,7 +99,36 @@ def test_on_the_same_ranks_it_is_the_same_to_the_last_digit(comm, folder, case):
     for one, other in zip(whole.steps, again.steps, strict=True):
         assert one | {"seconds": 0} == other | {"seconds": 0}
     assert np.array_equal(whole.problem.x.array, again.problem.x.array)
+    if "time" in found:
+        for name in ("v", "a"):
+            one, other = (getattr(run, name).x.array for run in (whole, again))
+            assert np.array_equal(one, other)
     assert times(folder / "cut") == times(folder / "whole")
+    assert contents(folder / "cut") == contents(folder / "whole")
+    comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("case", ["extrapolate", "two steps back", "damped, turned", "bounce"])
+def test_a_state_written_after_a_kill_is_the_same(comm, folder, case, monkeypatch):
+    """A run that ends between checkpoint and fields: the resumed one writes the state first."""
+    scene, options, steps = case_of(case)
+    solve(scene, out=folder / "whole", **options)
+    write, written = Fields.write, []
+
+    def end_early(self, problem):
+        if len(written) == steps:
+            raise CutOff
+        written.append(problem.load)
+        write(self, problem)
+
+    with cut(steps), monkeypatch.context() as patch:
+        patch.setattr(Fields, "write", end_early)
+        solve(scene, out=folder / "cut", **options)
+    assert len(times(folder / "cut")) == steps
+    solve(scene, out=folder / "cut", resume=True, **options)
+    assert times(folder / "cut") == times(folder / "whole")
+    assert contents(folder / "cut") == contents(folder / "whole")
     comm.barrier()
 
 

@@ -10,6 +10,7 @@ from running import record, rows, solve
 from time_scenes import DOWN, SOFT, SPIN, SWING, in_time
 
 from fem_snh.choices import INTEGRATORS
+from fem_snh.render.surfaces import read_grid
 from fem_snh.scenes import Hold, Move, Start
 from fem_snh.solver import ProjectedNewton
 
@@ -89,6 +90,48 @@ def test_reactions_are_those_of_the_steps_end(integrator):
             in_time(time | {"steps": 64, "integrator": "newmark"}, **SWING, reactions=["left"])
         )
         assert reaction == pytest.approx(fine.steps[-1]["reactions"]["left"], rel=0.01, abs=5.0)
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_reactions_in_files_and_rows_are_the_force_on_the_body(comm, folder, element):
+    """At the start, too: Newmark's momentum changes by the mean of both ends' forces.
+
+    The sum over the points of a file is the total on any number of ranks, also where our own
+    pictures and exports merge the points.
+    """
+    import pyvista
+
+    alpha = 0.5
+    time = {"duration": 0.1, "steps": 2, "damping": {"mass": alpha, "stiffness": 0.01}}
+    start = Start(velocity=(0.1, 0.2, 0.3), angular_velocity=(0, 0, 3.0))
+    result = solve(
+        in_time(time, **SWING, start=start, element=element, reactions=["left"],
+                fields=["reaction_force"], petsc={"snes_scaled_tol": 1e-12}),
+        out=folder,
+    )  # fmt: skip
+    comm.barrier()
+    states = [result.record["time"]["start"], *result.steps]
+    forces = [np.array(state["reactions"]["left"]) for state in states]
+    size = np.linalg.norm(forces, axis=1).max()
+    for old, new, *R in zip(states, states[1:], forces, forces[1:], strict=False):
+        before, after = np.array(old["momentum"]), np.array(new["momentum"])
+        force = (R[0] + R[1]) / 2 - alpha * (before + after) / 2
+        assert (after - before) / new["time_step"] == pytest.approx(force + WEIGHT, abs=1e-6 * size)
+    reader = pyvista.get_reader(str(folder / "fields.pvd"))
+    for number, force in enumerate(forces):
+        reader.set_active_time_point(number)
+        grid = reader.read().combine()
+        found = grid.point_data["reaction_force"]
+        assert found.sum(axis=0) == pytest.approx(force, abs=1e-9 * size)
+        pieces = [str(folder / f"fields_p{k}_{number:06}.vtu") for k in range(comm.size)]
+        merged = read_grid(pieces, None)
+        assert merged.n_points == len({tuple(x) for x in grid.points.round(9)})
+        assert merged["reaction_force"].sum(axis=0) == pytest.approx(force, abs=1e-9 * size)
+        left = merged.points[:, 0] < 1e-9
+        assert not merged["reaction_force"][~left].any()
+        assert abs(merged["reaction_force"][left]).max(axis=1).min() > 1e-6 * size
+    comm.barrier()
 
 
 @mpi

@@ -10,6 +10,7 @@ import pyvista as pv
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
+from fem_snh.output_fields import SUMMED
 from fem_snh.render.fields import component_index, split_component
 
 #: Largest number of boundary faces with which element edges are drawn.
@@ -48,7 +49,15 @@ def read_grid(files: list[str], field: str | None) -> pv.UnstructuredGrid:
         return pieces[0]
     grid: Any = pv.merge(pieces, merge_points=False)
     # Ranks compute shared points with different rounding, so a tolerance is needed.
-    return grid.clean(tolerance=1e-9 * grid.length, produce_merge_map=False)
+    merged: Any = grid.clean(tolerance=1e-9 * grid.length)  # averages
+    onto = merged.field_data.pop("PointMergeMap")
+    for name in grid.point_data.keys():
+        if split_component(name)[0] in SUMMED:
+            values = np.asarray(grid.point_data[name])
+            total = np.zeros((merged.n_points, *values.shape[1:]))
+            np.add.at(total, onto, values)
+            merged.point_data[name] = total
+    return merged
 
 
 def _select_component(piece: Any, field: str) -> None:

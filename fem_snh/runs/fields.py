@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx
 from fem_snh.fem.problem import Problem
+from fem_snh.output_fields import SUMMED
 from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Fields:
         means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
-        self._nodal = [problem.u]
+        self._nodal, self._num_owned = [problem.u], _dolfinx.num_nodes(problem.V)[0]
         if problem.saddle_point:
             self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
             scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
@@ -123,7 +124,8 @@ class Fields:
             self._nodal[1].interpolate(self._pressure)
         further = self._requested.arrays() if self._requested else ([], [])
         if self._series in lacking:
-            self._series.write([*self._nodal, *self._cellwise.values()], time, *further)
+            functions = [*self._nodal, *self._cellwise.values()]
+            self._series.write(functions, time, further[0], self._without_copies(further[1]))
         if self._skin in lacking:
             cells, nodes = ({array.name: array.values for array in found} for found in further)
             if problem.saddle_point:
@@ -132,6 +134,17 @@ class Fields:
                 nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
             u = problem.u.x.array.reshape(-1, 3)
             self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
+
+    def _without_copies(self, arrays: list[_dolfinx.DataArray]) -> list[_dolfinx.DataArray]:
+        """Return arrays at the nodes, with zeros at ghosts where values are to be summed."""
+        found = []
+        for array in arrays:
+            if array.name in SUMMED:
+                values = array.values.copy()
+                values[self._num_owned :] = 0.0
+                array = array._replace(values=values)
+            found.append(array)
+        return found
 
 
 def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None:

@@ -45,7 +45,8 @@ class Transient:
     dynamics : Dynamics
         The motion.
     start : dict
-        Energies and momenta at the start: see `Dynamics.energies`.
+        Energies and momenta at the start (`Dynamics.energies`), and the reactions of the chosen
+        groups.
     """
 
     def __init__(self, problem: Problem, dynamics: Dynamics, time: Time) -> None:
@@ -53,6 +54,8 @@ class Transient:
         inner = [problem.elastic, *dynamics.terms]
         self._loads = [term for term in problem.terms if term not in inner]
         self.start = self._energies()
+        if reactions := problem.reactions(problem.x):
+            self.start["reactions"] = reactions
 
     @property
     def semi_implicit(self) -> bool:
@@ -61,7 +64,7 @@ class Transient:
 
     @property
     def about(self) -> dict[str, Any]:
-        """The scene's table, and energies and momenta at the start, for run.json."""
+        """The scene's table, and energies, momenta and reactions at the start, for run.json."""
         table = {key: v for key, v in self.time.model_dump().items() if v is not None}
         return table | {"start": self.start}
 
