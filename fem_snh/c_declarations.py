@@ -7,8 +7,6 @@ run. ``fem_snh._petsc`` and `fem_snh.kernels.build` call it.
 from __future__ import annotations
 
 import os
-import runpy
-import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -34,16 +32,31 @@ def parse(declarations: str) -> Any:
     """
     name = cache.key("declarations", declarations, cffi.__version__)
     target = cache.folder() / f"{name}.py"
-    with suppress(OSError, SyntaxError, ValueError, KeyError):
-        return runpy.run_path(str(target))["ffi"]
+    if (source := _stored(target)) is not None:
+        return _ffi(source)
     from cffi.recompiler import make_py_source  # "ABI mode, out of line"; slow to import
 
     ffi = cffi.FFI()
     ffi.cdef(declarations)
-    with suppress(OSError):  # a folder that cannot be written: the next run parses them again
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as folder:
-            written = Path(folder, target.name)
-            make_py_source(ffi, f"declarations_{name}", str(written))
-            os.replace(written, target)
+    # A folder that cannot be written: the next run parses them again.
+    with suppress(OSError), cache.build_folder() as folder:
+        written = folder / target.name
+        make_py_source(ffi, f"declarations_{name}", str(written))
+        cache.sign(written)
+        os.replace(written, target)
     return ffi
+
+
+def _stored(path: Path) -> bytes | None:
+    """Return a module that cffi has written, or None. Raises BadInput for another user's cache."""
+    if not os.path.exists(path):  # also where the folder cannot be searched
+        return None
+    cache.own_folder()
+    return cache.read_signed(path)
+
+
+def _ffi(source: bytes) -> Any:
+    """Return the FFI object of a module that cffi has written."""
+    names: dict[str, Any] = {}
+    exec(source, names)
+    return names["ffi"]

@@ -6,20 +6,33 @@ so that no record is ever out of date. Records may be deleted at any time.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
+import shutil
+import stat
 import tempfile
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import platformdirs
 
+from fem_snh.errors import BadInput
+
 #: Hexadecimal digits of the hash in a file name: 96 bits, so that two keys never share a name.
 KEY_DIGITS = 24
+#: Prefix of the folders in which files are made.
+_BUILD = "build-"
+#: The system administrator's user id.
+_ROOT = 0
+#: Bytes of a signature: a line of "# " and 64 hexadecimal digits, after a line break.
+_SIGNATURE = 68
+#: The permission of others to write.
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def folder() -> Path:
@@ -60,6 +73,87 @@ def _files(folders: Iterable[str]) -> list[Path]:
     )
 
 
+def own_folder() -> Path:
+    """Return the folder, which is created, after a check that only this user writes into it.
+
+    The program executes what the folder holds.
+
+    Raises
+    ------
+    BadInput
+        If the folder is another user's, or others can write into it.
+    OSError
+        If it cannot be created.
+    """
+    path = folder()
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    state = path.stat()
+    if state.st_uid not in (os.geteuid(), _ROOT):
+        raise BadInput(
+            f"FEM_SNH_CACHE = {path}: expected a folder of your own, as its files are executed; "
+            f"this one belongs to user {state.st_uid}"
+        )
+    if state.st_mode & _OTHERS_WRITE:
+        raise BadInput(
+            f"FEM_SNH_CACHE = {path}: expected a folder that only you can write into, as its files "
+            f"are executed: chmod go-w {path}"
+        )
+    return path
+
+
+def read_signed(path: Path) -> bytes | None:
+    """Return the content of a file that `sign` has made, None unless it is whole and trusted."""
+    try:
+        with path.open("rb") as file:
+            state, content = os.fstat(file.fileno()), file.read()
+    except OSError:
+        return None
+    if state.st_uid not in (os.geteuid(), _ROOT) or state.st_mode & _OTHERS_WRITE:
+        return None
+    content, signature = content[:-_SIGNATURE], content[-_SIGNATURE:]
+    return content if signature == _signature(content) else None
+
+
+def sign(path: Path) -> None:
+    """Append its digest to a file, by which `read_signed` recognises one that was damaged."""
+    with path.open("r+b") as file:
+        file.write(_signature(file.read()))
+    path.chmod(0o644)
+
+
+def _signature(content: bytes) -> bytes:
+    """Return a last line that Python and the loader of shared libraries ignore."""
+    return f"\n# {hashlib.sha256(content).hexdigest()}\n".encode()
+
+
+@contextmanager
+def build_folder() -> Iterator[Path]:
+    """Provide an empty folder in `own_folder`, from where complete files are moved there.
+
+    What killed processes have left of theirs is removed. Raises as `own_folder`.
+    """
+    parent = own_folder()
+    for path in parent.glob(f"{_BUILD}*"):
+        with suppress(OSError), _locked(path):
+            if any(path.iterdir()):  # an empty one may be about to be locked
+                shutil.rmtree(path, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=parent, prefix=_BUILD) as name, ExitStack() as lock:
+        with suppress(OSError):  # a file system without locks: it is not removed there
+            lock.enter_context(_locked(Path(name)))
+        yield Path(name)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Lock a folder. Raises OSError if another process has locked it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def read(key: str) -> dict[str, Any] | None:
     """Return the record of a key, or None if there is none, or none that can be read."""
     try:
@@ -74,10 +168,7 @@ def write(key: str, record: dict[str, Any]) -> None:
 
     A folder that cannot be written is no error: the record is computed again by the next run.
     """
-    target = folder() / f"{key}.json"
-    with suppress(OSError):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=target.parent, suffix=".new")
-        with os.fdopen(descriptor, "w") as file:
-            json.dump(record, file)
-        os.replace(name, target)
+    with suppress(OSError), build_folder() as scratch:
+        written = scratch / f"{key}.json"
+        written.write_text(json.dumps(record))
+        os.replace(written, folder() / written.name)

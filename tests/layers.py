@@ -5,7 +5,8 @@ from __future__ import annotations
 #: From the bottom up. A part imports parts of lower layers only, none of its own layer. A part is a
 #: folder or a file of the package; each file of ``fem`` is a part.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "choices", "output_fields", "cache", "interrupts", "fem.timing", "files"),
+    ("errors", "choices", "output_fields", "interrupts", "fem.timing", "files"),
+    ("cache",),
     ("child_process",),
     ("atomic_files", "references", "c_declarations"),
     ("run_files",),

@@ -178,3 +178,98 @@ def test_declarations_are_read_from_the_cache_or_parsed_again(cache_folder, cont
     assert lib.answer() == 42 and ffi.new("int[2]", [1, 2])[1] == 2
     assert "answer" in stored.read_text()
     assert type(ffi).__module__ == ("_cffi_backend" if content is None else "cffi.api")
+
+
+# --- damaged and insecure caches ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.3, 0.9, 0.999])
+def test_a_library_that_was_cut_off_is_compiled_again(kept: float) -> None:
+    """To open it would end the process by SIGBUS."""
+    path = build.library(SOURCE)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(kept * len(whole))])
+    assert build.stored(path.name) is None
+    code = (
+        f"from fem_snh.kernels import build; path = build.library({SOURCE!r}); "
+        "print(build.load(path, 'int answer(void);')[1].answer())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "42\n"), done.stderr
+    assert path.read_bytes() == whole
+
+
+def test_a_library_with_another_byte_is_compiled_again() -> None:
+    path = build.library(SOURCE)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:500] + bytes([whole[500] ^ 1]) + whole[501:])
+    assert build.library(SOURCE) == path and path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("content", ["1 / 0", "raise SystemExit", "\0", "ffi = 1"])
+def test_declarations_that_were_edited_are_not_executed(cache_folder: Path, content: str) -> None:
+    path = build.library(SOURCE)
+    declarations = f"int answer(void); /* {content!r} */"
+    build.load(path, declarations)
+    (stored,) = cache_folder.glob("*.py")
+    written = stored.read_bytes()
+    stored.write_text(content)
+    build.load.cache_clear()
+    assert build.load(path, declarations)[1].answer() == 42
+    assert stored.read_bytes() == written
+
+
+@pytest.mark.parametrize("mode", [0o775, 0o777, 0o702])
+def test_a_cache_that_others_can_write_is_refused(cache_folder: Path, mode: int) -> None:
+    path = build.library(SOURCE)
+    assert stat.S_IMODE(cache_folder.stat().st_mode) == 0o700
+    cache_folder.chmod(mode)
+    for function, argument in ((build.library, SOURCE), (build.stored, path.name)):
+        message = one_line(function, argument)
+        assert message.startswith(f"FEM_SNH_CACHE = {cache_folder}: expected a folder that only")
+        assert message.endswith(f"chmod go-w {cache_folder}")
+    cache_folder.chmod(0o755)
+    assert build.library(SOURCE) == path
+
+
+def test_a_library_that_others_can_write_is_compiled_again() -> None:
+    path = build.library(SOURCE)
+    path.chmod(0o664)
+    assert build.stored(path.name) is None
+    build.library(SOURCE)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make a folder of another user")
+def test_the_cache_of_another_user_is_refused(cache_folder: Path) -> None:
+    build.library(SOURCE)
+    os.chown(cache_folder, NOBODY, NOBODY)
+    message = one_line(build.library, SOURCE)
+    assert "expected a folder of your own" in message and f"belongs to user {NOBODY}" in message
+
+
+def test_what_an_interrupted_compilation_leaves_is_removed(cache_folder: Path) -> None:
+    """And not the folder of one that goes on."""
+    build.library(SOURCE)
+    left = cache_folder / "build-left"
+    left.mkdir()
+    (left / "kernel.c").write_text(SOURCE)
+    with cache.build_folder() as running:
+        (running / "kernel.c").write_text(SOURCE)
+        build.library(SOURCE + "/* another */\n")
+        assert running.exists() and not left.exists()
+    assert not list(cache_folder.glob("build-*"))
+
+
+def test_a_killed_compilation_leaves_nothing_for_long(
+    cache_folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    real = build.compiler()
+    killer = f'case "$1" in --version) exec {real} "$@";; esac\nkill -9 $PPID'
+    monkeypatch.setenv("CC", str(script(tmp_path / "killer", killer)))
+    code = f"from fem_snh.kernels import build; build.library({SOURCE!r})"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == -9
+    assert len(list(cache_folder.glob("build-*"))) == 1
+    monkeypatch.delenv("CC")
+    build.library(SOURCE)
+    assert not list(cache_folder.glob("build-*"))

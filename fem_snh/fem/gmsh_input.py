@@ -7,6 +7,7 @@ Files of users are read in a child process, as gmsh can crash on a damaged one. 
 from __future__ import annotations
 
 import os
+import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -43,7 +44,11 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
 
     gmsh executes a source: it must be one of the built-in ones.
     """
-    return _in_dolfinx_order(gmsh_model.generate(path, cell, parameters))
+    arguments = path, cell, parameters
+    if threading.current_thread() is threading.main_thread():
+        return _in_dolfinx_order(gmsh_model.generate(*arguments))
+    # gmsh installs a handler of signals, which Python allows in the main thread only.
+    return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.generate, *arguments))
 
 
 def read(path: str) -> MeshData:

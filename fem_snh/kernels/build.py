@@ -14,7 +14,6 @@ import platform
 import shlex
 import shutil
 import subprocess
-import tempfile
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -95,13 +94,13 @@ def library(source: str) -> Path:
     """
     command = compiler()
     key = hashlib.sha256(f"{source}\n{fingerprint()}".encode()).hexdigest()
-    target = cache.folder() / f"{key[: cache.KEY_DIGITS]}.so"
+    name = f"{key[: cache.KEY_DIGITS]}.so"
+    target = cache.folder() / name
+    if stored(name):
+        return target
     try:
-        if target.exists():
-            return target
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix="build-") as folder:
-            code, compiled = Path(folder, "kernel.c"), Path(folder, "kernel.so")
+        with cache.build_folder() as folder:
+            code, compiled = folder / "kernel.c", folder / "kernel.so"
             code.write_text(source)
             done = subprocess.run(
                 [*shlex.split(command), *FLAGS, str(code), "-o", str(compiled), "-lm"],
@@ -112,6 +111,7 @@ def library(source: str) -> Path:
                 log = target.with_suffix(".log")
                 log.write_text(done.stderr)
                 raise BadInput(f"CC = {command}: could not compile a kernel, see {log}")
+            cache.sign(compiled)
             # The source first: a library in the cache always has its source beside it.
             os.replace(code, target.with_suffix(".c"))
             os.replace(compiled, target)
@@ -120,6 +120,23 @@ def library(source: str) -> Path:
             f"FEM_SNH_CACHE = {target.parent}: expected a writable folder ({error.strerror})"
         ) from None
     return target
+
+
+def stored(name: str) -> Path | None:
+    """Return a library in the cache if it is whole, else None.
+
+    Opening a library that was cut off ends the process (SIGBUS).
+
+    Raises
+    ------
+    BadInput
+        If others can write into the cache.
+    """
+    path = cache.folder() / name
+    if not os.path.exists(path):  # also where the folder cannot be searched
+        return None
+    cache.own_folder()
+    return path if cache.read_signed(path) is not None else None
 
 
 @functools.cache

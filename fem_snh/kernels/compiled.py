@@ -68,8 +68,7 @@ def compile_kernel(
     """
     key = _key(material, volume, definitions, after)
     if key and (record := cache.read(key)):
-        path = cache.folder() / record.pop("library")
-        if path.exists():
+        if path := build.stored(record.pop("library")):
             values = tuple(record.pop("values"))
             return Compiled(path, ElementConstants(values, **record))
     from fem_snh.kernels.codegen.source import kernel_source
