@@ -20,6 +20,7 @@ from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.kernels.headers import POINTWISE, header
 from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
+from fem_snh.materials.parameters import check_constants
 
 if TYPE_CHECKING:
     from fem_snh.materials.energy import Energy
@@ -234,6 +235,7 @@ def material(
     def make() -> Energy:
         return materials.make_energy(name, E, nu, **shape)  # imports sympy
 
+    E, nu = check_constants(E, nu)
     if numbers := stored(name, E, nu, **shape):
         return Material(numbers, make)
     made = Material.of(make(), stored_key(name, E, nu, shape))

@@ -12,12 +12,16 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
+from fem_snh.materials.bounds import why_unbounded
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
 from fem_snh.materials.functions import PrincipalStress, positive, where
 from fem_snh.materials.invariants import INVARIANTS, MEASURES
 from fem_snh.materials.keywords import MAX_EXPONENT, check
+from fem_snh.materials.parameters import check_constants
 from fem_snh.materials.signature import Function, constants_of, measures_of
 
+#: The measures at rest, F = I.
+REST = {m: 3.0 if str(m) in ("I1", "I_C", "II_C") else 1.0 for m in MEASURES.values()}
 #: Functions that the generated C and the UFL forms can evaluate.
 _FUNCTIONS = (sympy.log, sympy.exp, where, positive)
 
@@ -56,8 +60,7 @@ def construct(
     BadInput
         If the function does not return an energy, or it cannot be fitted or tuned.
     """
-    E, nu = float(E), float(nu)
-    normalise.lame(E, nu)  # refuses E and nu first
+    E, nu = check_constants(E, nu)
     given = {k: v for k, v in tuned.items() if v is not None}
     measures = tuple(MEASURES[n] for n in measures_of(function))
     defaults = constants_of(function)
@@ -150,6 +153,11 @@ def _evaluate(
                 "expression in the function's arguments"
             )
         _check_functions(term, name)
+        if reason := why_unbounded(term, {m: REST[m] for m in measures}):
+            raise BadInput(
+                f"material '{name}': its function returns {_short(term)}: {reason}: "
+                "expected an expression that can be evaluated in double precision"
+            )
     return found
 
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import sympy
 
-from fem_snh.errors import BadInput, nearest
+from fem_snh.errors import BadInput, bad_value, nearest
 from fem_snh.materials.construction import construct
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.keywords import LARGEST_MODULUS, LARGEST_PARAMETER, TUNING
+from fem_snh.materials.parameters import check_constants, check_keywords
 from fem_snh.materials.registry import built_in, function, label, pins
 from fem_snh.materials.signature import Function, check_size, shape_parameters
 
@@ -46,6 +47,7 @@ def make_energy(
         stressed at rest or not isotropic.
     """
     found, name = function(material), label(material)
+    E, nu = check_constants(E, nu)
     own, pinned = shape_parameters(found), pins(material)
     known = [*own, *pinned, *TUNING]
     for key in keywords:
@@ -54,7 +56,10 @@ def make_energy(
                 f"material '{name}' has no parameter '{key}'{nearest(key, known)}: "
                 f"it takes E, nu, {', '.join(known)}"
             )
+    check_keywords(found, keywords)
     other = keywords.get("lambda_part")
+    if not (other is None or callable(other) or isinstance(other, str)):
+        raise bad_value("lambda_part", other, "the name of a material")
     tuned = {k: v for k, v in keywords.items() if k in TUNING}
     if other is not None:
         tuned["lambda_part"] = label(other)

@@ -24,7 +24,7 @@ import sympy
 
 from fem_snh.errors import BadInput
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.materials.keywords import LARGEST_MODULUS
+from fem_snh.materials.parameters import check_constants
 
 _REST = dict.fromkeys(SIGMA, sympy.Integer(1))
 
@@ -36,6 +36,8 @@ _LAMBDA_TOLERANCE = 1e-12
 #: Accepted relative difference of the shear modulus of prescribed constants from that of E and nu:
 #: the rounding error of the ten digits that the message about it shows.
 _PINNED_TOLERANCE = 1e-9
+#: Digits of irrational numbers in the equations for the constants, far more than a double has.
+_DIGITS = 50
 
 
 def lame(E: float, nu: float) -> tuple[float, float]:
@@ -53,13 +55,7 @@ def lame(E: float, nu: float) -> tuple[float, float]:
     BadInput
         Unless E is in [1e-100, 1e100] and nu in (-1, 0.5].
     """
-    if not 1 / LARGEST_MODULUS <= E <= LARGEST_MODULUS:
-        raise BadInput(
-            f"E = {E}: expected a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} "
-            "(Young's modulus [Pa])"
-        )
-    if not -1 < nu <= 0.5:
-        raise BadInput(f"nu = {nu}: expected a number in (-1, 0.5] (Poisson's ratio)")
+    E, nu = check_constants(E, nu)
     if nu == 0.5:
         return E / 3, math.inf
     return E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
@@ -132,7 +128,7 @@ class Fit:
         """
         # The doubles as exact rationals: the solution is then accurate to double precision.
         pinned = {c: sympy.Rational(v) for c, v in self.pins.items()}
-        known = [m.subs(pinned) for m in self.moduli]
+        known = [_rational(m.subs(pinned)) for m in self.moduli]
         wanted = [t if isinstance(t, sympy.Basic) else sympy.Rational(t) for t in target]
         if self.pins and known[0].is_number:
             found = self._solve_without_shear(known, wanted)
@@ -236,3 +232,22 @@ class Fit:
 
     def _names(self) -> str:
         return ", ".join(map(str, self.free))
+
+
+def _rational(expression: sympy.Expr) -> sympy.Expr:
+    """Return the expression with its irrational numbers, such as 3^1.37, as close fractions.
+
+    sympy solves equations with algebraic numbers in an extension field, whose degree is the
+    denominator of the exponent: that takes hours.
+    """
+    if expression.is_number:
+        return expression if expression.is_Rational else _fraction(expression)
+    if not expression.args:
+        return expression
+    return expression.func(*map(_rational, expression.args))
+
+
+def _fraction(number: sympy.Expr) -> sympy.Expr:
+    """Return a number as a fraction of `_DIGITS` digits; infinities and complex ones unchanged."""
+    value = number.evalf(_DIGITS, chop=True)
+    return sympy.Rational(str(value)) if value.is_Float or value.is_Rational else number

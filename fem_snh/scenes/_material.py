@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from inspect import formatannotation
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 from pydantic import (
     AfterValidator,
@@ -14,8 +12,6 @@ from pydantic import (
     Field,
     SerializationInfo,
     Tag,
-    TypeAdapter,
-    ValidationError,
     field_validator,
     model_serializer,
     model_validator,
@@ -27,7 +23,6 @@ from fem_snh.scenes._synonyms import suggestion
 from fem_snh.scenes._types import GroupKey, Positive
 from fem_snh.scenes._validation import Expect, Finite, Table
 
-_STRICT = ConfigDict(allow_inf_nan=False, strict=True)
 #: Keys that only some materials have.
 _OPTIONAL = ("group", "density")
 
@@ -118,20 +113,17 @@ class MaterialChoice(Table):
         from fem_snh.materials import TUNING, defaults, function, pins
         from fem_snh.materials.keywords import check
         from fem_snh.materials.numbers import stored
+        from fem_snh.materials.parameters import check_keywords, plain
 
-        given = {key: _tuples(value) for key, value in (self.model_extra or {}).items()}
+        given = {key: plain(value) for key, value in (self.model_extra or {}).items()}
         if stored(self.name, self.E, self.nu, **given):
             return self  # only valid parameters are stored
-        kinds: dict[str, Any] = dict.fromkeys(TUNING, float | None)
-        kinds |= _type_hints(function(self.name))
-        kinds |= dict.fromkeys(pins(self.name), float | None)
         known = [*type(self).model_fields, *defaults(self.name), *pins(self.name), *TUNING]
         given = self.model_extra or {}
-        for key, value in given.items():
+        for key in given:
             if key not in known:
                 raise unknown_name("parameter", key, known, suggestion(key, known))
-            if key != "lambda_part":
-                given[key] = _validated(key, value, kinds.get(key, Any))
+        given |= check_keywords(function(self.name), given)
         other = given.get("lambda_part")
         if other is not None:
             if not (callable(other) or isinstance(other, str)):
@@ -194,26 +186,3 @@ Materials = Annotated[
     Discriminator(_tag),
     AfterValidator(_check_materials),
 ]
-
-
-def _type_hints(function: Any) -> dict[str, Any]:
-    """Return the types of a function's arguments, if they can be resolved."""
-    try:
-        return get_type_hints(function)
-    except (NameError, TypeError, AttributeError, SyntaxError):
-        return {}
-
-
-def _validated(key: str, value: Any, kind: Any) -> Any:
-    """Return ``value`` if it is of type ``kind``, otherwise raise BadInput."""
-    try:
-        return TypeAdapter(kind, config=_STRICT).validate_python(_tuples(value))
-    except ValidationError:
-        accepted = re.sub(r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind))
-        raise bad_value(key, value, accepted.replace(" | ", " or ")) from None
-
-
-def _tuples(value: Any) -> Any:
-    """Return lists, the only sequences of TOML, as tuples, and numpy's values as Python's."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return tuple(_tuples(v) for v in value) if isinstance(value, list | tuple) else value

@@ -21,6 +21,8 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
     """Printer of lane expressions: integer powers as products, functions as ``lane_name``."""
 
     def _print_Pow(self, expr: sympy.Pow) -> str:
+        if expr.is_number:  # a scalar, which no function of lanes takes
+            return repr(float(expr))
         base, exponent = expr.args
         if exponent.is_Integer:
             product = "*".join([self.parenthesize(base, 100)] * abs(int(exponent)))
@@ -68,7 +70,7 @@ def share_fractional_powers(expression: sympy.Expr) -> sympy.Expr:
     An energy in s^e has derivatives in s^(e-1) and s^(e-2); all three then share one call of pow.
     """
     return expression.replace(
-        lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer,
+        lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer and not e.is_number,
         lambda e: e.base ** sympy.floor(e.exp) * power(e.base, e.exp - sympy.floor(e.exp)),
     )
 

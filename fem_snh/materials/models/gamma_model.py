@@ -39,7 +39,7 @@ def gamma_model(
     gamma_F = 4 d2psi/dI_C2, gamma_G = d2psi/dJ2, gamma_H = dpsi/dJ. The eigenvalues are gamma_I +-
     gamma_H s_i and those of a 3x3 block.
     """
-    f = parse(length, {"I_C": I_C})
-    g = parse(volume, {"J": J})
+    f = parse("length", length, {"I_C": I_C})
+    g = parse("volume", volume, {"J": J})
     slope = 2 * mu * f.diff(I_C).subs(I_C, 3) + lam * g.diff(J).subs(J, 1)
     return mu * f + lam * g - slope * (J - 1)

@@ -36,7 +36,7 @@ def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)"
     Hill 1968.
     """
     s = Symbol("s", real=True)
-    f = parse(strain, {"s": s})
+    f = parse("strain", strain, {"s": s})
     if simplify(f.subs(s, 1)) != 0 or simplify(f.diff(s).subs(s, 1) - 1) != 0:
         raise BadInput(f"strain = {strain!r}: expected f(s) with f(1) = 0 and f'(1) = 1")
     strains = [f.subs(s, positive(x)) for x in (s0, s1, s2)]

@@ -47,7 +47,8 @@ def valanis_landel_xu(
     Xu et al. 2015.
     """
     s, a, x = symbols("s a J", real=True)
-    f, g, h = parse(length, {"s": s}), parse(area, {"a": a}), parse(volume, {"J": x})
+    f = parse("length", length, {"s": s})
+    g, h = parse("area", area, {"a": a}), parse("volume", volume, {"J": x})
     stretches = [positive(y) for y in (s0, s1, s2)]
     pairs = [stretches[i] * stretches[j] for i, j in ((0, 1), (0, 2), (1, 2))]
     J = stretches[0] * stretches[1] * stretches[2]

@@ -1,0 +1,135 @@
+"""Check the numbers and the keywords that a user gives a material."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from inspect import formatannotation, signature
+from numbers import Real
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from fem_snh.errors import bad_value
+from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING
+
+#: What Young's modulus and Poisson's ratio are, and the numbers that are accepted.
+_CONSTANTS = {
+    "E": (
+        1 / LARGEST_MODULUS,
+        LARGEST_MODULUS,
+        f"a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} (Young's modulus [Pa])",
+    ),
+    "nu": (-1.0, 0.5, "a number in (-1, 0.5] (Poisson's ratio)"),
+}
+
+
+def check_constants(E: Any, nu: Any) -> tuple[float, float]:
+    """Return Young's modulus [Pa] and Poisson's ratio as floats.
+
+    Raises
+    ------
+    BadInput
+        Unless E is a number in [1e-100, 1e100] and nu one in (-1, 0.5]. True and False are none.
+    """
+    found = []
+    for key, value in (("E", E), ("nu", nu)):
+        low, high, accepted = _CONSTANTS[key]
+        number = plain(value)
+        if not isinstance(number, int | float) or isinstance(number, bool):
+            raise bad_value(key, value, accepted)
+        if not low <= number <= high or (key == "nu" and number == low):
+            raise bad_value(
+                key, number if abs(number) > LARGEST_MODULUS else float(number), accepted
+            )
+        found.append(float(number))
+    return found[0], found[1]
+
+
+def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of keywords of a material's function, which have the types it states.
+
+    Parameters
+    ----------
+    function : callable
+        The material function. Without an annotation the type is that of the default value, of a
+        whole number any number.
+    given : mapping
+        Values of its shape parameters, of its constants and of the `TUNING` keywords.
+
+    Raises
+    ------
+    BadInput
+        For a value of another type; true and false are no numbers.
+    """
+    kinds = _kinds(function)
+    return {key: _checked(key, value, kinds.get(key, Any)) for key, value in given.items()}
+
+
+def plain(value: Any) -> Any:
+    """Return lists, the only sequences of TOML, as tuples, and numpy's values as Python's."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return tuple(plain(v) for v in value) if isinstance(value, list | tuple) else value
+
+
+def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the types of the keywords of a material's function."""
+    found: dict[str, Any] = {key: float | None for key in TUNING if key != "lambda_part"}
+    found["lambda_part"] = Any  # a name or a function
+    try:
+        hints = get_type_hints(function)
+    except (NameError, TypeError, AttributeError, SyntaxError):
+        hints = {}
+    for name, parameter in signature(function).parameters.items():
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            found[name] = float | None  # a constant that is prescribed
+        elif name in hints:
+            found[name] = hints[name]
+        elif isinstance(parameter.default, bool | str):
+            found[name] = type(parameter.default)
+        elif isinstance(parameter.default, Real):
+            found[name] = float
+    return found
+
+
+def _checked(key: str, value: Any, kind: Any) -> Any:
+    """Return ``value`` if it is of type ``kind``, otherwise raise BadInput."""
+    if kind is Any:
+        return value
+    try:
+        return _converted(plain(value), kind)
+    except TypeError:
+        accepted = re.sub(r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind))
+        raise bad_value(key, value, accepted.replace(" | ", " or ")) from None
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """Return a value of type ``kind``, a whole number as a float; raise TypeError if it is none.
+
+    Types other than numbers, truth values, texts, tuples and unions of them accept every value.
+    """
+    if get_origin(kind) in (Union, UnionType):
+        for option in get_args(kind):
+            with suppress(TypeError):
+                return _converted(value, option)
+        raise TypeError
+    if get_origin(kind) is tuple and get_args(kind)[-1:] == (...,):
+        if not isinstance(value, tuple):
+            raise TypeError
+        return tuple(_converted(entry, get_args(kind)[0]) for entry in value)
+    if kind is float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise TypeError
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number of more than 308 digits
+            raise TypeError from None
+        if not math.isfinite(number):
+            raise TypeError
+        return number
+    if kind in (int, bool, str, NoneType) and not isinstance(value, kind):
+        raise TypeError
+    if kind is int and isinstance(value, bool):
+        raise TypeError
+    return value
