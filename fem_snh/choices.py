@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+#: Largest number that scenes and meshes may have, and the inverse of the smallest positive one: the
+#: squares of forces, (E V^(2/3))^2, then neither overflow nor underflow, nor do their sums.
+LARGEST_NUMBER = 1e50
+
 #: Eigenvalue filters of a Hessian at a quadrature point, in the order of material_point.h.
 FILTERS = ("exact", "clamp", "abs")
 #: Those, and the clamped Hessian without the stiffness of spins, which damping has.

@@ -11,7 +11,7 @@ from running import solve
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem import lattice, mesh
+from fem_snh.fem import lattice, mesh, mesh_checks
 from fem_snh.fem.shapes import Capsule, Plane, SmoothUnion, Sphere
 
 COMM = MPI.COMM_WORLD
@@ -24,7 +24,7 @@ CLUB = SmoothUnion((Capsule((0, 0, 0), (1, 0, 0), 0.2), Sphere((1, 0, 0), 0.3)),
 def test_shapes(shape, quality):
     body = lattice.create_tetrahedra(COMM, lambda: shape, 0.15)
     assert [g.label for g in body.groups] == ["surface:boundary", "volume:body"]
-    worst = COMM.allreduce(mesh.scaled_jacobian(body.domain).min(), op=MPI.MIN)
+    worst = COMM.allreduce(mesh_checks.scaled_jacobian(body.domain).min(), op=MPI.MIN)
     assert worst > quality
     if shape is BALL:
         # Triangles of edge e in a sphere: the missing volume is about (e/r)^2/3 of it.

@@ -25,7 +25,9 @@ from fem_snh._dolfinx.forms import (
     petsc_vec,
 )
 from fem_snh._dolfinx.meshes import (
+    cell_facets,
     cell_name,
+    cell_vertices,
     coordinates,
     create_mesh,
     geometry_degree,
@@ -38,6 +40,8 @@ from fem_snh._dolfinx.meshes import (
     num_exterior_facets,
     num_owned,
     reference_corners,
+    reference_edges,
+    reference_facets,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
 from fem_snh._dolfinx.output import Series
@@ -79,15 +83,16 @@ version: str = dolfinx.__version__
 
 __all__ = [
     "FACET_OF", "DataArray", "Series", "add_vector", "assemble_matrix", "assemble_scalar",
-    "assemble_vector", "bc_dofs", "bc_space_is_within", "bounding_box", "cell_measures",
-    "cell_name", "constant", "coordinates", "count_entities", "create_matrix",
-    "create_mesh", "create_vector", "degree", "exterior_facets", "facet_maps",
+    "assemble_vector", "bc_dofs", "bc_space_is_within", "bounding_box", "cell_facets",
+    "cell_measures", "cell_name", "cell_vertices", "constant", "coordinates", "count_entities",
+    "create_matrix", "create_mesh", "create_vector", "degree", "exterior_facets", "facet_maps",
     "form", "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "has_real_values", "input_cells", "input_vertices", "integrals",
     "interpolate", "is_function", "is_lagrange", "is_measure", "kernel_arguments",
-    "local_to_global", "locate", "locate_dofs", "measure_cells", "mesh_dimension", "newton_solver",
-    "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned", "pack", "petsc_vec",
-    "prescribed", "quadrature", "reference_corners", "reference_nodes", "set_bcs",
-    "surface_measure", "tabulate", "tabulate_element", "tabulate_geometry",
-    "tabulate_geometry_values", "tabulate_values", "version",
+    "local_to_global", "locate", "locate_dofs", "measure_cells", "mesh_dimension",
+    "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned",
+    "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners", "reference_edges",
+    "reference_facets", "reference_nodes", "set_bcs", "surface_measure", "tabulate",
+    "tabulate_element", "tabulate_geometry", "tabulate_geometry_values", "tabulate_values",
+    "version",
 ]  # fmt: skip

@@ -91,6 +91,35 @@ def input_vertices(domain: Any, dim: int) -> Array:
     return number[_rows(topology.connectivity(dim, 0), corners[dim])]
 
 
+def cell_vertices(domain: Any) -> Array:
+    """Return the vertices of each owned cell by global numbers, (cells, corners) int64."""
+    topology = domain.topology
+    topology.create_connectivity(3, 0)
+    vertices = _rows(topology.connectivity(3, 0), len(reference_corners(cell_name(domain))))
+    vertices = vertices[: num_owned(domain)]
+    numbers = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32))
+    return np.asarray(numbers, dtype=np.int64).reshape(vertices.shape)
+
+
+def cell_facets(domain: Any) -> Array:
+    """Return the facets of each owned cell by local numbers, (cells, facets) int32."""
+    topology = domain.topology
+    topology.create_entities(2)
+    topology.create_connectivity(3, 2)
+    facets = _rows(topology.connectivity(3, 2), len(reference_facets(cell_name(domain))))
+    return facets[: num_owned(domain)]
+
+
+def reference_facets(cell: str) -> Array:
+    """Return the vertices of the reference cell's facets, (facets, corners of each)."""
+    return np.asarray(basix.topology(getattr(basix.CellType, cell))[2])
+
+
+def reference_edges(cell: str) -> Array:
+    """Return the vertices of the reference cell's edges, (edges, 2)."""
+    return np.asarray(basix.topology(getattr(basix.CellType, cell))[1])
+
+
 def cell_name(domain: Any) -> str:
     """Return "tetrahedron" or "hexahedron"."""
     return str(domain.topology.cell_name())

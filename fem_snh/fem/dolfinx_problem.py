@@ -16,6 +16,7 @@ from fem_snh.errors import bad_value, check_whole, unknown_name
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, element
 from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
+from fem_snh.fem.mesh_checks import check_geometry
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region, check_partition
 from fem_snh.fem.self_contact.choice import SelfContact
@@ -132,6 +133,7 @@ def create_dolfinx_problem(
     bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
     terms = listed_terms(terms)
     V = u.function_space
+    check_geometry(V.mesh, "u.function_space.mesh")
     chosen = _element(u, element_name, materials)
     regions = _regions(V.mesh, materials, densities or {})
     conditions = DolfinxConditions(V, bcs, on_load)

@@ -18,16 +18,13 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, choose, nearest, on_root
 from fem_snh.fem import gmsh_input
+from fem_snh.fem.mesh_checks import check_geometry
 from fem_snh.fem.skin import NodeCopies, Skin
 
 #: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
 #: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
 _VOLUME_DEGREE = 5
-#: Scaled Jacobian below which a cell is degenerate: far above rounding, far below any usable cell.
-_MIN_SCALED_JACOBIAN = 1e-10
-#: Cells per batch when scaled Jacobians are computed, which bounds the memory.
-_BATCH = 10_000
 
 
 @dataclass(frozen=True)
@@ -148,7 +145,7 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
     ------
     BadInput
         On every rank, if the file cannot be read, or has no volume cells, cells of another kind or
-        of several kinds, or inverted cells.
+        of several kinds, or a geometry that `check_geometry` refuses.
     """
     return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
 
@@ -171,31 +168,6 @@ def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE) -> np.ndarray:
     T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
     products: np.ndarray = np.abs(np.linalg.det(T)) * weights
     return products
-
-
-def scaled_jacobian(domain: Any) -> np.ndarray:
-    """Return the scaled Jacobian of each cell, (owned cells,); <= 0 where a cell is inverted.
-
-    It is the smallest value over a cell's corners and its midpoint. At a corner, it is the volume
-    of the parallelepiped of the three edges divided by the product of their lengths: 1 for a cube,
-    0.707 for a regular tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
-    """
-    corners = _dolfinx.reference_corners(_dolfinx.cell_name(domain))
-    edges = corners - corners[:, None]  # from each corner to each
-    nearest_three = np.sort(np.linalg.norm(edges, axis=2).argsort(axis=1)[:, 1:4], axis=1)
-    edges = np.take_along_axis(edges, nearest_three[:, :, None], axis=1)
-    edges = np.concatenate([edges, np.eye(3)[None]])
-    points = np.concatenate([corners, corners.mean(axis=0)[None]])
-    gradients = _dolfinx.tabulate_geometry(domain, points)
-    x, cells = _dolfinx.geometry_x(domain), _dolfinx.geometry_dofs(domain)
-    worst = np.empty(len(cells))
-    for start in range(0, len(cells), _BATCH):
-        chunk = slice(start, start + _BATCH)
-        jacobian = np.einsum("cni,pnj->cpij", x[cells[chunk]], gradients)
-        lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
-        scaled = np.linalg.det(jacobian) / np.maximum(lengths, np.finfo(float).tiny)
-        worst[chunk] = np.maximum(scaled.min(axis=1), -scaled.max(axis=1))
-    return worst
 
 
 def distribute(
@@ -221,9 +193,7 @@ def distribute(
     common, num_cells = on_root(comm, make_on_root)
     data = kept[0] if kept else common  # all ranks get the groups, only rank 0 the cells
     domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
-    bad = comm.allreduce(int((scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN).sum()))
-    if bad:
-        raise BadInput(f"{what} has {bad} inverted or degenerate cells of {num_cells}")
+    check_geometry(domain, what, may_overlap=common.skin is not None)
     groups = tuple(_locate(domain, group) for group in common.groups)
     fractions = common.fractions
     fractions = None if fractions is None else fractions[_dolfinx.input_cells(domain)]

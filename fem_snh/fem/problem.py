@@ -19,6 +19,7 @@ from fem_snh.fem.couplings import CouplingTerm
 from fem_snh.fem.elements import Element
 from fem_snh.fem.measures import Reactions, body_measures
 from fem_snh.fem.mesh import volume
+from fem_snh.fem.mesh_checks import check_force_scale
 from fem_snh.fem.near_null_space import rigid_motions
 from fem_snh.fem.rank_one import RankOneUpdate
 from fem_snh.fem.regime import Regime
@@ -118,6 +119,7 @@ class Problem:
         self.length = volume(self.domain) ** (1 / 3)
         self.modulus = reference_modulus(self.domain, regions)
         self.force_scale = self.modulus * self.length**2
+        check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
         self.skin: Skin | None = None  # the surface that a lattice carries
         self.constrained_dofs = dirichlet.dofs

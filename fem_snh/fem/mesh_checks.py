@@ -1,0 +1,214 @@
+"""Check the geometry of a mesh: its coordinates, its size, its cells and how they meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.choices import LARGEST_NUMBER
+from fem_snh.errors import BadInput
+
+Array = npt.NDArray[Any]
+
+#: Scaled Jacobian below which a cell is degenerate: far above rounding, far below any usable cell.
+_MIN_SCALED_JACOBIAN = 1e-10
+#: Smallest scale of forces, and the inverse of the largest: squares of residuals of 1e-16 times it,
+#: and sums of these squares, are normal numbers.
+_SMALLEST_FORCE = 1e-100
+#: Degree of the lattice on which the Jacobian of curved cells is evaluated: it is a polynomial of
+#: degree 3 on tetrahedra, and of degree 5 in each direction on hexahedra.
+_LATTICE = 5
+#: Cells per batch, which bounds the memory.
+_BATCH = 10_000
+
+
+def check_geometry(domain: Any, what: str, may_overlap: bool = False) -> None:
+    """Check the coordinates, the cells and the neighbours of a dolfinx mesh. Collective.
+
+    The numbering of a cell's vertices may be left-handed. Neighbours, however, must lie on opposite
+    sides of their common facet: otherwise the mesh covers itself, and the sum of its cells' volumes
+    is not that of the body.
+
+    Parameters
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    what : str
+        Its name in the message.
+    may_overlap : bool
+        Accept neighbours that overlap: parts of a body in a lattice may share a place.
+
+    Raises
+    ------
+    BadInput
+        On every rank: coordinates that are not finite or whose size is out of range, degenerate
+        cells, cells whose Jacobian changes its sign, and neighbours that overlap.
+    """
+    x = _dolfinx.geometry_x(domain)
+    _raise_for(domain, what, ~np.isfinite(x).all(axis=1), x, "nodes without finite coordinates")
+    size = domain.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    if not 1 / LARGEST_NUMBER <= size <= LARGEST_NUMBER:
+        raise BadInput(
+            f"{what}: its largest coordinate is {size:.3g}: expected one from "
+            f"{1 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
+        )
+    corners = x[_dolfinx.geometry_dofs(domain)[:, : len(_corners(domain))]]
+    centres = corners.mean(axis=1)
+    bad = scaled_jacobian(domain) < _MIN_SCALED_JACOBIAN
+    _raise_for(domain, what, bad, centres, "inverted or degenerate cells")
+    if not may_overlap:
+        bad = _cells_on_the_wrong_side(domain, corners)
+        _raise_for(domain, what, bad, centres, "cells that overlap a neighbour")
+
+
+def check_force_scale(force: float) -> None:
+    """Raise BadInput for a scale of forces [N] whose squares overflow or underflow."""
+    if not _SMALLEST_FORCE <= force <= 1 / _SMALLEST_FORCE:
+        raise BadInput(
+            f"E V^(2/3) = {force:.3g}: expected a force from {_SMALLEST_FORCE:g} to "
+            f"{1 / _SMALLEST_FORCE:g}: choose other units of length or stress"
+        )
+
+
+def _raise_for(domain: Any, what: str, bad: Array, points: Array, kind: str) -> None:
+    """Raise BadInput on every rank if any entry of ``bad`` is true on any. Collective."""
+    counts = domain.comm.allreduce(np.array([bad.sum(), len(bad)]))
+    if not counts[0]:
+        return
+    first = points[np.flatnonzero(bad)[:1]].tolist()
+    first = next(place[0] for place in domain.comm.allgather(first) if place)
+    where = ", ".join(f"{value:.6g}" for value in first)
+    raise BadInput(f"{what} has {counts[0]} {kind} of {counts[1]}, one at ({where})")
+
+
+def scaled_jacobian(domain: Any) -> np.ndarray:
+    """Return the scaled Jacobian of each cell, (owned cells,); <= 0 where a cell is inverted.
+
+    It is the smallest value over a cell's corners and its midpoint, and of a curved cell over a
+    lattice. At a corner, it is the volume of the parallelepiped
+    of the three edges divided by the product of their lengths: 1 for a cube, 0.707 for a regular
+    tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
+    """
+    cell, corners = _dolfinx.cell_name(domain), _corners(domain)
+    edges = corners - corners[:, None]  # from each corner to each
+    nearest_three = np.sort(np.linalg.norm(edges, axis=2).argsort(axis=1)[:, 1:4], axis=1)
+    edges = np.take_along_axis(edges, nearest_three[:, :, None], axis=1)
+    points = [corners, corners.mean(axis=0)[None]]
+    if _dolfinx.geometry_degree(domain) > 1:
+        points.append(_dolfinx.reference_nodes(cell, _LATTICE)[len(corners) :])
+    inside = sum(map(len, points[1:]))
+    edges = np.concatenate([edges, np.tile(np.eye(3), (inside, 1, 1))])
+    gradients = _dolfinx.tabulate_geometry(domain, np.concatenate(points))
+    if cell == "tetrahedron" and _dolfinx.geometry_degree(domain) == 1:
+        gradients = gradients[:1]  # the same at all points
+    x, cells = _dolfinx.geometry_x(domain), _dolfinx.geometry_dofs(domain)
+    worst = np.empty(len(cells))
+    for start in range(0, len(cells), _BATCH):
+        chunk = slice(start, start + _BATCH)
+        jacobian = np.einsum("cni,pnj->cpij", x[cells[chunk]], gradients)
+        # Relative to the cell's size: products of three lengths neither overflow nor underflow.
+        size = np.abs(jacobian).max(axis=(1, 2, 3), keepdims=True)
+        jacobian /= np.where(size > 0, size, 1.0)
+        lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
+        scaled = np.linalg.det(jacobian) / np.maximum(lengths, np.finfo(float).tiny)
+        worst[chunk] = np.maximum(scaled.min(axis=1), -scaled.max(axis=1))
+    return worst
+
+
+def _corners(domain: Any) -> Array:
+    """Return the corners of the reference cell, (corners, 3)."""
+    return _dolfinx.reference_corners(_dolfinx.cell_name(domain))
+
+
+def _cells_on_the_wrong_side(domain: Any, corners: Array) -> Array:
+    """Return which owned cells lie on the same side of a facet as their neighbour. Collective."""
+    vertices = _dolfinx.cell_vertices(domain)
+    facets, sides = _dolfinx.cell_facets(domain), _sides(domain, vertices, corners)
+    # An interior facet has two cells, with sides +1 and -1; one at the end of a rank has one here.
+    count = np.bincount(facets.ravel())
+    total = np.bincount(facets.ravel(), weights=sides.ravel())
+    bad = (count > 2) | ((count == 2) & (total != 0))
+    if domain.comm.size > 1:
+        cell, local = np.nonzero(count[facets] == 1)
+        table = _dolfinx.reference_facets(_dolfinx.cell_name(domain))
+        keys = np.sort(vertices[cell[:, None], table[local]], axis=1)
+        single = _same_side_on_other_ranks(domain.comm, keys, sides[cell, local])
+        bad[facets[cell, local][single]] = True
+    found: Array = bad[facets].any(axis=1)
+    return found
+
+
+def _sides(domain: Any, vertices: Array, corners: Array) -> Array:
+    r"""Return on which side of each of its facets a cell lies, (cells, facets), +1 or -1.
+
+    It is the sign of :math:`(x_1 - x_0) \times (x_2 - x_0) \cdot (x_3 - x_0)`, where 0 is the
+    facet's vertex with the smallest global number, 1 and 2 are its neighbours on the facet in the
+    order of their numbers, and 3 is its neighbour off the facet. Both cells of a facet have the
+    same 0, 1 and 2.
+    """
+    cell = _dolfinx.cell_name(domain)
+    table, beside, off = facet_neighbours(cell)
+    cells = np.arange(len(vertices))
+    sides = np.empty((len(vertices), len(table)))
+    for facet, local in enumerate(table):
+        position = vertices[:, local].argmin(axis=1)
+        zero, three = local[position], off[facet][position]
+        pair = beside[facet][position]  # (cells, 2)
+        order = np.take_along_axis(vertices, pair, axis=1).argsort(axis=1)
+        one, two = np.take_along_axis(pair, order, axis=1).T
+        a, b, c = (corners[cells, k] - corners[cells, zero] for k in (one, two, three))
+        sides[:, facet] = np.sign(np.einsum("ni,ni->n", np.cross(a, b), c))
+    return sides
+
+
+def facet_neighbours(cell: str) -> tuple[Array, Array, Array]:
+    """Return the vertices of a reference cell's facets, and their neighbours along edges.
+
+    Returns
+    -------
+    facets : (facets, corners) array
+        The vertices of each facet.
+    beside : (facets, corners, 2) array
+        Of each of them, its two neighbours on the facet.
+    off : (facets, corners) array
+        Its neighbour off the facet.
+    """
+    facets, edges = _dolfinx.reference_facets(cell), _dolfinx.reference_edges(cell)
+    beside, off = [], []
+    for facet in facets:
+        near = [[int(e.sum() - v) for e in edges if v in e] for v in facet]
+        beside.append([[w for w in ends if w in facet] for ends in near])
+        off.append([next(w for w in ends if w not in facet) for ends in near])
+    return facets, np.array(beside), np.array(off)
+
+
+def _same_side_on_other_ranks(comm: MPI.Intracomm, keys: Array, sides: Array) -> Array:
+    """Return which facets have a cell of another rank on the same side. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Intracomm
+        The communicator.
+    keys : (n, corners) array
+        The sorted global vertices of facets with one cell on this rank.
+    sides : (n,) array
+        On which side that cell lies.
+    """
+    target = keys.sum(axis=1) % comm.size  # the rank that compares the cells of a facet
+    rows = np.column_stack([keys, sides.astype(np.int64)])
+    received = comm.alltoall([rows[target == rank] for rank in range(comm.size)])
+    all_rows = np.concatenate(received)
+    facet = np.unique(all_rows[:, :-1], axis=0, return_inverse=True)[1].ravel()
+    count = np.bincount(facet)
+    bad = (count > 2) | ((count == 2) & (np.bincount(facet, weights=all_rows[:, -1]) != 0))
+    ends = np.cumsum([len(part) for part in received])[:-1]
+    answers = comm.alltoall(np.split(bad[facet], ends))
+    found = np.empty(len(keys), dtype=bool)
+    for rank, answer in enumerate(answers):
+        found[target == rank] = answer
+    return found
