@@ -17,6 +17,7 @@ from solver_problems import (
 from fem_snh import solver
 from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
+from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi
 
@@ -167,12 +168,89 @@ def test_unknown_values_are_bad_input_on_every_rank(comm, key):
 
 
 @mpi
-@pytest.mark.parametrize("key, value", [("snes_scaled_tol", "abc"), ("pc_type", "jacoby")])
+@pytest.mark.parametrize(
+    "key, value",
+    [("snes_scaled_tol", "abc"), ("pc_type", "jacoby"), ("ksp_python_type", "no_module.Class")],
+)
 def test_values_that_petsc_rejects_are_bad_input_on_every_rank(comm, key, value):
     p = twist(comm, cells=1)
     with options(**{key: value}):
         with pytest.raises(BadInput, match="PETSc rejects an option under -snh_"):
             solver.create(p)
+
+
+#: Below and above what each number accepts; None where there is no bound.
+REFUSED = {
+    "snes_scaled_tol": (-1e-9, 1.1e-2),
+    "snes_forcing_max": (-0.1, 1),
+    "snes_forcing_safeguard": (-0.1, 1.1),
+    "snes_adaptive_retry": (-0.1, 1.1),
+    "snes_armijo": (-1e-4, 0.5),
+    "snes_min_step": (-1e-4, 1),
+    "snes_lbfgs_max_it": (-1, 0.5),
+    "snes_lbfgs_rtol": (-0.1, 1.1),
+    "snes_tr_eta1": (-0.1, 1),
+    "snes_tr_eta2": (-0.1, 1.1),
+    "snes_tr_eta3": (-0.1, None),
+    "snes_tr_t1": (0, 1),
+    "snes_tr_t2": (0.9, None),
+    "snes_tr_delta0": (-1, None),
+    "snes_tr_deltamax": (0, None),
+    "snes_tr_max_attempts": (0, 1.5),
+    "snes_tr_enter_decrease": (-0.1, None),
+    "snes_tr_enter_residual": (-0.1, None),
+    "snes_tr_exit_residual": (-0.1, 1.1),
+    # PETSc's own
+    "snes_max_it": (-1, None),
+    "snes_rtol": (-0.1, 1),
+    "snes_stol": (-0.1, 1e300),
+    "snes_atol": (-1, 1e300),
+    "ksp_rtol": (-0.1, 1),
+    "ksp_atol": (-1, None),
+    "ksp_divtol": (0.5, None),
+    "ksp_max_it": (0, 0.5),
+    "ksp_deflation_subdomains": (-2, None),
+    "trust_ksp_rtol": (-0.1, 1),
+    "fieldsplit_u_ksp_rtol": (-0.1, 1),
+}
+
+
+@mpi
+def test_numbers_out_of_range_are_refused(comm):
+    """One line names the option, its value and what it accepts; NaN is never accepted."""
+    assert {k for k, option in OPTIONS.items() if not isinstance(option.default, str)} <= {*REFUSED}
+    p = twist(comm, cells=1)
+    for key, bounds in REFUSED.items():
+        for value in (*bounds, "nan"):
+            if value is None:
+                continue
+            with options(**{key: value}):
+                with pytest.raises(BadInput, match=rf"^{key} = \S+: expected a (whole )?number >"):
+                    solver.create(p)
+    for key, option in OPTIONS.items():  # the defaults and the bounds themselves are accepted
+        if option.accepted is not None and not option.accepted.open_low:
+            with options(**{key: option.accepted.low}):
+                solver.create(p)
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("snes_type", "newtonls"), ("snes_type", "newtontr"), ("snes_python_type", "a.b"),
+        ("snes_mf", None), ("snes_mf_operator", None), ("snes_fd", None), ("snes_fd_color", None),
+    ],
+)  # fmt: skip
+def test_what_replaces_the_solver_is_refused(comm, key, value):
+    """With another type of SNES PETSc ended in a segmentation fault."""
+    p = twist(comm, cells=1)
+    snes = solver.create(p)
+    with options(**{key: value}):
+        for read in (lambda: solver.create(p), snes.setFromOptions):
+            with pytest.raises(BadInput, match=rf"^{key} = '{value or ''}': expected no value: "):
+                read()
+    snes.solve(None, p.x)
+    assert snes.getConvergedReason() > 0
 
 
 @mpi

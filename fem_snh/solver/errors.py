@@ -39,4 +39,5 @@ def petsc_failures() -> Iterator[None]:
         if error.ierr == OUT_OF_MEMORY:
             raise Failed("out of memory (PETSc)") from error
         last = str(error).strip().splitlines()[-1].partition("] ")[2]
-        raise Failed(f"PETSc error {error.ierr}: {last or error}") from error
+        message = last or " ".join(str(error).split())
+        raise Failed(f"PETSc error {error.ierr}: {message}") from error

@@ -6,6 +6,7 @@ have its name (PETSc 3.22 and later); their defaults are ours.
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 from petsc4py import PETSc
@@ -18,11 +19,54 @@ from fem_snh.choices import (
     GLOBALIZATIONS,
     HESSIANS,
 )
-from fem_snh.errors import BadInput, choose
+from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.solver.linear_choice import CHOICES
 
 Value = str | float
 Values = dict[str, Value]
+
+
+class Range(NamedTuple):
+    """The accepted values of a number.
+
+    Attributes
+    ----------
+    low, high : float
+        The bounds.
+    whole : bool
+        Whether the number is a whole one.
+    open_low, open_high : bool
+        Whether a bound is excluded.
+    """
+
+    low: float
+    high: float = inf
+    whole: bool = False
+    open_low: bool = False
+    open_high: bool = False
+
+    def admits(self, value: float) -> bool:
+        """Return whether a value is accepted; NaN never is."""
+        excluded = (self.open_low and value == self.low) or (self.open_high and value == self.high)
+        whole = not self.whole or value == inf or value == value // 1
+        return self.low <= value <= self.high and not excluded and whole
+
+    def __str__(self) -> str:
+        kind = "whole number" if self.whole else "number"
+        above = f"{'>' if self.open_low else '>='} {self.low:g}"
+        if self.high == inf:
+            return f"a {kind} {above}"
+        return f"a {kind} {above} and {'<' if self.open_high else '<='} {self.high:g}"
+
+
+_PART, _FACTOR, _COUNT = (
+    Range(0, 1),
+    Range(0, 1, open_low=True, open_high=True),
+    Range(0, 1e9, True),
+)
+_RELATIVE = Range(0, 1, open_high=True)
+#: The largest ||residual|| / (E V^(2/3)) that may pass for a solution: strains of a hundredth.
+_LARGEST_RESIDUAL = 1e-2
 
 
 class Option(NamedTuple):
@@ -34,11 +78,14 @@ class Option(NamedTuple):
     meaning : str
     origin : str
         The source of name and default.
+    accepted : Range or None
+        Of a number: the accepted values.
     """
 
     default: Value
     meaning: str
     origin: str
+    accepted: Range | None = None
 
 
 _NW = "Nocedal & Wright 2006"
@@ -64,66 +111,73 @@ OPTIONS: dict[str, Option] = {
         "clamp", "filter that adaptive falls back to: clamp or abs", _MEASURED
     ),
     "snes_adaptive_retry": Option(
-        0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED
+        0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED, _PART
     ),
     "snes_scaled_tol": Option(
-        1e-7, "converged when ||residual||_2 <= this * E V^(2/3)", "scale-invariant -snes_atol"
+        1e-7, "converged when ||residual||_2 <= this * E V^(2/3)", "scale-invariant -snes_atol",
+        Range(0, _LARGEST_RESIDUAL),
     ),
     "snes_forcing_max": Option(
         0.1,
         "largest relative tolerance of a linear solve; 0: always -ksp_rtol",
-        "Eisenstat & Walker 1996, choice 2; PETSc's -snes_ksp_ew_rtolmax",
+        "Eisenstat & Walker 1996, choice 2; PETSc's -snes_ksp_ew_rtolmax", _RELATIVE
     ),
     "snes_forcing_safeguard": Option(
         0.0,
         "linear solves aim no lower than this part of Newton's tolerance (0.25 is faster)",
-        "Kelley 1995, eq. 6.20",
+        "Kelley 1995, eq. 6.20", _PART
     ),
     "snes_armijo": Option(
-        1e-4, "sufficient decrease of the line search", f"{_NW}, eq. 3.4; -snes_linesearch_alpha"
+        1e-4, "sufficient decrease of the line search", f"{_NW}, eq. 3.4; -snes_linesearch_alpha",
+        Range(0, 0.5, open_high=True),
     ),
     "snes_min_step": Option(
-        1e-10, "shortest step of the line search", "PETSc's -snes_linesearch_minlambda"
+        1e-10, "shortest step of the line search", "PETSc's -snes_linesearch_minlambda",
+        Range(0, 1, open_high=True),
     ),
     "snes_lbfgs_max_it": Option(
         0.0,
         "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region",
-        f"{_NW}, alg. 7.5",
+        f"{_NW}, alg. 7.5", _COUNT
     ),
     "snes_lbfgs_rtol": Option(
-        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _MEASURED
+        0.1, "L-BFGS iterations end once the residual has fallen by this factor", _MEASURED, _PART
     ),
     "snes_tr_eta1": Option(
-        0.05, "a step is accepted for a ratio of at least this", "SNESNEWTONTR (0.001)"
+        0.05, "a step is accepted for a ratio of at least this", "SNESNEWTONTR (0.001)", _RELATIVE
     ),
     "snes_tr_eta2": Option(
-        0.05, "the radius shrinks for a ratio below this", "SNESNEWTONTR (0.25)"
+        0.05, "the radius shrinks for a ratio below this", "SNESNEWTONTR (0.25)", _PART
     ),
     "snes_tr_eta3": Option(
-        0.75, "the radius grows for a ratio above this", f"SNESNEWTONTR (0.75); {_NW}, alg. 4.1"
+        0.75, "the radius grows for a ratio above this", f"SNESNEWTONTR (0.75); {_NW}, alg. 4.1",
+        Range(0),
     ),
-    "snes_tr_t1": Option(0.5, "factor by which the radius shrinks", "SNESNEWTONTR (0.25)"),
+    "snes_tr_t1": Option(0.5, "factor by which the radius shrinks", "SNESNEWTONTR (0.25)", _FACTOR
+    ),
     "snes_tr_t2": Option(
-        2.0, "factor by which the radius grows", f"SNESNEWTONTR (2); {_NW}, alg. 4.1"
+        2.0, "factor by which the radius grows", f"SNESNEWTONTR (2); {_NW}, alg. 4.1", Range(1)
     ),
     "snes_tr_delta0": Option(
-        0.0, "initial radius [J^1/2]; 0: the length of the first step", "SNESNEWTONTR (0.2)"
+        0.0, "initial radius [J^1/2]; 0: the length of the first step", "SNESNEWTONTR (0.2)",
+        Range(0),
     ),
     "snes_tr_deltamax": Option(
-        float("inf"), "largest radius [J^1/2]", "SNESNEWTONTR (1e10)"
+        float("inf"), "largest radius [J^1/2]", "SNESNEWTONTR (1e10)", Range(0, open_low=True)
     ),
     "snes_tr_max_attempts": Option(
-        12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius"
+        12.0, "radii tried before the clamped Hessian's step is taken", "2^-12 of the first radius",
+        Range(1, 1e9, True),
     ),
     "snes_tr_enter_decrease": Option(
         0.03, "entered when a filtered step decreases the energy by less than this part of the "
-        "decrease since the start, ...", _MEASURED,
+        "decrease since the start, ...", _MEASURED, Range(0)
     ),
     "snes_tr_enter_residual": Option(
-        0.55, "... and two steps leave more than this part of the residual", _MEASURED
+        0.55, "... and two steps leave more than this part of the residual", _MEASURED, Range(0)
     ),
     "snes_tr_exit_residual": Option(
-        0.1, "exited when a step leaves less than this part of the residual", _MEASURED
+        0.1, "exited when a step leaves less than this part of the residual", _MEASURED, _PART
     ),
 }  # fmt: skip
 
@@ -158,14 +212,77 @@ def read_choices(
 
 
 def read(prefix: str, given: Values) -> Values:
-    """Return the options of PETSc's database, completed by the values ``given``."""
+    """Return the options of PETSc's database, completed by the values ``given``.
+
+    Raises
+    ------
+    BadInput
+        For a number that is not accepted.
+    """
     database, found = PETSc.Options(prefix), dict(given)
     for name, option in OPTIONS.items():
         if name in ("snes_hessian", "snes_globalization"):
             continue
         get = database.getString if isinstance(option.default, str) else database.getReal
         found[name] = get(name, given[name])
+        if option.accepted is not None and not option.accepted.admits(float(found[name])):
+            raise bad_value(name, found[name], str(option.accepted))
     return found
+
+
+#: Numbers of PETSc's own options, in the solver's prefix, with which nothing would be solved for.
+_PETSC_RANGES = {
+    "snes_max_it": Range(0, whole=True),
+    "snes_rtol": _RELATIVE,
+    "snes_stol": _RELATIVE,
+    **{
+        f"{solver}ksp_{name}": accepted
+        for solver in ("", "trust_", "fieldsplit_u_", "fieldsplit_p_")
+        for name, accepted in {
+            "rtol": _RELATIVE,
+            "atol": Range(0),
+            "divtol": Range(1),
+            "max_it": Range(1, whole=True),
+            "deflation_subdomains": Range(-1, whole=True),
+        }.items()
+    },
+}
+#: PETSc's options that replace what the solver consists of, and what that is.
+_REPLACED = {
+    "snes_python_type": "projected Newton, which fem_snh adds to PETSc",
+    **dict.fromkeys(
+        ("snes_mf", "snes_mf_operator", "snes_fd", "snes_fd_color"),
+        "an assembled Hessian, filtered at every quadrature point",
+    ),
+}
+
+
+def check_petsc(prefix: str, force_scale: float) -> None:
+    """Raise BadInput for a value of PETSc's own options with which nothing would be solved.
+
+    Parameters
+    ----------
+    prefix : str
+        The prefix of the options.
+    force_scale : float
+        E V^(2/3) [N], to which ``snes_atol`` is compared.
+    """
+    database = PETSc.Options(prefix)
+    kind = database.getString("snes_type", PETSc.SNES.Type.PYTHON)
+    if kind != PETSc.SNES.Type.PYTHON:
+        accepted = f"no value: the solver is {_REPLACED['snes_python_type']}"
+        raise bad_value("snes_type", kind, accepted)
+    for name, part in _REPLACED.items():
+        if database.hasName(name):
+            raise bad_value(name, database.getString(name, ""), f"no value: the solver has {part}")
+    ranges = {**_PETSC_RANGES, "snes_atol": Range(0, _LARGEST_RESIDUAL * force_scale)}
+    for name, accepted_range in ranges.items():
+        try:
+            value = float(database.getString(name, "")) if database.hasName(name) else None
+        except ValueError:  # a word of PETSc's, as "unlimited", or a mistake that PETSc reports
+            continue
+        if value is not None and not accepted_range.admits(value):
+            raise bad_value(name, value, str(accepted_range))
 
 
 def check(options: Values, problem: str) -> None:

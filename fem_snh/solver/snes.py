@@ -29,7 +29,7 @@ _NO_LIMIT = 2**31 - 1
 
 
 class NewtonSNES(PETSc.SNES):  # type: ignore[misc]
-    """A SNES of `create`, which counts the linear iterations of `ProjectedNewton`.
+    """A SNES of `create`: it checks PETSc's options and counts linear iterations.
 
     PETSc has no function by which a SNES of type "python" adds to its own count. ``-snes_view``
     and a SNES that PETSc passes to a callback show that one, which stays 0.
@@ -38,6 +38,11 @@ class NewtonSNES(PETSc.SNES):  # type: ignore[misc]
     def getLinearSolveIterations(self) -> int:
         """Return the linear iterations of the last solve."""
         return sum(iteration.linear for iteration in self.getPythonContext().history)
+
+    def setFromOptions(self) -> None:
+        """Read PETSc's options; raise BadInput for values with which nothing would be solved."""
+        options.check_petsc(self.getOptionsPrefix(), self.getPythonContext().force_scale)
+        super().setFromOptions()
 
 
 def create(
@@ -108,7 +113,7 @@ def create(
                 ksp.getPC().setUp()  # the blocks read their options now, and only now
             if region:
                 context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
-    except PETSc.Error as error:
+    except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     objects = [problem.x, problem.A, snes, *([saddle.schur_approximation] if saddle else ())]
     garbage.record(problem, *objects)
