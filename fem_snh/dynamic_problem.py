@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from fem_snh import solver
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
-from fem_snh.errors import bad_value
+from fem_snh.errors import bad_value, check_number
 from fem_snh.fem.dolfinx_problem import (
     check_materials,
     create_dolfinx_problem,
@@ -22,6 +22,10 @@ from fem_snh.kernels.pointwise import Material
 from fem_snh.nonlinear_problem import NonlinearProblem
 
 Array = npt.NDArray[np.float64]
+
+#: Largest ratio of a step and the duration, and its inverse the smallest: a step is the difference
+#: of two loads in double precision, and its square divides.
+_EXTREME = 1e12
 
 
 class DynamicProblem(NonlinearProblem):
@@ -98,6 +102,8 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("densities", densities, "{material: density > 0}")
         if unknown := [key for key in densities if key not in materials]:
             raise bad_value("densities", unknown[0], "only keys of 'materials'")
+        if set_time is not None and not callable(set_time):
+            raise bad_value("set_time", set_time, "a function of the time [s]")
         if any(
             getattr(term, "method", "") == "ipc" for term in listed_terms(arguments.get("terms"))
         ):
@@ -125,7 +131,14 @@ class DynamicProblem(NonlinearProblem):
         ----------
         velocity : callable, optional
             Initial velocities [m/s] (n, 3) at reference coordinates [m] (n, 3). Default: zero.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if it does not return such velocities.
         """
+        if velocity is not None and not callable(velocity):
+            raise bad_value("velocity", velocity, "a function of coordinates (n, 3)")
         problem, self._has_started = self._problem, True
         self._read_displacement()
         problem.set_load(0.0)
@@ -138,11 +151,19 @@ class DynamicProblem(NonlinearProblem):
 
         Otherwise nothing has changed, `reason` says why, and a shorter step can be tried. The first
         step calls `start` if the program did not.
+
+        Raises
+        ------
+        BadInput
+            On every rank, for a size that is no positive number or far from ``duration``.
         """
+        check_number("size", size, self._duration / _EXTREME, highest=self._duration * _EXTREME)
         if not self._has_started:
             self.start()
         problem, before, load = self._problem, self.x.copy(), self._problem.load
         to = load + size / self._duration
+        if not load < to:
+            raise bad_value("size", size, f"a step that double precision can add to {self.time:g}")
         problem.history.begin_step(problem.split(self.x)[0])
         self.dynamics.begin_step(problem, to)
         problem.set_load(to)

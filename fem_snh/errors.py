@@ -1,14 +1,16 @@
 """Exceptions that a user sees, the form of their messages, and their propagation to every rank.
 
 A message has one line: ``<key> = <value>: expected <what is accepted> (did you mean 'x'?)``.
-`bad_value`, `unknown_name`, `check_whole` and `choose` write it. Every part of the package may
-raise these exceptions; the command line prints the message and returns the exit code.
+`bad_value`, `unknown_name`, `check_whole`, `check_number` and `choose` write it. Every part of the
+package may raise these exceptions; the command line prints the message and returns the exit code.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from math import inf, isfinite
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -101,6 +103,29 @@ def check_whole(key: str, value: object, lowest: int, highest: int) -> None:
     """Raise `bad_value`'s BadInput unless ``value`` is a whole number in [lowest, highest]."""
     if not isinstance(value, int) or isinstance(value, bool) or not lowest <= value <= highest:
         raise bad_value(key, value, f"a whole number from {lowest} to {highest}")
+
+
+def check_number(
+    key: str, value: object, lowest: float, *, highest: float = inf, exclusive: bool = False
+) -> None:
+    """Raise `bad_value`'s BadInput unless ``value`` is a finite number in [lowest, highest].
+
+    Parameters
+    ----------
+    key, value : str, object
+        As for `bad_value`. Python's and numpy's numbers are accepted, and no bool.
+    lowest, highest : float
+        The smallest and the largest number.
+    exclusive : bool
+        Whether ``lowest`` itself is refused.
+    """
+    if isinstance(value, Real) and not isinstance(value, bool) and isfinite(value):
+        number = float(value)
+        if (lowest < number if exclusive else lowest <= number) and number <= highest:
+            return
+    above = f" > {lowest:g}" if exclusive else f" >= {lowest:g}"
+    accepted = f" from {lowest:g} to {highest:g}" if isfinite(highest) else above
+    raise bad_value(key, value, f"a number{accepted}")
 
 
 def choose(key: str, word: str, known: Iterable[str]) -> str:

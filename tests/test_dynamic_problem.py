@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import ufl
@@ -73,11 +75,65 @@ def test_prescribed_motion_and_a_failed_step(comm):
     state = [f.x.array.copy() for f in (problem.u, problem.v, problem.a)]
     problem.solver.setTolerances(max_it=0)
     assert not problem.step(0.1)
+    assert problem.reason.startswith("DIVERGED_MAX_IT")
+    assert problem.reason == problem.reason.strip() and "\n" not in problem.reason
     for kept, f in zip(state, (problem.u, problem.v, problem.a), strict=True):
         assert np.array_equal(kept, f.x.array)
     problem.solver.setTolerances(max_it=50)
     assert problem.step(0.05)
     assert problem.time == pytest.approx(0.45)
+
+
+BAD: list[tuple[dict, str]] = [
+    *[({"densities": rho}, "material.density = ")
+      for rho in (0, -1.0, np.nan, np.inf, True, "1", np.array([1.0]))],
+    *[({"duration": t}, "time.duration = ") for t in (0.0, -1, np.nan, np.inf, True, None)],
+    *[({"damping": (x, 0.0)}, "time.damping.mass = ") for x in (-1, np.nan, np.inf, True, "a")],
+    ({"damping": (0.0, -0.1)}, "time.damping.stiffness = -0.1: expected a number >= 0"),
+    *[({"damping": x}, "time.damping = ") for x in (0.1, (0.1,), (0.1, 0.1, 0.1), "ab", None)],
+    ({"integrator": "euler"}, f"time.integrator = 'euler': expected one of {INTEGRATORS[0]}"),
+    ({"integrator": "generalized_alpha", "rho_infinity": np.nan}, "time.rho_infinity = nan"),
+    ({"integrator": "generalized_alpha", "rho_infinity": True}, "time.rho_infinity = True"),
+    ({"rho_infinity": 0.5}, "time.rho_infinity = 0.5: expected no value"),
+    ({"mass": "lump"}, "time.mass = 'lump': expected one of"),
+    ({"set_time": 0.5}, "set_time = 0.5: expected a function"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments, message", BAD, ids=str)
+def test_bad_arguments(comm, arguments, message):
+    """Each is refused in one line on every rank."""
+    u, m = fem.Function(vector_space(unit_cube(comm, 1))), snh()
+    arguments = {"duration": 1.0} | arguments
+    densities = {m: arguments.pop("densities", 1.0)}
+    with pytest.raises(BadInput, match="^" + re.escape(message)) as error:
+        fem_snh.DynamicProblem(u, {m: ufl.dx}, densities, **arguments)
+    assert ": expected " in str(error.value) and "\n" not in str(error.value)
+
+
+def test_bad_steps_and_velocities(comm):
+    """They are refused, and the motion goes on as without them."""
+    u, m = fem.Function(vector_space(unit_cube(comm, 1))), snh()
+    problem = fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1.0}, duration=1.0, petsc_options=TIGHT)
+    velocities = {
+        "an array": lambda X: X[:, :2],
+        "velocity = array": lambda X: np.nan * X,
+        "velocity = (0": (0, 0, 1.0),
+    }
+    for message, velocity in velocities.items():
+        with pytest.raises(BadInput, match=re.escape(message) + ".*: expected"):
+            problem.start(velocity)
+    problem.start(lambda X: np.full(X.shape, [0.0, 0.0, 2.0]))
+    for size in (-0.01, 0.0, np.nan, np.inf, True, "0.1", 1e-320, 1e300):
+        with pytest.raises(BadInput, match=r"^size = .*: expected a number from 1e-12 to 1e\+12$"):
+            problem.step(size)
+    assert problem.step(0.5)
+    assert problem.step(0.25)
+    assert abs(u.x.array.reshape(-1, 3) - [0, 0, 1.5]).max(initial=0) <= 1e-9
+    problem.start()  # again, at rest where it is
+    assert problem.time == 0 and problem.energies()["kinetic"] == 0
+    assert problem.step(0.25)
+    assert abs(u.x.array.reshape(-1, 3) - [0, 0, 1.5]).max(initial=0) <= 1e-9
 
 
 def test_bad_input(comm):

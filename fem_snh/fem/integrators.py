@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.choices import DEFAULT_RHO_INFINITY, INTEGRATORS
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import bad_value, check_number, choose
 
 Array = npt.NDArray[Any]
 
@@ -207,8 +207,7 @@ class GeneralizedAlpha:
     @classmethod
     def of_radius(cls, rho: float) -> GeneralizedAlpha:
         """Return the method with spectral radius rho at infinite frequency, 0 to 1."""
-        if not 0 <= rho <= 1:
-            raise bad_value("time.rho_infinity", rho, "a number from 0 to 1")
+        check_number("time.rho_infinity", rho, 0.0, highest=1.0)
         return cls((2 * rho - 1) / (rho + 1), rho / (rho + 1))
 
     def formulas(self, h: float, state: State) -> StepFormulas:
@@ -247,9 +246,12 @@ def create(name: str, rho_infinity: float | None = None) -> Integrator:
     Raises
     ------
     BadInput
-        For an unknown name or a radius out of range.
+        For an unknown name, a radius out of range or of another integrator.
     """
     choose("time.integrator", name, INTEGRATORS)
+    if rho_infinity is not None and name != "generalized_alpha":
+        accepted = "no value, as the integrator is not generalized_alpha"
+        raise bad_value("time.rho_infinity", rho_infinity, accepted)
     if name == "newmark":
         return GeneralizedAlpha(0.0, 0.0, name)
     if name == "generalized_alpha":

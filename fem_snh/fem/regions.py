@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, check_number
 from fem_snh.fem.mesh import Mesh, cell_volumes
 from fem_snh.kernels.pointwise import Material
 
@@ -47,11 +47,12 @@ def density_of(region: Region, purpose: str) -> float:
     Raises
     ------
     BadInput
-        If it has none; the message says for which purpose one is needed.
+        If it has none, and the message says for which purpose one is needed; or no positive one.
     """
     if region.density is None:
         name, accepted = region.material.name, f"expected a number > 0, for {purpose}"
         raise BadInput(f"missing key 'material.density' of {name}: {accepted}")
+    check_number("material.density", region.density, 0.0, exclusive=True)
     return region.density
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.choices import MASSES
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.ghosted_vectors import local_values, update_ghosts
 from fem_snh.fem.integrators import Affine, Before, State, StepFormulas, create
@@ -95,11 +95,11 @@ class Dynamics:
         rho_infinity: float | None = None,
         duration: float,
     ) -> None:
+        if not isinstance(damping, Sequence) or isinstance(damping, str) or len(damping) != 2:
+            raise bad_value("time.damping", damping, "two numbers: of the mass, of the stiffness")
         for key, value in zip(("mass", "stiffness"), damping, strict=True):
-            if not value >= 0:
-                raise bad_value(f"time.damping.{key}", value, "a number >= 0")
-        if not duration > 0:
-            raise bad_value("time.duration", duration, "a number > 0")
+            check_number(f"time.damping.{key}", value, 0.0)
+        check_number("time.duration", duration, 0.0, exclusive=True)
         self.integrator = create(integrator, rho_infinity)
         V, self._duration = u.function_space, duration
         self.mass = NodalMass(V, regions, mass)
@@ -124,11 +124,20 @@ class Dynamics:
             The problem at its initial displacement and load, with the terms of this object.
         velocity : callable, optional
             Velocities [m/s] (n, 3) of nodes with reference coordinates [m] (n, 3). Default: zero.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if the velocities have another shape, or are not finite.
         """
+        self.dissipated = self.work = 0.0
+        self._first_energy = self._before = None
         motion = self._motion.at(problem.load, _FIRST_SPACING, problem.load)
         v, fixed = self.v.x.array, self._motion.constrained
+        v[:] = 0.0
         if velocity is not None:
-            v[:] = np.asarray(velocity(problem.V.tabulate_dof_coordinates())).ravel()
+            nodes = problem.V.tabulate_dof_coordinates()
+            v[:] = on_every(problem.comm, _values, velocity, nodes).ravel()
         v[fixed] = motion.v[fixed]
         prescribed = np.where(fixed, motion.a, 0.0)
         balance = self._balance
@@ -283,3 +292,13 @@ class Dynamics:
         self._damping = fields.get("damping", none)[owned]
         self._forces = fields.get("forces", none)[owned]
         self._balance.set_motion(self.a.x.array, self._damping)
+
+
+def _values(velocity: Callable[[Array], Array], nodes: Array) -> Array:
+    """Return initial velocities of nodes (n, 3). Not collective."""
+    found = np.asarray(velocity(nodes))
+    if found.shape != nodes.shape:
+        raise bad_value("velocity", f"an array {found.shape}", f"an array {nodes.shape}")
+    if found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+        raise bad_value("velocity", found, "finite numbers")
+    return found
