@@ -68,7 +68,7 @@ def test_closest_points_are_those_of_all_triangles(comm):
     search = ReferenceSurface(surface.points, triangles, np.zeros(len(triangles), int))
     p = np.random.default_rng(2).random((150, 3)) * 1.4 - 0.2
     none = np.zeros((len(triangles), 3))
-    found = search.closest(p, np.zeros(len(p), int), 0 * p, none)
+    found = search.closest(p, np.zeros(len(p), int), 0 * p, np.ones(len(p)), none)
     inside = ((p > 0) & (p < 1)).all(axis=1)  # the bend leaves the boundary where it is
     expected = np.where(
         inside,
@@ -91,7 +91,7 @@ def test_faces_that_are_opposed_are_preferred(comm):
     search = ReferenceSurface(surface.points, surface.triangles, np.zeros(len(a), int))
     p = np.array([[0.04, 0.4, 0.95]])
     for normal, face in (([0.0, 0, -1], [0.0, 0, 1]), ([1.0, 0, 0], [-1.0, 0, 0])):
-        found = search.closest(p, np.zeros(1, int), np.array([normal]), outward)
+        found = search.closest(p, np.zeros(1, int), np.array([normal]), np.ones(1), outward)
         np.testing.assert_allclose(outward[found.triangle[0]], face, atol=1e-12)
         assert found.depth[0] == pytest.approx(0.04)
 
@@ -130,7 +130,7 @@ def test_targets_move_to_the_closest_point(comm):
     p = np.column_stack([0.1 + 0.8 * np.random.default_rng(3).random((50, 2)), np.full(50, 0.98)])
     far = top[np.linalg.norm(middles[top] - p[:, None], axis=2).argmax(axis=1)]
     # Normals of zero: no face is preferred.
-    target, coordinates = CloserTargets(triangles).move(p, 0 * p, far, x, outward)
+    target, coordinates = CloserTargets(triangles).move(p, 0 * p, np.zeros(50), far, x, outward)
     found = np.einsum("nk,nki->ni", coordinates, x[triangles[target]])
     arm = closest_points(p[:, None], x[triangles[top]][None])[1]
     expected = np.linalg.norm(arm, axis=2).min(axis=1)

@@ -58,9 +58,7 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
 def triangle_normals(x: Array, triangles: Array) -> Array:
     """Return unit normals of triangles (m, 3) of points x (n, 3), as (m, 3); zero without area."""
     a, b, c = (x[triangles[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.maximum(length, np.finfo(float).tiny))
+    return _unit(np.cross(b - a, c - a))
 
 
 class PseudoNormals:
@@ -77,6 +75,7 @@ class PseudoNormals:
 
     def __init__(self, triangles: Array) -> None:
         self._triangles = triangles
+        self._ring: tuple[Array, Array] | None = None  # of each point, for averaged normals
         # Edge i of a triangle is opposite to its corner i.
         edges = np.stack([triangles[:, [1, 2]], triangles[:, [2, 0]], triangles[:, [0, 1]]], axis=1)
         rows = np.sort(edges.reshape(-1, 2), axis=1)
@@ -110,8 +109,38 @@ class PseudoNormals:
             weighted = (angles[..., None] * normals[:, None]).reshape(-1, 3)
             sums, on = _sum(self._triangles.ravel(), weighted, len(x)), count == 2
             found[on] = sums[self._triangles[chosen[on], (~zeros[on]).argmax(axis=1)]]
-        length = np.linalg.norm(found, axis=1, keepdims=True)
-        return np.asarray(found / np.maximum(length, np.finfo(float).tiny))
+        return _unit(found)
+
+    def averaged(self, x: Array, chosen: Array, coordinates: Array, sharp: float) -> Array:
+        """Return unit normals that vary continuously over a smooth part of the surface, (n, 3).
+
+        They are interpolated between the corners of a triangle. The normal of a corner is that of
+        the triangles there, weighted by their angles, as far as their normals have a cosine above
+        ``sharp`` with that of the triangle. The other arguments are those of `at`.
+        """
+        if self._ring is None:
+            flat = self._triangles.ravel()
+            order = np.argsort(flat, kind="stable")
+            self._ring = order, np.searchsorted(flat[order], np.arange(len(x) + 1))
+        (entries, first), normals = self._ring, triangle_normals(x, self._triangles)
+        weighted = (_angles(x[self._triangles])[..., None] * normals[:, None]).reshape(-1, 3)
+        found = np.zeros((len(chosen), 3))
+        for corner in range(3):
+            point = self._triangles[chosen, corner]
+            counts = first[point + 1] - first[point]
+            rows = np.repeat(np.arange(len(chosen)), counts)
+            before = np.repeat(np.cumsum(counts) - counts, counts)
+            around = entries[first[point][rows] + np.arange(len(rows)) - before]
+            cosine = np.einsum("ni,ni->n", normals[around // 3], normals[chosen][rows])
+            rows, around = rows[cosine > sharp], around[cosine > sharp]
+            found += coordinates[:, [corner]] * _unit(_sum(rows, weighted[around], len(chosen)))
+        return _unit(found)
+
+
+def _unit(vectors: Array) -> Array:
+    """Return vectors (n, 3) of length one; zero where they are zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
 def _sum(index: Array, values: Array, size: int) -> Array:

@@ -17,7 +17,7 @@ Array = npt.NDArray[Any]
 _OPPOSED = -0.5
 #: A sample is in front of a triangle, not beside its edge, if the way to its closest point has at
 #: least this cosine with the triangle's normal.
-_FRONT = 0.5
+_FRONT = 0.85
 #: How many of the triangles that are closest in position and in opposite normal are examined.
 _EXAMINED = 4
 
@@ -31,11 +31,14 @@ class Approaching(NamedTuple):
         A sample and a triangle.
     coordinates : (n, 3)
         Barycentric coordinates of the closest point in it.
+    distance : (n,)
+        The distance from it [m].
     """
 
     sample: Array
     triangle: Array
     coordinates: Array
+    distance: Array
 
 
 def approaching(
@@ -77,5 +80,8 @@ def approaching(
     front = np.einsum("nki,nki->nk", outward[near], arm) > _FRONT * length
     length = np.where(front & (cosine <= _OPPOSED), length, np.inf)
     best, row = length.argmin(axis=1), np.arange(len(sample))
-    kept = length[row, best] <= distance
-    return Approaching(sample[kept], near[row, best][kept], coordinates[row, best][kept])
+    shortest = length[row, best]
+    kept = shortest <= distance
+    return Approaching(
+        sample[kept], near[row, best][kept], coordinates[row, best][kept], shortest[kept]
+    )

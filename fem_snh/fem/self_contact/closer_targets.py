@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from fem_snh.fem.contact.triangles import closest_points
-from fem_snh.fem.self_contact.reference_surface import TURNED
+from fem_snh.fem.self_contact.reference_surface import turned
 
 Array = npt.NDArray[Any]
 
@@ -41,7 +41,7 @@ class CloserTargets:
         self._ring[rows, np.arange(len(rows)) - common.indptr[rows]] = common.indices
 
     def move(
-        self, p: Array, normals: Array, target: Array, x: Array, outward: Array
+        self, p: Array, normals: Array, sizes: Array, target: Array, x: Array, outward: Array
     ) -> tuple[Array, Array]:
         """Return triangles (n,) and barycentric coordinates (n, 3) of closer points.
 
@@ -49,6 +49,8 @@ class CloserTargets:
         ----------
         p, normals : (n, 3)
             Positions of samples, and unit normals of the surface there.
+        sizes : (n,)
+            The size of the cells there [m].
         target : (n,) int
             The triangles from which the search starts.
         x : (points, 3)
@@ -62,7 +64,7 @@ class CloserTargets:
             near = self._ring[target[left]]
             found, arm = closest_points(p[left][:, None], x[self._triangles[near]])
             cosine = np.einsum("nki,ni->nk", outward[near], normals[left])
-            length = np.linalg.norm(arm, axis=2) * (1 + (TURNED - 1) * (1 + cosine) / 2)
+            length = turned(np.linalg.norm(arm, axis=2), cosine, sizes[left])
             row, least = np.arange(len(left)), length.argmin(axis=1)
             closer = length[row, least] < (1 - _CLOSER) * best[left]
             row, least, left = row[closer], least[closer], left[closer]

@@ -54,18 +54,23 @@ class Neighbourhood:
             rows = np.searchsorted(wanted, nodes[chosen, number])
             # In the order of their numbers, which is the same in all cells.
             found[rows, : len(vertices)] = np.sort(self.cells[chosen][:, vertices], axis=1)
-        found = np.max(V.mesh.comm.allgather(found), axis=0)
-        self.triangles = _unique_rows(
-            found[surface.columns[surface.triangles]].reshape(len(surface.triangles), -1)
-        )
+        self._points = np.max(V.mesh.comm.allgather(found), axis=0)[surface.columns]
+        self.triangles = self.around(surface.triangles)
+
+    def around(self, points: Array, used: Array | None = None) -> Array:
+        """Return the vertices that carry points of the surface, (n, q) int64, padded with -1.
+
+        ``points`` (n, k) are the surface's points of each of n things, of which those ``used``
+        (n, k) bool count; default: all.
+        """
+        vertices = self._points[points]
+        if used is not None:
+            vertices = np.where(used[..., None, None], vertices, -1)
+        return _unique_rows(vertices.reshape(len(points), -1))
 
     def share(self, triangle: Array, cell: Array) -> Array:
         """Return which of the triangles and cells, by number (n,), have a common vertex."""
-        return _intersect(self.triangles[triangle], self.cells[cell])
-
-    def touch(self, first: Array, second: Array) -> Array:
-        """Return which of two triangles each, by number (n,), have a common vertex."""
-        return _intersect(self.triangles[first], self.triangles[second])
+        return intersect(self.triangles[triangle], self.cells[cell])
 
 
 def body_numbers(V: Any) -> Array:
@@ -104,7 +109,7 @@ def _unique_rows(values: Array) -> Array:
     return np.asarray(values[:, : (values >= 0).sum(axis=1).max(initial=1)])
 
 
-def _intersect(a: Array, b: Array) -> Array:
+def intersect(a: Array, b: Array) -> Array:
     """Return which rows of non-negative numbers, padded with -1, have a common one, (n,) bool."""
     found = np.zeros(len(a), bool)
     step = max(1, _BATCH // max(1, a.shape[1] * b.shape[1]))

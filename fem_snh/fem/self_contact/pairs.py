@@ -27,7 +27,9 @@ class ContactPairs:
     Attributes
     ----------
     sample : (n,) int
-        The sample of each pair, sorted.
+        The sample of each pair, sorted; the samples are followed by the edges that cross others.
+    target : (n,) int
+        The triangle in which the target is.
     corners : (n, 6) int
         Points of the surface: of the sample's triangle, then of the target's.
     factors : (n, 6)
@@ -39,6 +41,7 @@ class ContactPairs:
     """
 
     sample: Array
+    target: Array
     corners: Array
     factors: Array
     normal: Array
@@ -48,6 +51,7 @@ class ContactPairs:
     def none(cls) -> ContactPairs:
         """Return no pairs."""
         return cls(
+            np.empty(0, int),
             np.empty(0, int),
             np.empty((0, 6), int),
             np.empty((0, 6)),
@@ -62,6 +66,7 @@ class ContactPairs:
         """Return some of the pairs."""
         return ContactPairs(
             self.sample[chosen],
+            self.target[chosen],
             self.corners[chosen],
             self.factors[chosen],
             self.normal[chosen],
@@ -111,7 +116,7 @@ class ContactPairs:
 
     @property
     def _columns(self) -> tuple[Array, ...]:
-        return self.sample, self.corners, self.factors, self.normal, self.stiffness
+        return self.sample, self.target, self.corners, self.factors, self.normal, self.stiffness
 
     def gaps(self, x: Array) -> Array:
         """Return the gaps [m] at the positions of the surface's points x (points, 3), (n,)."""

@@ -36,12 +36,12 @@ _FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 2, 0.25
 class ReferenceContact:
     """The energy of contact of a body with itself, and of the bodies of a mesh. Collective.
 
-    Samples of the surface that are inside of deformed cells are mapped to the reference
-    configuration by these cells. A spring pushes each out of the surface through its target, the
-    closest point of the surface there, from which a local search looks for a closer one on the
-    deformed surface. Samples that approach the surface have a target, too. During a solve targets
-    and normals are constant. After a solve the search is repeated, and the step is solved again
-    until the forces have settled.
+    Samples of the surface, its corners among them, that are inside of deformed cells are mapped to
+    the reference configuration by these cells. A spring pushes each out of the surface through its
+    target, the closest point of the surface there, from which a local search looks for a closer one
+    on the deformed surface. Samples that approach the surface have a target, too; sharp edges that
+    cross have a spring between them. During a solve targets and normals are constant. After a solve
+    the search is repeated, and the step is solved again until the forces have settled.
 
     Parameters
     ----------
@@ -119,9 +119,9 @@ class ReferenceContact:
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
         """Return the step's row for run.json. Collective.
 
-        ``pairs``, how many springs push; ``penetration`` [m], the largest; ``force`` [N], the sum
-        of the springs' forces, as lengths; ``stiffness`` [Pa/m], their mean; ``rounds``, how often
-        the step was solved.
+        ``pairs``, how many springs push; ``penetration`` [m], that of the deepest point of the
+        surface; ``force`` [N], the sum of the springs' forces, as lengths; ``stiffness`` [Pa/m],
+        their mean; ``rounds``, how often the step was solved.
         """
         pairs, x = self._present(u)
         row = {
@@ -166,7 +166,7 @@ class ReferenceContact:
         before = self._matrix.nodal(pairs.gradient(x))
         self.rounds += 1
         new = self._search.find(local_values(u).reshape(-1, 3), x)
-        self._penetration = max(0.0, float(-new.gaps(x).min(initial=0.0)))
+        self._penetration = self._search.penetration(new, x)
         updated = self._updated(new, x)
         after = self._matrix.nodal(updated.gradient(x))
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))

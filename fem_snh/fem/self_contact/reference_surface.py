@@ -18,9 +18,26 @@ _EXAMINED = (24, 96, 384)
 #: A triangle whose outward normal is that of the point counts as this much farther away than one of
 #: the opposite normal, with a linear function of the cosine between: points near an edge of the
 #: surface have the face that they have passed through as a target, not the one beside it.
-TURNED = 3.0
+_TURNED = 3.0
+#: And as much as this part of a cell: a point on the edge itself has the same distance, zero, from
+#: the face that it has passed through and from the one beside it.
+_BESIDE = 0.5
 #: Points times triangles that are examined at a time, which bounds the memory.
 _BATCH = 200_000
+
+
+def turned(length: Array, cosine: Array, size: Array) -> Array:
+    """Return distances (n, k) of triangles from points, with preference for opposed ones.
+
+    Parameters
+    ----------
+    length, cosine : (n, k)
+        The distances [m]; the cosines of the triangles' normals with those of the points.
+    size : (n,)
+        The size of the cells at the points [m].
+    """
+    beside = (1 + cosine) / 2
+    return np.asarray(length * (1 + (_TURNED - 1) * beside) + _BESIDE * size[:, None] * beside)
 
 
 class Closest(NamedTuple):
@@ -32,12 +49,15 @@ class Closest(NamedTuple):
         The triangle of each.
     coordinates : (n, 3)
         Barycentric coordinates in it.
+    nearest : (n,) int
+        The triangle that is nearest, opposed or not.
     depth : (n,)
         Distance of the given point from the surface [m], positive inside.
     """
 
     triangle: Array
     coordinates: Array
+    nearest: Array
     depth: Array
 
 
@@ -63,7 +83,9 @@ class ReferenceSurface:
         arms = self._corners - middles[:, None]
         self._radius = np.linalg.norm(arms, axis=2).max(axis=1)
 
-    def closest(self, X: Array, bodies: Array, normals: Array, outward: Array) -> Closest:
+    def closest(
+        self, X: Array, bodies: Array, normals: Array, sizes: Array, outward: Array
+    ) -> Closest:
         """Return the closest points to reference positions, of faces that are opposed to them.
 
         Parameters
@@ -74,6 +96,8 @@ class ReferenceSurface:
             Their bodies.
         normals : (n, 3)
             Unit normals of the points in the deformed configuration.
+        sizes : (n,)
+            The size of the cells there [m].
         outward : (triangles, 3)
             Those of the triangles.
         """
@@ -81,7 +105,7 @@ class ReferenceSurface:
         for body in np.unique(bodies):
             if body in self._triangles:
                 left = np.flatnonzero(bodies == body)
-                self._search(X, left, body, normals, outward, nearest, target)
+                self._search(X, left, body, normals, sizes, outward, nearest, target)
         depth = np.full(len(X), -np.inf)  # a body without a surface
         known = np.isin(bodies, list(self._triangles))
         arms = nearest.arms[known]
@@ -90,7 +114,7 @@ class ReferenceSurface:
         )
         inside = np.einsum("ni,ni->n", arms, normals) <= 0
         depth[known] = np.linalg.norm(arms, axis=1) * np.where(inside, 1, -1)
-        return Closest(target.triangle, target.coordinates, depth)
+        return Closest(target.triangle, target.coordinates, nearest.triangle, depth)
 
     def _search(
         self,
@@ -98,6 +122,7 @@ class ReferenceSurface:
         left: Array,
         body: int,
         normals: Array,
+        sizes: Array,
         outward: Array,
         nearest: _Points,
         target: _Points,
@@ -114,8 +139,8 @@ class ReferenceSurface:
                 found, arm = closest_points(X[which][:, None], self._corners[near])
                 length = np.linalg.norm(arm, axis=2)
                 cosine = np.einsum("nki,ni->nk", outward[near], normals[which])
-                turned = length * (1 + (TURNED - 1) * (1 + cosine) / 2)
-                for points, measure in ((nearest, length), (target, turned)):
+                preferred = turned(length, cosine, sizes[which])
+                for points, measure in ((nearest, length), (target, preferred)):
                     points.set(which, measure.argmin(axis=1), near, found, arm)
                 sure = distances[:, -1] - radius >= length.min(axis=1)
                 unsure.append(which[~sure])
