@@ -110,6 +110,10 @@ def test_a_run_is_resumed(comm, folder):
         ),
         ({"group": "top"}, "bone.group = 'top': expected a group of volumes, not a surface:top"),
         ({"group": "furst"}, r"no physical group 'furst' in the mesh \(did you mean 'first'\?\)"),
+        (
+            {"shape": {"sphere": {"center": [0, 0, 1], "radius": 9}}},
+            "bone: 'bone_0' hold all nodes of the body: expected a free node",
+        ),
         ({"surface": "none.stl"}, "cannot read the surface none.stl"),
         ({"shape": UPPER, "motion": "none.csv"}, "cannot read the motion none.csv"),
         ({"shape": UPPER, "motion": {"bvh": "n.bvh", "joint": "a"}}, "cannot read the motion n."),

@@ -9,13 +9,14 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 from gmsh_files import BOX, write_msh
 
 from fem_snh import child_process
 from fem_snh.errors import BadInput
 from fem_snh.fem import mesh
-from fem_snh.fem.bones import read_bvh
+from fem_snh.fem.bones import joint_motion, read_bvh
 from fem_snh.fem.obstacles.motion_rows import read_rows
 from fem_snh.fem.shapes import ClosedSurface
 from fem_snh.references import load_reference
@@ -121,6 +122,67 @@ def test_a_size_that_no_memory_holds(tmp_path: Path) -> None:
     (tmp_path / "bad.msh").write_text(INVALID_NODE.replace("1 3 1 3\n3", "1 3 1 3\n99999999999"))
     with pytest.raises(BadInput, match=r"^mesh '.*bad.msh': gmsh"):
         read_mesh(tmp_path / "bad.msh")
+
+
+def skeleton(joints: int, name: str = "j{}", value: str = "0") -> str:
+    """A chain of joints, and two frames."""
+    body = "".join(
+        f"{'JOINT' if i else 'ROOT'} {name.format(i)} {{ OFFSET 0 1 0 CHANNELS 1 Zrotation "
+        for i in range(joints)
+    )
+    frame = " ".join([value] * joints)
+    return f"HIERARCHY {body}{'} ' * joints}\nMOTION\nFrames: 2\nFrame Time: 1\n{frame}\n{frame}\n"
+
+
+def test_a_skeleton_of_5000_joints_in_a_row(tmp_path: Path) -> None:
+    """No recursion. Each turns by 360/5000 degrees, so that the last one comes to the first."""
+    path = tmp_path / "deep.bvh"
+    path.write_text(skeleton(5001, value=str(360 / 5000)))
+    clip = read_bvh(path)
+    assert len(clip.joints) == 5001 and clip.joints[-1].parent == 4999
+    motion, origin = joint_motion(clip, "j5000", rest="offset")
+    assert origin == pytest.approx([0, 5001, 0])
+    moved = motion.affine(1.0) @ [*origin, 1.0]
+    assert moved == pytest.approx([0, 1, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (skeleton(3, name="knee"), "line 1: 'knee': expected a name that no other joint has"),
+        (skeleton(3, value="1e308"), r"line 5: '1e308': expected a number of a size up to 1e\+50"),
+    ],
+)
+def test_skeletons_that_mean_nothing(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "a.bvh").write_text(text)
+    with pytest.raises(BadInput, match=message):
+        read_bvh(tmp_path / "a.bvh")
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ("1" * 200_000, r"line 3: field larger than field limit \(131072\): expected a number"),
+        ("1e200", r"line 3: y = '1e200': expected a number of a size up to 1e\+50"),
+    ],
+)
+def test_cells_of_a_table(tmp_path: Path, cell: str, message: str) -> None:
+    (tmp_path / "a.csv").write_text(f"load,x,y,z\n0,0,0,0\n1,0,{cell},0\n")
+    with pytest.raises(BadInput, match=message) as caught:
+        read_rows(tmp_path / "a.csv")
+    assert len(str(caught.value)) < 300
+
+
+def test_surfaces_whose_squares_no_number_holds(tmp_path: Path) -> None:
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    for size, message in ((1e30, None), (1e37, None), (1e60, "coordinates of a size up to 1e")):
+        points = np.array(corners) * size
+        triangles = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+        if message is None:
+            assert ClosedSurface(points, triangles).distance(points.mean(axis=0)[None]) < 0
+        else:
+            with pytest.raises(BadInput, match=message):
+                ClosedSurface(points, triangles)
 
 
 # --- functions in a process of their own --------------------------------------------------------

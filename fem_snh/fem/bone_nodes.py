@@ -132,6 +132,8 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     # argmax: the first of those that are equally deep.
     first = np.argmax(depths >= np.where(inside, deepest - tolerance, -np.inf), axis=0)
     number = np.where(inside, first, -1)
+    if bones and not comm.allreduce(int(np.count_nonzero(~inside))):
+        raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
     vector = _dolfinx.create_vector(V)
     vector.array[:] = np.repeat(number, 3)
     update_ghosts(vector)
@@ -143,6 +145,11 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
         nodes = np.flatnonzero(local == i)
         found[bone.name] = BoneNodes(bone, comm, nodes, X[nodes[nodes < owned]])
     return [found[bone.name] for bone in bones]
+
+
+def _listed(bones: Sequence[Bone]) -> str:
+    """Return the names of bones as text."""
+    return ", ".join(f"'{bone.name}'" for bone in bones)
 
 
 def _bounding_box(comm: MPI.Intracomm, X: Array) -> tuple[Array, Array]:

@@ -9,11 +9,11 @@ from pydantic import Field
 
 from fem_snh.scenes._tables import MOTION_TABLE, TABLE, Amplitude, TableName, amplitude, constant
 from fem_snh.scenes._types import GroupKey, Number, Positive, Vector
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.scenes._validation import Bounded, Expect, Table
 
 _SURFACES = "Physical group of surfaces, by name or number."
 
-_Stiffness = Annotated[Finite, Field(ge=0)]
+_Stiffness = Annotated[Bounded, Field(ge=0)]
 Stiffness = Annotated[
     _Stiffness | tuple[_Stiffness, _Stiffness, _Stiffness],
     Expect("a number >= 0, or three of them, [x, y, z]"),

@@ -11,14 +11,14 @@ from fem_snh.errors import bad_value, choose
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._types import Count, Positive, Text, Vector, split_text
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.scenes._validation import Bounded, Expect, Table
 
 
 class Geometry(Table):
     """A built-in geometry: a gmsh source of the folder meshes/ and the values of its parameters."""
 
     source: Text = Field(description="Name of the gmsh source, e.g. cube, cylinder, block, cook.")
-    parameters: Annotated[dict[str, Finite], Expect("a table of numbers")] = Field(
+    parameters: Annotated[dict[str, Bounded], Expect("a table of numbers")] = Field(
         default={},
         description="Values of its parameters, except for cells, which the scene has [length].",
     )

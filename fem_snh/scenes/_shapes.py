@@ -9,10 +9,10 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from fem_snh.errors import BadInput
 from fem_snh.fem.shapes import Shape, from_record
 from fem_snh.scenes._types import Positive, Vector
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.scenes._validation import BoundedPositive, Expect, Table
 
 Size = Annotated[
-    tuple[Annotated[Finite, Field(gt=0)], ...],
+    tuple[BoundedPositive, ...],
     Field(min_length=3, max_length=3),
     Expect("three numbers > 0, [x, y, z]"),
 ]

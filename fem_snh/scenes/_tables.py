@@ -12,11 +12,11 @@ from pydantic import Field, field_validator
 
 from fem_snh.errors import bad_value, choose
 from fem_snh.scenes._types import Text
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.scenes._validation import Bounded, Expect, Table
 
 _POINTS = "a list of [load, value], two or more, the loads ascending"
 
-Points = Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=2), Expect(_POINTS)]
+Points = Annotated[tuple[tuple[Bounded, Bounded], ...], Field(min_length=2), Expect(_POINTS)]
 
 #: The key of a load or a motion that names a table.
 TableName = Annotated[str, Field(min_length=1), Expect("the name of a [[table]]")]

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from fem_snh.errors import bad_value
 from fem_snh.fem.elements import MAX_QUADRATURE_DEGREE
-from fem_snh.scenes._validation import Expect, Finite, Whole
+from fem_snh.scenes._validation import Bounded, BoundedPositive, Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
 INT32_MAX = 2**31 - 1
@@ -28,17 +28,17 @@ def split_text(names: object) -> object:
 
 
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
-Number = Annotated[Finite, Expect("a finite number")]
-Positive = Annotated[Finite, Field(gt=0), Expect("a number > 0")]
-NonNegative = Annotated[Finite, Field(ge=0), Expect("a number >= 0")]
+Number = Annotated[Bounded, Expect("a finite number")]
+Positive = Annotated[BoundedPositive, Expect("a number > 0")]
+NonNegative = Annotated[Bounded, Field(ge=0), Expect("a number >= 0")]
 Cells = Annotated[int, Whole(1, MAX_CELLS)]
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 Steps = Annotated[int, Whole(1, MAX_STEPS)]
 Count = Annotated[int, Whole(1, INT32_MAX)]
 Seed = Annotated[int, Whole(0, INT64_MAX)]
-Vector = Annotated[tuple[Finite, Finite, Finite], Expect("three finite numbers, [x, y, z]")]
+Vector = Annotated[tuple[Bounded, Bounded, Bounded], Expect("three finite numbers, [x, y, z]")]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
-Range = Annotated[tuple[Finite, Finite], Expect("two finite numbers")]
+Range = Annotated[tuple[Bounded, Bounded], Expect("two finite numbers")]
 GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)],
     Expect(f"the name of a physical group, or its number from 1 to {INT32_MAX}"),

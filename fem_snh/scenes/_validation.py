@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -17,10 +18,36 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, shown, unknown_name
 from fem_snh.scenes._synonyms import suggestion
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+def _check_largest(value: float) -> float:
+    """Reject a number whose squares could overflow in what is computed from it."""
+    if abs(value) > LARGEST_NUMBER:
+        raise PydanticCustomError("too_large", "")
+    return value
+
+
+def _check_smallest(value: float) -> float:
+    """Reject a positive number whose squares could underflow."""
+    if 0 < value < 1 / LARGEST_NUMBER:
+        raise PydanticCustomError("too_small", "")
+    return value
+
+
+#: A number that is computed with: a length, a force, a time.
+Bounded = Annotated[Finite, AfterValidator(_check_largest)]
+#: The same, where it divides or is squared.
+BoundedPositive = Annotated[Bounded, Field(gt=0), AfterValidator(_check_smallest)]
+#: What the message of `Expect` adds for the errors of these checks.
+_BOUNDS = {
+    "too_large": f", of a size up to {LARGEST_NUMBER:g}",
+    "too_small": f", of a size from {1 / LARGEST_NUMBER:g}",
+}
 
 
 @dataclass(frozen=True)
@@ -40,8 +67,15 @@ class Expect:
     def _check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
         try:
             return inner(value.tolist() if hasattr(value, "tolist") else value)
-        except (ValidationError, OverflowError):  # a whole number too large for a float
-            raise PydanticCustomError("expected", "expected {what}", {"what": self.what}) from None
+        except ValidationError as error:
+            kinds = [_BOUNDS.get(found["type"], "") for found in error.errors()]
+            raise self._error(next(filter(None, kinds), "")) from None
+        except OverflowError:  # a whole number too large for a float
+            raise self._error(_BOUNDS["too_large"]) from None
+
+    def _error(self, bounds: str) -> PydanticCustomError:
+        """Return the exception that states what is accepted."""
+        return PydanticCustomError("expected", "expected {what}", {"what": self.what + bounds})
 
 
 @dataclass(frozen=True, init=False)

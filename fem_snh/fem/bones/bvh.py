@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file, shown
 from fem_snh.fem.shapes.shape import Array
 from fem_snh.files import read_text
@@ -100,6 +101,8 @@ class _Words:
             value = np.nan
         if not np.isfinite(value):
             raise self.error(found, "a finite number")
+        if abs(value) > LARGEST_NUMBER:
+            raise self.error(found, f"a number of a size up to {LARGEST_NUMBER:g}")
         return value
 
     def count(self) -> int:
@@ -133,7 +136,7 @@ def read_bvh(path: str | Path) -> Clip:
     words, joints = _Words(path, text), list[Joint]()
     words.expect("HIERARCHY")
     while words.expect("ROOT", "MOTION") == "ROOT":
-        _read_joint(words, joints, -1)
+        _read_joints(words, joints)
     width = sum(len(joint.channels) for joint in joints)
     words.expect("Frames:")
     count = words.count()
@@ -148,26 +151,36 @@ def read_bvh(path: str | Path) -> Clip:
     return Clip(path, joints, frame_time, frames)
 
 
-def _read_joint(words: _Words, joints: list[Joint], parent: int) -> None:
-    """Append a joint and its children; its first word has been read."""
-    name = words.next()
+def _read_joints(words: _Words, joints: list[Joint]) -> None:
+    """Append a root and all joints below it; its first word, ROOT, has been read."""
+    parents = [_read_joint(words, joints, -1)]
+    while parents:
+        match words.expect("JOINT", "End", "}"):
+            case "JOINT":
+                parents.append(_read_joint(words, joints, parents[-1]))
+            case "End":
+                for word in ("Site", "{", "OFFSET"):
+                    words.expect(word)
+                words.vector()
+                words.expect("}")
+            case _:
+                parents.pop()
+
+
+def _read_joint(words: _Words, joints: list[Joint], parent: int) -> int:
+    """Append a joint without its children; return its number. Its first word has been read."""
+    name = [words.next()]
     while (word := words.next()) != "{":  # a name may have spaces
         if not word:
             raise words.error(word, "'{'")
-        name = f"{name} {word}"
+        name.append(word)
+    joined = " ".join(name)
+    if any(joint.name == joined for joint in joints):
+        raise words.error(joined, "a name that no other joint has")
     words.expect("OFFSET")
     offset = words.vector()
     words.expect("CHANNELS")
     channels = tuple(words.expect(*_CHANNELS) for _ in range(words.count()))
     first = joints[-1].first + len(joints[-1].channels) if joints else 0
-    number = len(joints)
-    joints.append(Joint(name, parent, offset, channels, first))
-    while (word := words.expect("JOINT", "End", "}")) != "}":
-        if word == "JOINT":
-            _read_joint(words, joints, number)
-        else:
-            words.expect("Site")
-            words.expect("{")
-            words.expect("OFFSET")
-            words.vector()
-            words.expect("}")
+    joints.append(Joint(joined, parent, offset, channels, first))
+    return len(joints) - 1

@@ -122,19 +122,28 @@ def _global_pose(
     R = R_parent R_1 R_2 R_3. Positions replace the offset, as in Blender's importer, unless all
     joints are at their offsets.
     """
+    p, R = np.zeros((len(frames), 3)), np.eye(3)[None]
+    while number >= 0:
+        turned, origin = _local_pose(joints[number], frames, at_offsets)
+        p = np.einsum("nij,nj->ni", turned, p) + origin
+        R = turned @ R
+        number = joints[number].parent
+    return R, p
+
+
+def _local_pose(joint: Joint, frames: Array, at_offsets: bool) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and positions (m, 3) of a joint in the frame of its parent."""
     from scipy.spatial.transform import Rotation
 
-    joint = joints[number]
     count = len(frames)
     values = frames[:, joint.first : joint.first + len(joint.channels)]
     R, p = np.tile(np.eye(3), (count, 1, 1)), np.tile(joint.offset, (count, 1))
     for channel, value in zip(joint.channels, values.T, strict=True):
         axis = AXES.index(channel[0])
         if channel.endswith("rotation"):
-            R = R @ Rotation.from_rotvec(np.outer(np.radians(value), np.eye(3)[axis])).as_matrix()
+            # Whole turns do not matter, and angles may be as large as numbers are.
+            turn = np.outer(np.radians(np.fmod(value, 360.0)), np.eye(3)[axis])
+            R = R @ Rotation.from_rotvec(turn).as_matrix()
         elif not at_offsets:
             p[:, axis] = value
-    if joint.parent < 0:
-        return R, p
-    above, origin = _global_pose(joints, joint.parent, frames, at_offsets)
-    return above @ R, np.einsum("nij,nj->ni", above, p) + origin
+    return R, p

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file, shown, unknown_name
 from fem_snh.fem.shapes.shape import Array
 from fem_snh.files import read_text
@@ -152,7 +153,10 @@ def _read_cells(path: Path) -> list[tuple[int, list[str]]]:
         near = nearest_file(path)
         raise BadInput(f"cannot read the motion {path}: {error.strerror}{near}") from None
     rows = csv.reader(text.splitlines(), skipinitialspace=True)
-    found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows if any(row)]
+    try:
+        found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows if any(row)]
+    except csv.Error as error:  # a cell of more than 131,072 characters
+        raise BadInput(f"{path}, line {rows.line_num}: {error}: expected a number") from None
     found = [(line, row) for line, row in found if not row[0].startswith("#")]
     if len(found) < 3:
         raise BadInput(f"motion = '{path}': expected a line of column names and two rows or more")
@@ -166,6 +170,9 @@ def _number(path: Path, line: int, name: str, cell: str) -> float:
         value = np.nan
     if not np.isfinite(value):
         raise BadInput(f"{path}, line {line}: {name} = {shown(cell)}: expected a finite number")
+    if abs(value) > LARGEST_NUMBER:
+        accepted = f"a number of a size up to {LARGEST_NUMBER:g}"
+        raise BadInput(f"{path}, line {line}: {name} = {shown(cell)}: expected {accepted}")
     return value
 
 

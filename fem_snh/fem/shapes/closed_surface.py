@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import child_process
+from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, nearest_file
 from fem_snh.fem.shapes.shape import Array, Evaluation
 from fem_snh.fem.shapes.surface_file import NO_VTK, read_corners
@@ -142,6 +143,8 @@ def check_closed(points: Array, triangles: Triangles, name: str) -> None:
     volume must be positive.
     """
     label = f"surface = '{name}': expected a closed surface"
+    if len(points) and np.abs(points).max() > LARGEST_NUMBER:
+        raise BadInput(f"{label} with coordinates of a size up to {LARGEST_NUMBER:g}")
     if not len(triangles) or not np.isfinite(points).all():
         raise BadInput(f"{label}, found {len(triangles)} triangles of finite size")
     directed = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
