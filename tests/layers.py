@@ -141,7 +141,7 @@ ALLOWED = {
     "fem.sent_rows": {"_petsc", "kernels", "fem.numbering", "fem.matrix_layout"},
     "fem.stored_matrix": {"_petsc", "fem.assembled_matrix"},
     "fem.regions": {"errors", "_dolfinx", "kernels", "fem.mesh"},
-    "fem.boundary_conditions": {"_dolfinx", "fem.mesh"},
+    "fem.boundary_conditions": {"errors", "_dolfinx", "fem.mesh"},
     "fem.rank_one": {"_dolfinx"},
     "fem.measures": {"errors", "_dolfinx", "fem.mesh", "fem.boundary_conditions"},
     "fem.eigenproblem": {"errors", "fem.regions", "fem.terms", "fem.problem"},

@@ -11,11 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.errors import bad_value
 from fem_snh.fem.mesh import Mesh
 
 Array = npt.NDArray[Any]
 
 AXES = ("x", "y", "z")
+#: Loads at which the values of two conditions are compared, and their largest difference, relative
+#: to the values, that is rounding.
+_LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
 
 
 class Constraint(Protocol):
@@ -85,15 +89,17 @@ class DirichletConditions:
     hold : sequence of Constraint
         Zero displacement.
     move : sequence of Motion
-        Displacement that follows the load. Where conditions overlap, a later one overrides an
-        earlier one, and any of ``move`` overrides ``hold``.
+        Displacement that follows the load. At nodes that groups have in common, as on the edge of
+        two faces, a later condition overrides an earlier one, and any of ``move`` overrides
+        ``hold``.
     bones : sequence of NodalMotion, optional
         Displacements of nodes, different ones, which override all others.
 
     Raises
     ------
     BadInput
-        On every rank, for an unknown physical group.
+        On every rank, for an unknown physical group, and for a condition that a later one with
+        other values overrides at all of its nodes.
     """
 
     def __init__(
@@ -115,6 +121,7 @@ class DirichletConditions:
             nodes, axes = self._constrain(V, mesh, motion)
             nodes = nodes[nodes < owned]
             self._moved.append((nodes, axes, motion, coordinates[nodes]))
+        self._check_overrides(V, mesh, hold, move)
         for bone in bones:
             self.constrained[bone.nodes] = True
             nodes = bone.nodes[bone.nodes < owned]
@@ -129,6 +136,36 @@ class DirichletConditions:
         self.constrained[nodes[:, None], axes] = True
         return nodes, axes
 
+    def _check_overrides(
+        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[Motion]
+    ) -> None:
+        """Raise BadInput if a motion overrides an earlier condition at all nodes. Collective."""
+        coordinates = V.tabulate_dof_coordinates()
+        owned = _dolfinx.num_nodes(V)[0]
+        earlier: list[tuple[str, Constraint, Array, list[int]]] = []
+        for condition in hold if self._moved else ():
+            nodes = group_nodes(V, mesh, condition.group)
+            axes = [AXES.index(c) for c in condition.components]
+            earlier.append(("hold", condition, nodes[nodes < owned], axes))
+        for (nodes, axes, _, _), motion in zip(self._moved, move, strict=True):
+            for table, other, others, other_axes in earlier:
+                both = [axis for axis in axes if axis in other_axes]
+                shared = np.intersect1d(nodes, others)
+                X, different = coordinates[shared], False
+                for load in _LOADS if both else ():
+                    u = motion.displacement(X, load)[:, both]
+                    before = _displacement(other, X, load)[:, both]
+                    size = max(abs(u).max(initial=0.0), abs(before).max(initial=0.0))
+                    different |= bool((abs(u - before) > _ROUNDING * size).any())
+                found = [len(shared), len(others), int(different)]
+                total, all_of_it, differs = V.mesh.comm.allreduce(np.array(found))
+                if differs and total == all_of_it:
+                    listed = ", ".join(AXES[axis] for axis in both)
+                    accepted = f"components other than {listed}, which [[{table}]] constrains at "
+                    accepted += f"the same nodes by the group {other.group!r}"
+                    raise bad_value("move.group", motion.group, accepted)
+            earlier.append(("move", motion, nodes, axes))
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set the constrained entries of ``x`` to their values at this load."""
         values = x.array
@@ -136,6 +173,14 @@ class DirichletConditions:
         for nodes, axes, motion, points in self._moved:
             displacement = motion.displacement(points, load)
             values[3 * nodes[:, None] + axes] = displacement[:, axes]
+
+
+def _displacement(condition: Any, X: Array, load: float) -> Array:
+    """Return the (n, 3) displacements of a condition at a load; of a `Constraint` they are zero."""
+    if hasattr(condition, "displacement"):
+        found: Array = condition.displacement(X, load)
+        return found
+    return np.zeros_like(X)
 
 
 def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:

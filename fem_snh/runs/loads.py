@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from fem_snh.errors import bad_value
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.mesh import Mesh, volume
 from fem_snh.fem.regions import Region, reference_modulus
@@ -88,6 +92,8 @@ def load_terms(
         table = scene.self_contact
         choice = SelfContact(table.method, table.stiffness, table.distance, table.friction)
         terms.append(choice.create_term(V, regions, mesh))
+    if scene.cavity:
+        _check_cavities(mesh, [fluid.group for fluid in scene.cavity])
     for fluid in scene.cavity:
         from fem_snh.fem.terms.cavity import Cavity
 
@@ -102,3 +108,12 @@ def load_terms(
 
         terms.append(obstacle_contact(scene, mesh, V, regions))
     return terms
+
+
+def _check_cavities(mesh: Mesh, keys: Sequence[str | int]) -> None:
+    """Raise BadInput on every rank if the surfaces of two cavities share a facet. Collective."""
+    facets = [surface_facets(mesh, "cavity.group", key) for key in keys]
+    for (first, a), (second, b) in combinations(zip(keys, facets, strict=True), 2):
+        if shared := mesh.domain.comm.allreduce(len(np.intersect1d(a, b))):
+            accepted = f"a surface that shares no facet with that of cavity {first!r}, not {shared}"
+            raise bad_value("cavity.group", second, accepted)

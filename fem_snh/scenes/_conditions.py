@@ -31,7 +31,11 @@ _COMPONENTS = "Components of the displacement that are prescribed."
 
 
 class Hold(Table):
-    """A homogeneous Dirichlet condition: a physical group that does not move."""
+    """A homogeneous Dirichlet condition: a physical group that does not move.
+
+    At nodes of several groups, as on the edge of two faces, [[move]] overrides [[hold]], and a
+    later [[move]] an earlier one.
+    """
 
     group: GroupKey = Field(description=_GROUP)
     components: Components = Field(default=("x", "y", "z"), description=_COMPONENTS)

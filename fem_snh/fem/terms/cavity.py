@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.errors import bad_value
@@ -15,9 +16,12 @@ from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.terms.dead_load import Amplitude
-from fem_snh.fem.terms.swept_volume import SweptVolume, fit_points
+from fem_snh.fem.terms.swept_volume import SweptVolume, enclosed_volume, fit_points
 from fem_snh.fem.terms.traction import surface_measure
 from fem_snh.fem.terms.ufl_term import UFLTerm
+
+#: Loads at which the prescribed volume is examined.
+_LOADS = 201
 
 
 class Fluid(Protocol):
@@ -64,7 +68,8 @@ class Cavity:
     Raises
     ------
     BadInput
-        On every rank, for a group that is unknown, not a surface, or does not enclose a volume.
+        On every rank, for a group that is unknown, not a surface, or does not enclose a volume, and
+        for a volume that empties the cavity.
     """
 
     name, has_energy, depends_on_load = "cavity", True, True
@@ -90,6 +95,17 @@ class Cavity:
             accepted += "constrained or in planes of symmetry"
             raise bad_value("cavity.group", fluid.group, accepted)
         self._volume.set_point(points[0])
+        self._check_volume(points[0], dirichlet)
+
+    def _check_volume(self, point: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
+        """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
+        least = min(self._amplitude(load) * self._added for load in np.linspace(0, 1, _LOADS))
+        if least >= 0:
+            return
+        swept = enclosed_volume(self._volume, point, dirichlet)
+        if swept is not None and least <= swept:  # the body's normals point into the cavity
+            accepted = f"a volume that leaves some of the {-swept:.6g} m^3 in the cavity"
+            raise bad_value("cavity.volume", self._added, accepted)
 
     def set_load(self, load: float) -> None:
         """Set the volume of a load."""

@@ -28,7 +28,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.ghosted_vectors import copy_to_function, update_ghosts
-from fem_snh.fem.mesh import volume
+from fem_snh.fem.mesh import volume as body_volume
 
 Array = npt.NDArray[Any]
 
@@ -54,6 +54,11 @@ class SweptVolume:
         The displacement's space.
     ds : UFL measure
         The surface.
+
+    Attributes
+    ----------
+    at_rest : float
+        S(0) [m^3] with the point that was set last.
     """
 
     def __init__(self, V: Any, ds: Any) -> None:
@@ -65,7 +70,7 @@ class SweptVolume:
         x = ufl.SpatialCoordinate(V.mesh) + self._u
         self._form = ufl.inner(x - self._point, self._normal(self._u)) / 3 * self._ds
         self._compiled = _dolfinx.form(self._form)
-        self._at_rest = 0.0
+        self.at_rest = 0.0
 
     def residual(self, u: Any) -> Any:
         """Return the UFL form of the integral of cof(F) N . v [m^2], v a test function."""
@@ -75,12 +80,12 @@ class SweptVolume:
         """Set the point c [m]. Collective."""
         self._point.value[:] = point
         self._u.x.array[:] = 0.0
-        self._at_rest = _dolfinx.assemble_scalar(self._compiled)
+        self.at_rest = _dolfinx.assemble_scalar(self._compiled)
 
     def change(self, u: PETSc.Vec) -> float:
         """Return S(u) - S(0) [m^3]. Collective."""
         copy_to_function(u, self._u)
-        return _dolfinx.assemble_scalar(self._compiled) - self._at_rest
+        return _dolfinx.assemble_scalar(self._compiled) - self.at_rest
 
     def compare(self, states: Sequence[PETSc.Vec], fixed: Array) -> tuple[Array, Array, Array]:
         """Compare the derivative of S with the residual, at this rank's dofs. Collective.
@@ -150,7 +155,7 @@ def fit_points(
         None if no points make the pressures conservative.
     """
     V = volumes[0].V
-    length = volume(V.mesh) ** (1 / 3)
+    length = body_volume(V.mesh) ** (1 / 3)
     states, fixed = _states(V, dirichlet, length), dirichlet.dofs
     found = [(p, *v.compare(states, fixed)) for p, v in zip(pressures, volumes, strict=True)]
     columns = [length * p * change for p, _, _, change in found]
@@ -169,6 +174,45 @@ def fit_points(
     points = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
     fits = np.linalg.norm(A @ points - b) <= _ROUNDING * scale
     return length * points.reshape(-1, 3) if fits else None
+
+
+def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> float | None:
+    """Return the volume that a surface encloses at rest [m^3], of which its normals point out.
+
+    Collective. The point of ``volume`` is then ``point``.
+
+    Parameters
+    ----------
+    volume : SweptVolume
+        The surface.
+    point : (3,)
+        The point of `fit_points` [m].
+    dirichlet : Dirichlet
+        The constrained dofs.
+
+    Returns
+    -------
+    float or None
+        None if the surface is open elsewhere than in planes of symmetry through the point: then
+        the volume depends on directions in which the point is arbitrary.
+    """
+    V = volume.V
+    length = body_volume(V.mesh) ** (1 / 3)
+    size, _, change = volume.compare(_states(V, dirichlet, length), dirichlet.dofs)
+    table = np.concatenate([length * change, size[:, None]], axis=1)
+    R = np.concatenate(V.mesh.comm.allgather(np.linalg.qr(table, mode="r")))
+    _, values, directions = np.linalg.svd(R[:, :3])
+    volume.set_point(point)
+    found: float | None = volume.at_rest
+    at_rest = volume.at_rest
+    for value, direction in zip(values, directions, strict=True):
+        if value <= _ROUNDING * np.linalg.norm(R[:, 3]):
+            volume.set_point(point + length * direction)
+            if abs(volume.at_rest - at_rest) > _ROUNDING * length**3:
+                found = None
+                break
+    volume.set_point(point)
+    return found
 
 
 def _states(V: Any, dirichlet: Dirichlet, length: float) -> list[PETSc.Vec]:

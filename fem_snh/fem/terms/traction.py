@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import numpy as np
 import numpy.typing as npt
 import ufl
 
@@ -78,12 +79,21 @@ def surface_measure(mesh: Mesh, table: str, key: str | int) -> Any:
 def surface_facets(mesh: Mesh, where: str, key: str | int) -> npt.NDArray[Any]:
     """Return this rank's facets of a physical group that the scene's key ``where`` names, (n,).
 
+    Collective.
+
     Raises
     ------
     BadInput
-        On every rank, for a group that is unknown or not a surface.
+        On every rank, for a group that is unknown, not a surface, or in part inside of the body:
+        an integral over the boundary would leave that part out.
     """
     group = mesh.group(key)
     if group.dim != 2:
         raise bad_value(where, key, f"a surface, not a {group.label}")
+    exterior = _dolfinx.exterior_facets(mesh.domain)[0]
+    outside = mesh.domain.comm.allreduce(int(np.isin(exterior, group.entities).sum()))
+    if outside < group.count:
+        inside = group.count - outside
+        accepted = f"a surface of the body; {inside} of its {group.count} facets are inside of it"
+        raise bad_value(where, key, accepted)
     return group.entities
