@@ -7,13 +7,15 @@ import sys
 
 import numpy as np
 import pytest
+from contact_scenes import slide
 from interrupted_runs import cut
 from running import record, solve
+from time_scenes import TURN, in_time
 
 from fem_snh import _dolfinx, scenes
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.output_fields import ON_REQUEST, TENSOR
+from fem_snh.output_fields import ON_REQUEST, SUMMED, TENSOR
 
 pyvista = pytest.importorskip("pyvista")
 mpi = pytest.mark.mpi
@@ -24,9 +26,16 @@ USUAL = {"J", "energy_density", "min_eigenvalue"}
 
 def last(folder):
     """The grid of the last load that a run has written."""
+    *_, grid = states(folder)
+    return grid
+
+
+def states(folder):
+    """Yield the grids of all loads that a run has written."""
     reader = pyvista.get_reader(str(folder / "fields.pvd"))
-    reader.set_active_time_value(reader.time_values[-1])
-    return reader.read().combine()
+    for value in reader.time_values:
+        reader.set_active_time_value(value)
+        yield reader.read().combine()
 
 
 def gathered(comm, x, values):
@@ -65,9 +74,12 @@ def test_paraview_reads_what_python_computes(comm, folder, element, at):
         else:
             x, place = centres(result), grid.points[nodes].mean(axis=1)
         expected = gathered(comm, x, result.field(name, at))
-        np.testing.assert_allclose(
-            ordered(np.column_stack([place, seen])), expected, rtol=0, atol=1e-12
-        )
+        found = ordered(np.column_stack([place, seen]))
+        if name in SUMMED:  # over the files of all ranks
+            same = np.unique(place.round(9), axis=0, return_inverse=True)[1].ravel()
+            found[:, 3:] = 0.0
+            np.add.at(found[:, 3:], same, seen)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
     assert record(folder)["fields"] == ALL
     comm.barrier()
 
@@ -84,21 +96,42 @@ def test_components_have_the_names_that_paraview_shows(comm, folder):
     comm.barrier()
 
 
+DAMPED = {"duration": 0.3, "steps": 4, "damping": {"mass": 0.1, "stiffness": 0.01}}
+#: Scene, options, fields.
+RESUMED = {
+    "static": ("twist", {"cells": 2, "steps": 3}, []),
+    "contact": (slide(method="augmented_lagrangian"), {}, ["contact_pressure", "gap"]),
+    "damped motion": (in_time(DAMPED, **TURN), {}, ["velocity", "acceleration"]),
+    "motion in contact": (
+        "bounce",
+        {"cells": 2, "friction": 0.3, "height": 0.02, "steps": 4, "time.duration": 0.2},
+        ["velocity", "acceleration", "contact_pressure", "gap"],
+    ),
+}
+
+
 @mpi
-def test_a_resumed_run_writes_the_same_fields(comm, folder):
-    options = {"cells": 2, "steps": 3, "fields": ["von_mises", "reaction_force"]}
-    solve("twist", out=folder / "whole", **options)
+@pytest.mark.parametrize("case", RESUMED)
+def test_a_resumed_run_writes_the_same_fields(comm, folder, case):
+    """All arrays of all states, to the last bit, with a further field from there on."""
+    scene, options, more = RESUMED[case]
+    fields = ["von_mises", "reaction_force", *more]
+    solve(scene, out=folder / "whole", fields=fields, **options)
     with cut(2):
-        solve("twist", out=folder / "cut", **options)
+        solve(scene, out=folder / "cut", fields=fields, **options)
     comm.barrier()
-    options["fields"].append("principal_stretches")  # further output does not change the solution
-    solve("twist", out=folder / "cut", resume=True, **options)
+    # Further output does not change the solution.
+    further = [*fields, "principal_stretches"]
+    solve(scene, out=folder / "cut", resume=True, fields=further, **options)
     comm.barrier()
-    whole, resumed = last(folder / "whole"), last(folder / "cut")
-    assert whole["von_mises"] == pytest.approx(resumed["von_mises"], abs=1e-12)
-    assert whole["reaction_force"] == pytest.approx(resumed["reaction_force"], abs=1e-12)
-    assert "principal_stretches" not in whole.array_names
-    assert "principal_stretches" in resumed.array_names
+    whole, resumed = ([*states(folder / name)] for name in ("whole", "cut"))
+    assert len(whole) == len(resumed) > 3
+    for number, (one, other) in enumerate(zip(whole, resumed, strict=True)):
+        new = {"principal_stretches"} if number > 2 else set()
+        assert set(other.array_names) - set(one.array_names) == new
+        for name in one.array_names:
+            assert np.array_equal(one[name], other[name]), (number, name)
+    assert abs(whole[-1]["reaction_force"]).max() > 0 or scene == "bounce"
     comm.barrier()
 
 
