@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import resource
 from pathlib import Path
 from weakref import ref
+
+from petsc4py import PETSc
 
 import pytest
 import ufl
@@ -12,6 +16,7 @@ from bodies import cube
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.fem.elements import ELEMENTS
 from fem_snh.runs import run
 from fem_snh.solver import garbage
 
@@ -22,6 +27,19 @@ def resident(comm):
     """Return the resident memory of all ranks [MB]."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return comm.allreduce(pages * resource.getpagesize() / 2**20)
+
+
+def allocated(comm):
+    """Return the memory of all ranks that malloc has given out [bytes].
+
+    Resident memory also has what was freed and is not used again yet.
+    """
+    libc = ctypes.CDLL(None)
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    fields = [(name, ctypes.c_size_t) for name in names.split()]
+    libc.mallinfo2.restype = type("mallinfo2", (ctypes.Structure,), {"_fields_": fields})
+    found = libc.mallinfo2()
+    return comm.allreduce(found.uordblks + found.hblkhd)
 
 
 def linked(problems):
@@ -54,3 +72,48 @@ def test_the_solver_of_a_problem_in_a_program_is_freed(comm):
         del problem
     garbage.free_unused(comm)
     assert not any(linked(problems))
+
+
+def solved(comm, kind, element, cells):
+    """Solve a program's problem, or a step of a motion; return the bytes of its matrix."""
+    body = cube(comm, ELEMENTS[element].cell, cells)
+    V = _dolfinx.function_space(body.domain, ELEMENTS[element].degree, (3,))
+    u = _dolfinx.function(V, "u")
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
+    terms = [1e-3 * ufl.inner(u, u) * ufl.ds, ufl.inner(ufl.as_vector((0, 0, 1e-3)), u) * ufl.dx]
+    arguments = {"terms": terms, "element": element}
+    if element == "Q1" and kind == "static":  # without a term there is no reference cycle
+        arguments["terms"] = []
+        u.interpolate(lambda x: 0.1 * x)
+    if kind == "static":
+        problem = fem_snh.NonlinearProblem(u, {material: ufl.dx}, **arguments)
+        problem.solve()
+        assert problem.solver.getConvergedReason() > 0
+    else:
+        densities = {material: 1.0}
+        problem = fem_snh.DynamicProblem(
+            u, {material: ufl.dx}, densities, duration=1.0, damping=(0.1, 0.1), **arguments
+        )
+        assert problem.step(0.1)
+    return 12 * problem.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "element", "cells"),
+    [
+        pytest.param("static", "Q1", 10, marks=mpi),
+        ("static", "P2P1", 4),
+        ("motion", "Q1", 10),
+    ],
+)
+def test_repeated_programs_take_no_more_memory(comm, kind, element, cells):
+    """What six more instances leave is less than a tenth of one matrix for each.
+
+    PETSc loses objects that are dropped while it frees others: see `fem_snh.solver.garbage`.
+    """
+    memory = []
+    for _ in range(9):
+        size = solved(comm, kind, element, cells)
+        gc.collect()
+        memory.append(allocated(comm))
+    assert memory[-1] - memory[2] < 0.1 * 6 * size

@@ -4,10 +4,18 @@ petsc4py does not destroy an object when Python drops it, as ranks may drop obje
 orders: it is kept until ``PETSc.garbage_cleanup`` is called for its communicator. Every mesh and
 matrix of dolfinx has a communicator of its own, which a program cannot ask for once the problem is
 dropped. So communicators are recorded when a solver is created.
+
+``PetscGarbageCleanup`` takes the list of dropped objects from the communicator, and puts the list
+back when it has destroyed them. What Python drops in between, as it is destroyed with a SNES that
+refers to it, is in another list, which is overwritten: such an object is never destroyed. So what
+a SNES refers to is kept in Python until the SNES is destroyed, and its linear solvers' contexts
+until these are.
 """
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 from weakref import ref
 
@@ -16,19 +24,27 @@ from petsc4py import PETSc
 
 
 class _Record(NamedTuple):
-    """A problem and the communicators of its PETSc objects."""
+    """A problem, the Python contexts of its solvers, the communicators of its PETSc objects."""
 
     problem: ref[Any]
+    newton: ref[Any]
+    linear: list[ref[Any]]
     comms: list[PETSc.Comm]
 
 
 _records: list[_Record] = []
 
 
-def record(problem: Any, *objects: PETSc.Object) -> None:
+def record(problem: Any, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
     """Record the communicators of a problem's PETSc objects, for `free_unused`. Collective."""
+    newton = snes.getPythonContext()
+    solvers = [snes.getKSP(), *([newton.trust_ksp] if newton.trust_ksp is not None else [])]
+    parts = [part for ksp in solvers for part in (ksp, ksp.getPC())]
+    python = [part for part in parts if part.getType() == "python"]
     # A duplicate is PETSc's own communicator with one more reference: it outlives the problem.
-    _records.append(_Record(ref(problem), [found.comm.duplicate() for found in objects]))
+    comms = [found.comm.duplicate() for found in (*objects, snes)]
+    linear = [ref(part.getPythonContext()) for part in python]
+    _records.append(_Record(ref(problem), ref(newton), linear, comms))
 
 
 def free_unused(comm: MPI.Comm) -> None:
@@ -36,21 +52,32 @@ def free_unused(comm: MPI.Comm) -> None:
 
     Objects of other groups of ranks are left to the calls with their communicators.
     """
-    _clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
+    clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
     for found in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
-        _clean(found.comms)  # a SNES, which refers to its problem
+        users: list[Any] = [found.problem(), found.newton()]
+        contexts = [reference() for reference in found.linear]
+        clean(found.comms)  # a SNES, which refers to its problem
+        users.clear()
         unused = comm.allreduce(found.problem() is None, op=MPI.LAND)
-        _clean(found.comms)  # the objects of the problem
+        clean(found.comms)  # the objects of the problem, and linear solvers
+        contexts.clear()
+        clean(found.comms)  # the objects of linear solvers' contexts
         if unused:
             for each in found.comms:
                 each.destroy()
             _records.remove(found)
 
 
-def _clean(comms: list[PETSc.Comm]) -> None:
+def clean(comms: Iterable[PETSc.Comm]) -> None:
     """Destroy the objects of these communicators that all ranks have dropped. Collective."""
-    for comm in comms:
-        PETSc.garbage_cleanup(comm)
+    collects = gc.isenabled()
+    gc.disable()  # Python must drop nothing meanwhile
+    try:
+        for comm in comms:
+            PETSc.garbage_cleanup(comm)
+    finally:
+        if collects:
+            gc.enable()
 
 
 def _same_ranks(first: MPI.Comm, second: MPI.Comm) -> bool:

@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from fem_snh._petsc import factors_out_of_memory
 from fem_snh.solver.forcing import ForcingTerm
+from fem_snh.solver.garbage import clean
 from fem_snh.solver.outcome import Outcome
 from fem_snh.solver.protocol import NonlinearProblem
 from fem_snh.solver.reasons import linear_failure
@@ -73,7 +74,7 @@ class SemiImplicit:
         name = outcome.reason.partition(":")[0]
         self._snes.setConvergedReason(getattr(PETSc.SNES.ConvergedReason, name))
         # petsc4py frees dropped objects only when told to, for each communicator.
-        PETSc.garbage_cleanup(self._problem.x.comm)
+        clean([self._problem.x.comm])
         return outcome
 
     def _step(self) -> Outcome:

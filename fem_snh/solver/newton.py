@@ -13,7 +13,7 @@ from typing import ClassVar
 
 from petsc4py import PETSc
 
-from fem_snh.solver import options
+from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
 from fem_snh.solver.line_search import LargestStep, LineSearch
@@ -162,8 +162,7 @@ class ProjectedNewton:
             step_norm = d.norm() * (1.0 if step.lbfgs else step.length)
             norm = state.residual.norm()
             # petsc4py frees dropped objects only when told to, for each communicator.
-            for vector_or_matrix in (x, snes.getJacobian()[1]):
-                PETSc.garbage_cleanup(vector_or_matrix.comm)
+            garbage.clean([x.comm, snes.getJacobian()[1].comm])
         snes.setConvergedReason(Reason.DIVERGED_MAX_IT)
 
     # --- the parts of an iteration ---------------------------------------------------------------

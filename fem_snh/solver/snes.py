@@ -115,8 +115,8 @@ def create(
                 context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
-    objects = [problem.x, problem.A, snes, *([saddle.schur_approximation] if saddle else ())]
-    garbage.record(problem, *objects)
+    objects = [problem.x, problem.A, *([saddle.schur_approximation] if saddle else ())]
+    garbage.record(problem, snes, *objects)
     return snes
 
 
