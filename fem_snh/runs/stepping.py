@@ -13,6 +13,7 @@ from fem_snh.errors import NotSettled
 from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.runs.cell_pressures import CellPressures
+from fem_snh.runs.jump import Jump, JumpDetector
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.step_size import StepSize
 
@@ -58,6 +59,8 @@ class Stepper:
         Elapsed seconds of the steps.
     processor : float
         This rank's processor seconds of the steps.
+    jump : Jump or None
+        The jump in the last step.
     """
 
     def __init__(
@@ -83,6 +86,8 @@ class Stepper:
         self.size = transient.step_size() if transient else StepSize(steps, problem.depends_on_load)
         one_step = transient is not None and transient.semi_implicit
         self._semi_implicit = solver.SemiImplicit(problem, snes) if one_step else None
+        self._jumps = JumpDetector.of(problem, snes, transient is not None)
+        self.jump: Jump | None = None
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
@@ -141,6 +146,7 @@ class Stepper:
         self._out_of_memory = outcome.out_of_memory
         estimate = self._estimate_error(outcome)
         converged, history = outcome.converged, outcome.history
+        self.jump = self._jumps.find(load, previous) if converged and self._jumps else None
         if converged:
             self.predictor.accept()
             if self.transient:
@@ -170,6 +176,8 @@ class Stepper:
             "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
+        if converged and (kinds := self._notes()):
+            self._last["notes"] = kinds
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
         if converged:
@@ -187,6 +195,11 @@ class Stepper:
         """Return the relative residual of a linearised step's linear system."""
         found = outcome.linear_residual
         return {} if found is None else {"linear_residual": found}
+
+    def _notes(self) -> list[str]:
+        """Return the kinds of notes on the last step."""
+        found = {"inverted": self._last["min_J"] <= 0, "jump": self.jump is not None}
+        return [kind for kind, noted in found.items() if noted]
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""
@@ -221,6 +234,8 @@ class Stepper:
         except NotSettled as error:
             outcome.fail_inner(error)
             return outcome, 0
+        if self._jumps:
+            self._jumps.begin()
         if self.continuation:
             outcome.history += self.continuation.solve(problem)
         if self.pressures:
