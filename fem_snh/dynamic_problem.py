@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh import solver
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import bad_value, check_number
 from fem_snh.fem.dolfinx_problem import (
     check_materials,
     create_dolfinx_problem,
-    listed_terms,
 )
 from fem_snh.fem.motion.dynamics import Dynamics
 from fem_snh.fem.problem import Problem
 from fem_snh.kernels.pointwise import Material
-from fem_snh.nonlinear_problem import NonlinearProblem
+from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
+from fem_snh.runs.time_steps import TimeSteps
 
 Array = npt.NDArray[np.float64]
 
@@ -104,11 +103,6 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("densities", unknown[0], "only keys of 'materials'")
         if set_time is not None and not callable(set_time):
             raise bad_value("set_time", set_time, "a function of the time [s]")
-        if any(
-            getattr(term, "method", "") == "ipc" for term in listed_terms(arguments.get("terms"))
-        ):
-            accepted = "reference: the first guess of a time step may intersect itself"
-            raise bad_value("self_contact.method", "ipc", accepted)
         self._densities, self._duration, self._set_time = densities, duration, set_time
         self._settings: dict[str, Any] = {
             "mass": mass,
@@ -160,37 +154,47 @@ class DynamicProblem(NonlinearProblem):
         check_number("size", size, self._duration / _EXTREME, highest=self._duration * _EXTREME)
         if not self._has_started:
             self.start()
-        problem, before, load = self._problem, self.x.copy(), self._problem.load
-        to = load + size / self._duration
-        if not load < to:
+        to = self._problem.load + size / self._duration
+        if not self._problem.load < to:
             raise bad_value("size", size, f"a step that double precision can add to {self.time:g}")
-        problem.history.begin_step(problem.split(self.x)[0])
-        self.dynamics.begin_step(problem, to)
-        problem.set_load(to)
-        with self._petsc_options(), solver.callback_errors():
-            if self._integrator == "semi_implicit":
-                outcome = self._end(solver.SemiImplicit(problem, self.solver).solve())
-            else:
-                outcome = self._solve_until_settled(lambda: self._guess_step(size))
-        if outcome.converged:
-            self.dynamics.end_step(problem)
-            problem.history.end_step(problem.split(self.x)[0])
-        else:
-            before.copy(self.x)
-            problem.set_load(load)
-            self.dynamics.cancel_step()
+        with self._petsc_options():
+            outcome = self._end(self._steps[PREDICTORS[self._predictor]].solve(to))
         self._write_solution()
         return outcome.converged
 
-    def _guess_step(self, size: float) -> None:
-        """Set the unknowns to the first guess of a time step: a constant velocity."""
-        moved = size * self.v.x.array[: 3 * len(self._problem.coordinates)]
-        self.x.array[: len(moved)] += moved
-        self._problem.prescribe(self.x)
+    def steps(
+        self, number: int, set_load: Callable[[float], None] | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """Advance from the present time to ``duration``. Collective.
+
+        A step that fails is halved, down to 1/64 of the nominal one, as in a run of a scene.
+
+        Parameters
+        ----------
+        number : int
+            Number of equal steps of the whole duration.
+        set_load : None
+            ``set_time`` sets what changes.
+
+        Yields
+        ------
+        dict
+            The row of an attempted step, as in run.json: ``time``, ``converged``, ``reason``,
+            ``newton``, ``linear``, ``energy``, ...
+        """
+        if set_load is not None:
+            raise bad_value("set_load", set_load, "None: 'set_time' sets what changes in time")
+        if not self._has_started:
+            self.start()
+        yield from self._rows(number)
 
     def energies(self) -> dict[str, Any]:
         """Return energies and momenta at the present time: see `Dynamics.energies`. Collective."""
         return self.dynamics.energies(self._problem)
+
+    def _motion(self) -> TimeSteps:
+        semi_implicit = self._integrator == "semi_implicit"
+        return TimeSteps(self._problem, self.dynamics, self._duration, semi_implicit)
 
     def _create(self, *arguments: Any) -> Problem:
         def terms(u: Any, regions: Any, conditions: Any) -> Any:

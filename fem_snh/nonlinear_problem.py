@@ -10,13 +10,35 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.errors import NotSettled, bad_value, choose
-from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.errors import bad_value, check_whole, choose
+from fem_snh.fem.create_problem import with_element
+from fem_snh.fem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
+from fem_snh.fem.elements import with_cell_pressures
 from fem_snh.fem.problem import Problem
+from fem_snh.fem.terms import UFLTerm
 from fem_snh.kernels.pointwise import Material
+from fem_snh.runs.cell_pressures import CellPressures
+from fem_snh.runs.condensation import choose_condensation, chosen_for_condensed
+from fem_snh.runs.step_solver import StepSolver
+from fem_snh.runs.stepping import Stepper
+from fem_snh.runs.time_steps import TimeSteps
 
-#: First guesses when boundary values have changed: see `fem_snh.solver.Predictor`.
-_PREDICTORS = ("tangent", "none")
+#: First guesses when boundary values have changed, and those of the steps of `steps`: see
+#: `fem_snh.solver.Predictor`.
+PREDICTORS = {"tangent": "extrapolate", "none": "none"}
+#: Largest number of load steps.
+_MAX_STEPS = 1_000_000
+
+
+class _LoadFunction:
+    """A function of the load that terms and conditions call, and that `steps` sets."""
+
+    def __init__(self) -> None:
+        self.function: Callable[[float], None] | None = None
+
+    def __call__(self, load: float) -> None:
+        if self.function is not None:
+            self.function(load)
 
 
 class NonlinearProblem:
@@ -58,7 +80,12 @@ class NonlinearProblem:
         the degree of ``u``. Default: the volume term at every quadrature point.
     predictor : {"tangent", "none"}, optional
         First guess when boundary values have changed: the linearised response to the change, or
-        the values alone.
+        the values alone. From the second step of `steps` on, "tangent" continues the step before.
+    static_condensation : bool, optional
+        Whether the pressures of the cells of "Q1P0" and "P2P0" are eliminated, or unknowns of a
+        problem that is solved first. Default: unknowns from nu = 0.499 on, where the condensed
+        problem takes many iterations, unless a term has a state of its own or the condensed
+        problem's solver was chosen.
 
     Attributes
     ----------
@@ -68,6 +95,9 @@ class NonlinearProblem:
         The pressure [Pa] of an element that has one.
     solver : PETSc.SNES
         The solver; its `ProjectedNewton` has the history of iterations.
+    newton, linear : int
+        Newton and linear iterations of the last solve or step: those of the prediction and of the
+        problem with unknown cell pressures included.
     reason : str
         Why the last solve ended: PETSc's name, followed by the cause of a failure, such as
         "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first one.
@@ -107,23 +137,57 @@ class NonlinearProblem:
         hessian: str | None = None,
         globalization: str | None = None,
         element: str | None = None,
-        predictor: str = _PREDICTORS[0],
+        predictor: str = "tangent",
+        static_condensation: bool | None = None,
     ) -> None:
-        choose("predictor", predictor, _PREDICTORS)
+        choose("predictor", predictor, PREDICTORS)
         _check_options(petsc_options_prefix, petsc_options)
+        self._load = _LoadFunction()
         self._problem = self._create(u, materials, bcs, terms, element)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
+        self.newton = self.linear = 0
         with self._petsc_options():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
-        self._predictor = solver.Predictor(self._problem, self.solver, predictor)
+            choices = {"hessian": hessian, "globalization": globalization}
+            pressures = self._cell_pressures(static_condensation, choices)
+        motion = self._motion()
+        self._steps = {
+            name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
+            for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
+        }
+        self._predictor = predictor
         self.b = self.solver.getFunction()[0]
         self._pressure = self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
     def _create(self, *arguments: Any) -> Problem:
         """Return the problem, from the arguments of `create_dolfinx_problem`."""
-        return create_dolfinx_problem(*arguments)
+        return create_dolfinx_problem(*arguments, on_load=self._load)
+
+    def _motion(self) -> TimeSteps | None:
+        """Return the steps in time."""
+        return None
+
+    def _cell_pressures(
+        self, wanted: bool | None, choices: Mapping[str, object]
+    ) -> CellPressures | None:
+        """Return the solver with unknown cell pressures, if it is chosen. Collective."""
+        problem, prefix = self._problem, self._prefix
+        if wanted is False and problem.element.volume != "mean":
+            accepted = f"None: {problem.element.name} has no cell pressures"
+            raise bad_value("static_condensation", wanted, accepted)
+        why_condensed = chosen_for_condensed(prefix, choices)
+        stateful = [term.name for term in problem.terms[1:] if not isinstance(term, UFLTerm)]
+        if stateful:
+            why_condensed = f"the term '{stateful[0]}' has a state of its own"
+            if wanted is False:
+                raise bad_value("static_condensation", wanted, f"None, as {why_condensed}")
+
+        def make_mixed() -> Problem:
+            return with_element(problem, with_cell_pressures(problem.element))
+
+        return choose_condensation(wanted, problem, make_mixed, why_condensed, prefix).pressures
 
     def solve(self) -> Any:
         """Solve with the present boundary values, constants and functions. Collective.
@@ -139,40 +203,74 @@ class NonlinearProblem:
             If the solver diverged and ``snes_error_if_not_converged`` is set. Otherwise
             ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
-        problem = self._problem
         self._read_displacement()
-        problem.history.begin_step(problem.split(self.x)[0])
-        with self._petsc_options(), solver.callback_errors():
-            if self._solve_until_settled(self._guess).converged:
-                problem.history.end_step(problem.split(self.x)[0])
+        changed = self._boundary_values_changed()
+        with self._petsc_options():
+            step = self._steps[self._predictor]
+            self._end(step.solve(1.0, predict=changed, restore=False))
         self._write_solution()
         return self.u
 
-    def _guess(self) -> None:
-        """Set the unknowns to the first guess. Collective."""
-        if self._boundary_values_changed():
-            self._predictor.predict(1.0)
-        else:
-            self._problem.set_load(1.0)
+    def steps(
+        self, number: int, set_load: Callable[[float], None] | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """Solve by load steps from the present displacement. Collective.
 
-    def _solve_until_settled(self, guess: Callable[[], None]) -> solver.Outcome:
-        """Solve from a guess, again while a term has new lagged quantities. Collective.
+        A step that fails is rolled back and halved, down to 1/64 of the nominal one, as in a run of
+        a scene. The next step starts when the loop asks for it.
 
-        Friction and pairs of self-contact that do not settle, and boundary values with which the
-        surface would intersect itself (`ipc`), have the converged reason DIVERGED_INNER.
+        Parameters
+        ----------
+        number : int
+            Number of equal steps in which the load goes from 0 to 1.
+        set_load : callable, optional
+            ``set_load(load)`` sets constants, functions and boundary values for a load from 0 to 1.
+            Without it the boundary values go from those of ``u`` to those of ``bcs``, in proportion
+            to the load.
+
+        Yields
+        ------
+        dict
+            The row of an attempted step, as in run.json: ``load``, ``converged``, ``reason``,
+            ``newton``, ``linear``, ``energy``, ``min_J``, ... ``u`` is the solution at that load,
+            or at the last that converged. If the load does not reach 1, the last row has
+            ``converged`` False.
+
+        Examples
+        --------
+        >>> for step in problem.steps(12):
+        ...     print(step["load"], step["newton"])
+        >>> assert step["converged"], problem.reason
         """
-        outcome = solver.Outcome()
+        problem, conditions = self._problem, self._problem.dirichlet
+        assert isinstance(conditions, DolfinxConditions)
+        self._read_displacement()
+        self._load.function = set_load
+        if set_load is None:
+            conditions.start = self.x.array_r[conditions.dofs]
+        problem.set_load(0.0)
+        problem.prescribe(self.x)
         try:
-            guess()
-            solver.solve_until_settled(self._problem, self.solver, outcome)
-        except NotSettled as error:
-            outcome.fail_inner(error)
-            self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return self._end(outcome)
+            yield from self._rows(number)
+        finally:
+            self._load.function = conditions.start = None
+
+    def _rows(self, number: int) -> Iterator[dict[str, Any]]:
+        """Yield the rows of the steps from the present load to 1."""
+        check_whole("number", number, 1, _MAX_STEPS)
+        rows = iter(Stepper(self._steps[PREDICTORS[self._predictor]], number))
+        while True:
+            with self._petsc_options():
+                row = next(rows, None)
+            if row is None:
+                return
+            self.reason, self.newton, self.linear = row["reason"], row["newton"], row["linear"]
+            self._write_solution()
+            yield row
 
     def _end(self, outcome: solver.Outcome) -> solver.Outcome:
-        """Set the attribute `reason`, and the SNES's converged reason if only it converged."""
-        self.reason = outcome.reason
+        """Keep the outcome of a step; the SNES has its converged reason."""
+        self.reason, self.newton, self.linear = outcome.reason, outcome.newton, outcome.linear
         if not outcome.converged and self.solver.getConvergedReason() > 0:
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return outcome

@@ -21,6 +21,7 @@ from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling
 from fem_snh.fem.self_contact.ipc import IPC
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 
 needs_ipctk = pytest.mark.skipif(
@@ -84,7 +85,7 @@ def steps(
     """Take load steps; yield their rows."""
     snes = solver.create(problem, globalization=globalization)
     snes.getPythonContext().options["snes_scaled_tol"] = tolerance
-    yield from Stepper(problem, snes, number, predictor)
+    yield from Stepper(StepSolver(problem, snes, predictor), number)
 
 
 def points(problem: Problem, term: IPC) -> np.ndarray:

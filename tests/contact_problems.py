@@ -21,6 +21,7 @@ from fem_snh.fem.shapes import Plane
 from fem_snh.fem.terms.contact import Contact, ObstacleContact
 from fem_snh.fem.terms.gravity import Gravity
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 
 
@@ -86,7 +87,7 @@ def accurate_snes(p, tolerance=1e-11):
 
 def press(p, steps=1, tolerance=1e-11):
     """Solve load steps and return the last row."""
-    stepper = Stepper(p, accurate_snes(p, tolerance), steps, "none")
+    stepper = Stepper(StepSolver(p, accurate_snes(p, tolerance), "none"), steps)
     rows = list(stepper)
     assert stepper.done, stepper.failure_message()
     return rows[-1]

@@ -20,7 +20,6 @@ QUICK = {
     f"{BENCH} bones": "--scene torso --cells 30 --steps 2",
     f"{BENCH} elbow": "--cells 12 --nus 0.3 --angles 90 --cells_of_biceps 0",
     f"{BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
-    f"{BENCH} fuzz": "--only skeleton --count 5",
     f"{BENCH} hessian_filters": "--elements Q1 --nus 0.3 --cells 1 --seeds 1",
     f"{BENCH} hertz": "--depths 0.2 --cells 2",
     f"{BENCH} interface": "--elements Q1P0 --cells 2",
@@ -43,7 +42,6 @@ QUICK = {
     f"{BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3 --cells 4",
     f"{BENCH} twist": "--cells 2",
     f"{BENCH} ufl_filter": "--elements Q1 --cells 2 --amplitude 0.02 --repeat 1",
-    f"{BENCH} locking": "--scenes cook --elements Q1 --nus 0.499 --cells 2",
     f"{BENCH} volume_split": "--elements Q1 --bounds 1 --stretches 1 --cells 1",
 }
 #: Beginning of a command -> the test that runs it, or for a script the file that does.

@@ -10,6 +10,7 @@ from contact_problems import accurate_snes, constant, contact_problem, march, no
 from fem_snh.fem import term_history
 from fem_snh.fem.terms.contact import Contact
 from fem_snh.runs import run
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
 
@@ -65,7 +66,7 @@ def settled(comm, friction, steps):
         E=1e4, density=1.0, gravity=(0, 0, -G), amplitude=lambda load: min(4 * load, 1.0),
         sideways=sideways,
     )  # fmt: skip
-    stepper = Stepper(p, accurate_snes(p), steps, "none")
+    stepper = Stepper(StepSolver(p, accurate_snes(p), "none"), steps)
     found = [(row, nodes_mean(p)) for row in stepper]
     assert stepper.done
     return [mean for _, mean in found], found[-1][0]["obstacles"]["ground"]

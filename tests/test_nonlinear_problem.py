@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 import ufl
 from bodies import PRESS
-from dolfinx import fem
-from dolfinx_programs import Bar, Press, converged, halves, unit_cube
+from dolfinx import fem, mesh
+from dolfinx_programs import Bar, Press, converged, halves, unit_cube, vector_space
 
 import fem_snh
+from fem_snh import scenes
+from fem_snh.errors import BadInput
 from fem_snh.runs.setup import set_up
 
 pytestmark = pytest.mark.mpi
 
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+SNH_4999 = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4999)
 TIGHT = {"snes_scaled_tol": 1e-11}
 
 
@@ -154,3 +157,102 @@ def test_solver_that_diverges(comm):
     with pytest.raises(PETSc.Error):
         problem.solve()
     assert not PETSc.Options("other_").hasName("snes_max_it")
+
+
+def turned(element: str, cell: str, cells: tuple[int, int, int], comm) -> tuple:
+    """Return the problem of a bar of rubber, nu = 0.4999, and the function that turns its top."""
+    kind = getattr(mesh.CellType, cell)
+    domain = mesh.create_box(comm, [[-0.5, -0.5, 0], [0.5, 0.5, 2]], cells, kind)
+    V = vector_space(domain, int(element[1]))
+    u, top = fem.Function(V), fem.Function(V)
+    ends = [
+        fem.locate_dofs_topological(
+            V, 2, mesh.locate_entities_boundary(domain, 2, lambda x, z=z: np.isclose(x[2], z))
+        )
+        for z in (0.0, 2.0)
+    ]
+
+    def turn(angle: float) -> None:
+        c, s = np.cos(angle) - 1, np.sin(angle)
+        top.interpolate(lambda x: np.stack([c * x[0] - s * x[1], s * x[0] + c * x[1], 0 * x[2]]))
+
+    bcs = [fem.dirichletbc(np.zeros(3), ends[0], V), fem.dirichletbc(top, ends[1])]
+    return fem_snh.NonlinearProblem(u, {SNH_4999: ufl.dx}, bcs=bcs, element=element), turn
+
+
+@pytest.mark.parametrize(
+    ("element", "cell", "cells"),
+    [("Q1P0", "hexahedron", (4, 4, 8)), ("P2P0", "tetrahedron", (3, 3, 6))],
+)
+def test_nearly_incompressible_bar_turned_by_86_degrees(comm, element, cell, cells):
+    """The condensed problem alone takes 137 Newton iterations with Q1P0, 283 with more of P2P0."""
+    problem, turn = turned(element, cell, cells, comm)
+    newton = 0
+    for angle in (0.5, 1.0, 1.5):
+        turn(angle)
+        problem.solve()
+        assert converged(problem)
+        newton += problem.newton
+    assert newton <= 40
+    residual = problem.b.duplicate()
+    problem.solver.computeFunction(problem.x, residual)
+    assert residual.norm() <= problem.solver.getPythonContext().scaled_tolerance
+
+
+def test_steps_of_a_program_are_those_of_a_scene(comm):
+    """The same mesh, conditions and load path: the same iterations, energies and displacements."""
+    scene = scenes.load(
+        "twist", cells=3, element="Q1P0", nu=0.4999, steps=3, predictor="extrapolate"
+    )
+    setup = set_up(comm, scene)
+    expected, (move,) = list(setup.stepper), scene.motions
+    body = Press(setup.problem.domain)
+    nodes, X = body.dofs(2, 1.0), body.V.tabulate_dof_coordinates()
+    top = body.top.x.array.reshape(-1, 3)
+
+    def set_load(load: float) -> None:
+        top[nodes] = move.displacement(X[nodes], load)
+
+    materials = {SNH_4999: ufl.dx}
+    problem = fem_snh.NonlinearProblem(body.u, materials, bcs=body.bcs, element="Q1P0")
+    rows = list(problem.steps(3, set_load))
+    assert [row["load"] for row in rows] == [1 / 3, 2 / 3, 1]
+    for row, wanted in zip(rows, expected, strict=True):
+        for key in ("load", "converged", "reason", "newton", "mixed_newton"):
+            assert row[key] == wanted[key]
+        assert row["energy"] == pytest.approx(wanted["energy"], rel=1e-9)
+        assert row["volume_ratio"] == pytest.approx(wanted["volume_ratio"], rel=1e-9)
+    assert difference(comm, body.u.x.array, setup.problem.u.x.array) < 1e-8
+
+
+def test_steps_go_to_the_boundary_values_in_proportion(comm):
+    """Heights of a press by 0.3 in three steps, and of one from the pressed state."""
+    body = Press(unit_cube(comm, 2), height=-0.3)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    nodes, heights = body.dofs(2, 1.0), []
+    for row in problem.steps(3):
+        assert row["converged"]
+        heights.append(body.u.x.array.reshape(-1, 3)[nodes, 2])
+    for load, height in zip((1 / 3, 2 / 3, 1), heights, strict=True):
+        np.testing.assert_allclose(height, -0.3 * load, rtol=1e-14)
+    body.top.x.array[2::3] = 0.1
+    first = next(problem.steps(4))
+    assert first["load"] == 0.25
+    np.testing.assert_allclose(body.u.x.array.reshape(-1, 3)[nodes, 2], -0.2, rtol=1e-14)
+
+
+def test_steps_that_fail_are_halved_and_restored(comm):
+    """With three Newton iterations a press by 60 % fails; its parts converge."""
+    body = Press(unit_cube(comm, 2), height=-0.6)
+    problem = fem_snh.NonlinearProblem(
+        body.u, {SNH: ufl.dx}, bcs=body.bcs, petsc_options={"snes_max_it": 3}
+    )
+    before, rows = body.u.x.array.copy(), []
+    for row in problem.steps(1):
+        rows.append(row)
+        if not rows[0]["converged"] and len(rows) == 1:
+            np.testing.assert_array_equal(body.u.x.array, before)
+    assert [row["load"] for row in rows][:2] == [1.0, 0.5]
+    assert not rows[0]["converged"] and rows[-1]["converged"] and rows[-1]["load"] == 1
+    with pytest.raises(BadInput, match="number = 0: expected a whole number from 1"):
+        next(problem.steps(0))

@@ -20,6 +20,7 @@ from fem_snh.fem.elements import ELEMENTS
 from fem_snh.fem.self_contact.pressure import SelfContactPressure
 from fem_snh.fem.self_contact.reference import ReferenceContact
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 
 COMM = MPI.COMM_WORLD
@@ -57,7 +58,7 @@ def blocks(
     )
     snes = solver.create(p)
     snes.getPythonContext().options["snes_scaled_tol"] = 1e-8
-    rows = list(Stepper(p, snes, 1, "none"))
+    rows = list(Stepper(StepSolver(p, snes, "none"), 1))
     assert rows[-1]["converged"], rows[-1]["reason"]
     return p, rows[-1]
 

@@ -121,8 +121,22 @@ def test_problems_that_cannot_have_it(comm):
         fem_snh.NonlinearProblem(press.u, {}, bcs=press.bcs, terms=[psi, contact])
     with pytest.raises(BadInput, match="expected at most one"):
         fem_snh.NonlinearProblem(press.u, {MATERIAL: ufl.dx}, terms=[contact, contact])
-    with pytest.raises(BadInput, match="'ipc': expected reference"):
-        fem_snh.DynamicProblem(
-            press.u, {MATERIAL: ufl.dx}, {MATERIAL: 1.0}, duration=1.0,
-            terms=[fem_snh.SelfContact("ipc")],
-        )  # fmt: skip
+
+
+@mpi
+def test_a_barrier_in_motion(comm):
+    """The first guess, by the velocity, would pass through the other jaw; no state does."""
+    if find_spec("ipctk") is None:
+        pytest.skip("ipctk is not installed")
+    gaps, shut = [], []
+    problem, close = clip(
+        comm, fem_snh.DynamicProblem, densities={MATERIAL: 100.0}, duration=1.0,
+        integrator="backward_euler", set_time=lambda t: shut[0](t**2),
+        terms=[fem_snh.SelfContact("ipc", distance=0.01)],
+    )  # fmt: skip
+    shut.append(close)
+    for row in problem.steps(6):
+        assert row["converged"], problem.reason
+        gaps.append(-jaws_overlap(problem.u))
+    assert problem.time == 1 and min(gaps) > 0
+    assert gaps[-1] < 0.011 and row["self_contact"]["pairs"] > 0

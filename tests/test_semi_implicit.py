@@ -38,9 +38,9 @@ def bar(stiff: float = 2e11, **keys: Any) -> Scene:
 def exact_steps(scene: Scene) -> np.ndarray:
     """Return the displacement after linearised steps that numpy solves, of this rank's nodes."""
     setup = set_up(MPI.COMM_WORLD, scene)
-    p, transient = setup.problem, setup.stepper.transient
+    p, transient = setup.problem, setup.stepper.motion
     assert transient is not None and isinstance(transient.dynamics, Dynamics)
-    steps, first = transient.time.steps, p.x.getOwnershipRange()
+    steps, first = setup.stepper.steps, p.x.getOwnershipRange()
     for k in range(1, steps + 1):
         p.history.begin_step(p.split(p.x)[0])
         transient.begin_step(k / steps)

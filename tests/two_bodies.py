@@ -17,6 +17,7 @@ from fem_snh.fem.problem import Problem
 from fem_snh.fem.terms.body_contact import BodyContact
 from fem_snh.fem.terms.surface_pair import BodyPair
 from fem_snh.kernels.pointwise import material
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 
 #: The constants of LLNL's contact patch test, and its displacement.
@@ -87,7 +88,7 @@ class TwoBlocks:
         """Press in some steps and return the last row; ``tolerance`` is that of the residual."""
         snes = solver.create(self.problem)
         snes.getPythonContext().options["snes_scaled_tol"] = tolerance
-        rows = list(Stepper(self.problem, snes, steps, "none"))
+        rows = list(Stepper(StepSolver(self.problem, snes, "none"), steps))
         assert rows[-1]["converged"], rows[-1]["reason"]
         return rows[-1]
 

@@ -10,7 +10,6 @@ import shutil
 import signal
 import sys
 import time
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from typing import Any
 from fem_snh import cli
 
 #: Modules of `benchmarks.fuzz` that define families.
-MODULES = ("meshes", "surfaces", "motions", "scenes", "commands")
+MODULES = ("meshes", "surfaces", "motions")
 #: Limits of a case's processor time and elapsed time [s]; a case takes a second or two.
 _PROCESSOR, _ELAPSED = 60, 300
 #: Where a case is made and run: its input, and what the program printed.
@@ -71,11 +70,7 @@ def run_case(name: str, family: Family, seed: int, folder: Path) -> dict[str, An
     arguments = family.make(Random(f"{name} {seed}"), where / _INPUT)
     (where / "arguments.txt").write_text("\n".join(arguments), encoding="utf-8", errors="replace")
     before = _digests(where / _INPUT)
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", DeprecationWarning
-        )  # of BLAS's threads, which wait for work
-        child = os.fork()
+    child = os.fork()
     if child == 0:
         _run(family, arguments, where)  # does not return
     code = _wait(child)

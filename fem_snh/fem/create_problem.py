@@ -98,3 +98,14 @@ def create_problem(
     )
     problem.skin = mesh.skin
     return problem
+
+
+def with_element(problem: Problem, element: Element) -> Problem:
+    """Return the same problem with another element of the same displacement space. Collective.
+
+    It has a displacement of its own. Both share their conditions and terms, which must keep nothing
+    from one evaluation to the next.
+    """
+    unknowns = create_unknowns(_dolfinx.function(problem.V, "displacement"), element)
+    others = problem.terms[1:]
+    return Problem(unknowns, element, problem.regions, problem.dirichlet, others)

@@ -52,6 +52,12 @@ class DolfinxConditions:
     on_load : callable, optional
         ``on_load(load)`` sets these values for a load parameter.
 
+    Attributes
+    ----------
+    start : (n,) or None
+        The values of `dofs` at load 0, from which they go to the present ones at load 1, in
+        proportion to the load; None: the present ones at every load.
+
     Raises
     ------
     BadInput
@@ -82,12 +88,15 @@ class DolfinxConditions:
         update_ghosts(mask)
         self.constrained: Array = local_values(mask).reshape(-1, 3) > 0
         self.dofs: Array = np.flatnonzero(mask.array_r)
+        self.start: Array | None = None
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set the constrained entries of ``x`` to their present values."""
+        """Set the constrained entries of ``x`` to their values at a load."""
         if self._on_load is not None:
             self._on_load(load)
         _dolfinx.set_bcs(x.array, self._bcs)
+        if self.start is not None:
+            x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
 
 
 def create_dolfinx_problem(

@@ -44,6 +44,8 @@ class CellPressures:
         The condensed problem.
     mixed : Problem
         The same with unknown pressures (`fem_snh.fem.elements.with_cell_pressures`).
+    prefix : str, optional
+        Prefix of its solver's options in PETSc's database.
 
     Attributes
     ----------
@@ -53,9 +55,9 @@ class CellPressures:
         The iterations of the last solve.
     """
 
-    def __init__(self, problem: Problem, mixed: Problem) -> None:
+    def __init__(self, problem: Problem, mixed: Problem, prefix: str = solver.PREFIX) -> None:
         self._problem, self._mixed = problem, mixed
-        self.snes = solver.create(mixed)
+        self.snes = solver.create(mixed, prefix=prefix)
         self.snes.setTolerances(max_it=_MAX_IT)
         self._predictor = solver.Predictor(mixed, self.snes, "tangent")
         self._residual = problem.x.duplicate()

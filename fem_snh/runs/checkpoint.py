@@ -25,7 +25,6 @@ import numpy.typing as npt
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, read_text
 from fem_snh.run_files import CHECKPOINT
 from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import Folder
@@ -68,7 +67,7 @@ class Writer:
         BadInput
             On every rank, if the file cannot be written.
         """
-        problem, before = self._stepper.problem, self._stepper.predictor.before
+        problem, before = self._stepper.problem, self._stepper.solver.predictor.before
         arrays = {}
         for name, field in self._fields.items():
             arrays[f"{name}_nodes"], arrays[name] = field.nodes, field.gather(problem.x)
@@ -76,8 +75,8 @@ class Writer:
                 arrays[f"{name}_before"] = field.gather(before[1])
         arrays |= gather_terms(problem)
         motion: dict[str, Any] | None = None
-        if transient := self._stepper.transient:
-            arrays["motion"], motion = gather_motion(problem, transient.dynamics)
+        if steps := self._stepper.motion:
+            arrays["motion"], motion = gather_motion(problem, steps.dynamics)
         about = {
             "scene": self._scene,
             "record": record,
@@ -161,16 +160,16 @@ class Checkpoint:
             self._scatter(field, name, order, problem.x)
             if before is not None:
                 self._scatter(field, f"{name}_before", order, before)
-            if name == "u" and (transient := stepper.transient):
+            if name == "u" and (steps := stepper.motion):
                 rows = self._rows("motion", order)
-                restore_motion(problem, transient.dynamics, rows, about["motion"])
+                restore_motion(problem, steps.dynamics, rows, about["motion"])
         problem.set_load(self.load)
         problem.split(problem.x)
         problem.matrix.set_constrained_diagonal(about["diagonal"])
         stepper.size.next = about["size"]
         restore_terms(problem, self._arrays)
         if before is not None:
-            stepper.predictor.before = (about["load_before"], before)
+            stepper.solver.predictor.before = (about["load_before"], before)
 
     def _order(self, field: nodal_values.NodalField, name: str) -> Array:
         """Return, on rank 0, the index of the stored values of each node."""
@@ -217,7 +216,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     """
     path = folder / CHECKPOINT
     try:
-        with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
+        with np.load(path, allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
         about = json.loads(arrays.pop("about").tobytes())
     except FileNotFoundError:
@@ -233,7 +232,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
 def _finished(folder: Path, load: float) -> dict[str, Any] | None:
     """Return the content of run.json if the run reached load 1, else None."""
     try:
-        record: dict[str, Any] = json.loads(read_text(folder / "run.json"))
+        record: dict[str, Any] = json.loads((folder / "run.json").read_text())
     except (OSError, ValueError):
         return None
     return record if record.get("converged") and load == 1.0 else None

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fem_snh.runs.obstacle_series import ObstacleSeries
     from fem_snh.runs.requested_fields import RequestedFields
     from fem_snh.runs.skin_series import SkinSeries
-    from fem_snh.runs.transient import Transient
+    from fem_snh.runs.time_steps import TimeSteps
 
 #: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
 SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
@@ -46,7 +46,7 @@ class Fields:
         Further fields, of `fem_snh.output_fields.ON_REQUEST`.
     at : {"cells", "nodes"}
         Where they are written.
-    transient : Transient, optional
+    motion : TimeSteps, optional
         The time integration of a scene in time.
     files : RunFiles, optional
         The run's files.
@@ -64,11 +64,11 @@ class Fields:
         resumed: bool = False,
         names: Sequence[str] = (),
         at: str = "cells",
-        transient: Transient | None = None,
+        motion: TimeSteps | None = None,
         files: RunFiles | None = None,
     ) -> None:
         #: The time of load 1.
-        self._duration = transient.time.duration if transient else 1.0
+        self._duration = motion.duration if motion else 1.0
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
@@ -96,7 +96,7 @@ class Fields:
             from fem_snh.runs.requested_fields import RequestedFields
 
             self._requested = RequestedFields(
-                problem, names, at, transient.functions if transient else {}
+                problem, names, at, motion.functions if motion else {}
             )
         self.jit_seconds = perf_counter() - start
 

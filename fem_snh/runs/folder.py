@@ -21,26 +21,25 @@ from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
-from fem_snh.notes import Note
 from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
 
 if TYPE_CHECKING:
-    from fem_snh.runs.transient import Transient
+    from fem_snh.runs.time_steps import TimeSteps
 
 #: Columns of steps.csv that every run has.
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
-    "energy", "volume_ratio", "min_J", "min_cell_J", "max_u", "nonfinite", "seconds",
+    "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")
 
 
 def describe(
-    scene: Scene, problem: Problem, snes: PETSc.SNES, transient: Transient | None = None
+    scene: Scene, problem: Problem, snes: PETSc.SNES, motion: TimeSteps | None = None
 ) -> dict[str, Any]:
     """Return the content of run.json before the first step. Collective.
 
@@ -52,7 +51,7 @@ def describe(
         Its discretised problem.
     snes : PETSc.SNES
         Its nonlinear solver.
-    transient : Transient, optional
+    motion : TimeSteps, optional
         Its time integration.
 
     Returns
@@ -65,8 +64,7 @@ def describe(
         _describe_material(choice, region)
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
-    texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
-    notes = [Note("load", text).record() for text in texts]
+    notes = [note for term in problem.terms if (note := getattr(term, "note", ""))]
     return {
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,
@@ -81,7 +79,7 @@ def describe(
         "cells": problem.num_cells,
         "dofs": problem.dofs,
         "ranks": problem.comm.size,
-        **({"time": transient.about} if transient else {}),
+        **({"time": _describe_time(scene, problem, motion)} if motion else {}),
         **_describe_obstacles(scene, problem),
         **_describe_bones(scene, problem),
         "load_name": scene.load_name,
@@ -102,6 +100,16 @@ def describe(
             "python": platform.python_version(),
         },
     }
+
+
+def _describe_time(scene: Scene, problem: Problem, motion: TimeSteps) -> dict[str, Any]:
+    """Return the scene's table, and energies, momenta and reactions at the start. Collective."""
+    table = {} if scene.time is None else scene.time.model_dump()
+    given = {key: value for key, value in table.items() if value is not None}
+    start = motion.energies()
+    if reactions := problem.reactions(problem.x):
+        start["reactions"] = reactions
+    return given | {"start": start}
 
 
 def _describe_obstacles(scene: Scene, problem: Problem) -> dict[str, Any]:

@@ -22,10 +22,15 @@ from fem_snh.fem.probes import Probes
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Filling
 from fem_snh.kernels.pointwise import material
-from fem_snh.runs.condensation import Condensation, choose_condensation
+from fem_snh.runs.condensation import (
+    Condensation,
+    choose_condensation,
+    chosen_for_condensed,
+)
 from fem_snh.runs.loads import load_terms
 from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.result import Result
+from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 
 if TYPE_CHECKING:
@@ -53,8 +58,6 @@ class Setup:
         This rank's processor seconds, without compilation.
     condensation : Condensation
         Whether cell pressures are eliminated.
-    make : callable or None
-        Makes the problem on the same mesh with another element; None of a scene in time.
     """
 
     problem: Problem
@@ -63,22 +66,19 @@ class Setup:
     seconds: dict[str, float]
     processor: float
     condensation: Condensation
-    make: Callable[[elements.Element], Problem] | None = None
 
     def result(
         self, converged: bool, status: str, record: dict[str, Any], out: Path | None
     ) -> Result:
         """Return the result of the run."""
-        transient = self.stepper.transient
-        motion = transient.dynamics if transient else None
+        steps = self.stepper.motion
+        motion = steps.dynamics if steps else None
         return Result(converged, status, record, self.problem, out, motion)
 
     def destroy(self) -> None:
         """Destroy the solvers; the problem remains. Collective."""
         solver.destroy(self.snes)
-        for auxiliary in (self.stepper.continuation, self.stepper.pressures):
-            if auxiliary:
-                auxiliary.destroy()
+        self.stepper.solver.destroy()
 
 
 def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
@@ -111,24 +111,36 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
-    transient = None
+    motion = None
     if motions and scene.time:
-        from fem_snh.runs.transient import start_motion
+        from fem_snh.runs.time_steps import start_motion
 
-        transient = start_motion(problem, motions[0], scene.time, scene.start)
+        motion = start_motion(problem, motions[0], scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
     bones = _bone_records(problem) if scene.bone else None
     mixed = elements.with_cell_pressures(element)
-    condensation = choose_condensation(scene, problem, lambda: make(element=mixed))
-    pressures = condensation.pressures
-    stepper = Stepper(
-        problem, snes, steps, scene.predictor, probes, continuation, transient, bones, pressures
+    condensation = choose_condensation(
+        scene.static_condensation, problem, lambda: make(element=mixed), _why_condensed(scene)
     )
+    pressures = condensation.pressures
+    blend = bones.blend() if bones and scene.predictor == "bones" else None
+    step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
+    every = scene.time.output_every if scene.time else 1
+    stepper = Stepper(step, steps, probes, bones, every)
     jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
-    other = None if scene.time else lambda element: make(element=element)
-    return Setup(problem, snes, stepper, seconds, working, condensation, other)
+    return Setup(problem, snes, stepper, seconds, working, condensation)
+
+
+def _why_condensed(scene: scenes.Scene) -> str:
+    """Return why the pressures of a scene's cells are eliminated at any ratio; empty if not."""
+    if reason := scenes.why_condensed(scene):
+        return reason
+    if scene.start is not None:
+        return "a start far from equilibrium, where the energy has to be minimised"
+    choices = {"hessian": scene.hessian, "globalization": scene.globalization}
+    return chosen_for_condensed(solver.PREFIX, choices)
 
 
 def _bone_records(problem: Problem) -> BoneRecords:
@@ -171,7 +183,7 @@ def make_problem(
     def terms(mesh: meshes.Mesh, u: Any, regions: Any, dirichlet: Any) -> list[Term]:
         if not scene.time or motions is None:
             return load_terms(scene, mesh, u, regions, dirichlet)
-        from fem_snh.runs.transient import create_dynamics
+        from fem_snh.runs.time_steps import create_dynamics
 
         motions.append(create_dynamics(scene.time, u, regions, dirichlet))
         loads = load_terms(scene, mesh, u, regions, dirichlet, motions[-1].mass)

@@ -28,6 +28,8 @@ class Outcome:
         Whether it failed for want of memory, so that a shorter step fails as well.
     linear_residual : float or None
         The relative residual of the linear system of a linearised step.
+    predicted : int
+        Linear iterations of the predictor; 0 if it solved no linear system.
     """
 
     converged: bool = False
@@ -36,6 +38,17 @@ class Outcome:
     history: list[Iteration] = field(default_factory=list)
     out_of_memory: bool = False
     linear_residual: float | None = None
+    predicted: int = 0
+
+    @property
+    def newton(self) -> int:
+        """Newton iterations; the tangent predictor assembles a Hessian too, and counts as one."""
+        return len(self.history) + (self.predicted > 0)
+
+    @property
+    def linear(self) -> int:
+        """Linear iterations, those of the predictor included."""
+        return self.predicted + sum(iteration.linear for iteration in self.history)
 
     def add_solve(self, snes: PETSc.SNES) -> None:
         """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""

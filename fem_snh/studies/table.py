@@ -11,17 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.files import read_text
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
 #: Columns of the results of a run.
 MEASURED = (
-    "converged status notes load newton clamped linear energy volume_ratio min_J residual "
+    "converged status load newton clamped linear energy volume_ratio min_J residual "
     "seconds num_cells dofs"
 ).split()
-#: The column ``notes`` of a run without notes.
-NO_NOTES = "none"
 
 
 class Table:
@@ -41,7 +38,7 @@ class Table:
 
     def rows(self) -> list[dict[str, str]]:
         """Return the rows as text, without a last line that was cut off."""
-        text = read_text(self.path)
+        text = self.path.read_text(encoding="utf-8")
         complete = text[: text.rfind("\n") + 1]
         return list(csv.DictReader(io.StringIO(complete)))
 
@@ -74,7 +71,7 @@ class Table:
 def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
     """Return the record that a point left in its folder; empty if it left none."""
     try:
-        record: dict[str, Any] = json.loads(read_text(folder / name))
+        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return record
@@ -82,8 +79,6 @@ def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
 
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
     """Return the results of a run as the columns MEASURED, ``nonfinite`` and ``max_u``.
-
-    ``notes`` has the kinds of the notes on the run, with spaces between.
 
     Iterations are summed over all steps, converged or not; energy, volume and the other state
     variables are those of the last converged step.
@@ -103,8 +98,6 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     last = ("load", "energy", "volume_ratio", "min_J", "residual", "max_u")
     row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in summed}
     row |= {key: converged[-1].get(key) for key in last if converged}
-    # Not empty: pandas would read a missing value.
-    row["notes"] = " ".join(note["kind"] for note in record.get("notes", ())) or NO_NOTES
     row["converged"] = code == 0 and record.get("converged") is True
     row["status"] = record.get("status") if code in (0, 1) else None
     row["status"] = row["status"] or failure_message(log, code)

@@ -1,4 +1,4 @@
-"""What a run in time has beside the load steps: the motion, its error, its rows and its history."""
+"""What steps in time have beside load steps: the motion, its error and its rows."""
 
 from __future__ import annotations
 
@@ -26,58 +26,48 @@ _FORCES = 1e3
 _LEAST_UNIT = 1e-3
 
 
-class Transient:
-    """The time integration of a scene. Its methods are collective.
+class TimeSteps:
+    """The steps of a motion in time, as `StepSolver` makes them. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem, which has the terms of ``dynamics``.
     dynamics : Dynamics
-        The motion, with its start.
-    time : Time
-        The scene's table.
-
-    Attributes
-    ----------
-    time : Time
-        The scene's table.
-    dynamics : Dynamics
         The motion.
-    start : dict
-        Energies and momenta at the start (`Dynamics.energies`), and the reactions of the chosen
-        groups.
+    duration : float
+        The time [s] in which the load goes from 0 to 1.
+    semi_implicit : bool
+        Whether a step is one linearised step.
+    tolerance : float, optional
+        Largest error of a step, relative to the body's size V^(1/3); the steps are as long as it
+        permits. Default: equal steps.
     """
 
-    def __init__(self, problem: Problem, dynamics: Dynamics, time: Time) -> None:
-        self.time, self.dynamics, self._problem = time, dynamics, problem
+    def __init__(
+        self,
+        problem: Problem,
+        dynamics: Dynamics,
+        duration: float,
+        semi_implicit: bool,
+        tolerance: float | None = None,
+    ) -> None:
+        self.dynamics, self.duration, self.semi_implicit = dynamics, duration, semi_implicit
+        self.tolerance = tolerance
+        self._problem = problem
         inner = [problem.elastic, *dynamics.terms]
         self._loads = [term for term in problem.terms if term not in inner]
-        self.start = self._energies()
-        if reactions := problem.reactions(problem.x):
-            self.start["reactions"] = reactions
-
-    @property
-    def semi_implicit(self) -> bool:
-        """Whether a step is one linearised step."""
-        return self.time.integrator == "semi_implicit"
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """The scene's table, and energies, momenta and reactions at the start, for run.json."""
-        table = {key: v for key, v in self.time.model_dump().items() if v is not None}
-        return table | {"start": self.start}
 
     @property
     def functions(self) -> dict[str, Any]:
         """The fields that output may have, by the names of `fem_snh.output_fields.IN_TIME`."""
         return {"velocity": self.dynamics.v, "acceleration": self.dynamics.a}
 
-    def step_size(self) -> StepSize:
-        """Return the sizes of the time steps."""
-        if self.time.tolerance is None:
-            return StepSize(self.time.steps)
-        return AdaptiveStepSize(self.time.steps, self.dynamics.integrator.order)
+    def step_size(self, steps: int) -> StepSize:
+        """Return the sizes of the time steps, of which ``steps`` nominal ones have the duration."""
+        if self.tolerance is None:
+            return StepSize(steps)
+        return AdaptiveStepSize(steps, self.dynamics.integrator.order)
 
     def extrapolate(self, x: PETSc.Vec, load: float) -> None:
         """Move the displacement in ``x`` with its velocity, to the time of a load.
@@ -85,7 +75,7 @@ class Transient:
         The acceleration is left out: that of the stiff modes is noise on a long time step.
         """
         v = self.dynamics.v.x.array[: self.dynamics.mass.num_owned]
-        x.array[: len(v)] += (load - self._before) * self.time.duration * v
+        x.array[: len(v)] += (load - self._before) * self.duration * v
 
     def begin_step(self, load: float) -> float:
         """Begin a step from the problem's state to a load; return the unit of its residual [N].
@@ -115,15 +105,6 @@ class Transient:
         """End a step that failed, with the state at its start."""
         self.dynamics.cancel_step()
 
-    def row(self, load: float, before: float) -> dict[str, Any]:
-        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
-        duration = self.time.duration
-        return {
-            "time": load * duration,
-            "time_step": (load - before) * duration,
-            **self._energies(),
-        }
-
     def _inertial_force(self) -> float:
         """Return the norm of M a [N]."""
         force = _dolfinx.create_vector(self._problem.V)
@@ -131,7 +112,16 @@ class Transient:
         add_ghosts(force)
         return float(force.norm())
 
-    def _energies(self) -> dict[str, Any]:
+    def row(self, load: float, before: float) -> dict[str, Any]:
+        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
+        duration = self.duration
+        return {
+            "time": load * duration,
+            "time_step": (load - before) * duration,
+            **self.energies(),
+        }
+
+    def energies(self) -> dict[str, Any]:
         """Return energies and momenta; "energy" is the sum of those that the body has [J]."""
         found = self.dynamics.energies(self._problem)
         parts = [found[key] for key in ("kinetic", "elastic", "potential")]
@@ -160,7 +150,7 @@ def create_dynamics(
 
 def start_motion(
     problem: Problem, dynamics: Dynamics, time: Time, start: Start | None
-) -> Transient:
+) -> TimeSteps:
     """Set the initial velocity and acceleration at the problem's initial displacement. Collective.
 
     The initial displacement meets the boundary values at the start.
@@ -169,4 +159,5 @@ def start_motion(
     problem.prescribe(problem.x)
     problem.history.begin_step(problem.split(problem.x)[0])
     dynamics.start(problem, initial_velocity(problem, start) if start else None)
-    return Transient(problem, dynamics, time)
+    semi_implicit = time.integrator == "semi_implicit"
+    return TimeSteps(problem, dynamics, time.duration, semi_implicit, time.tolerance)
