@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tradeoff_rows import OF, assessed, by_hand
+from tradeoff_rows import OF, assessed, by_hand, row
 
 from benchmarks import tradeoff_tables
 from fem_snh import scenes
@@ -63,7 +63,7 @@ def test_advice_in_words() -> None:
     five, one, tenth = advice.sentences(assessed(), (0.2, 0.01, 1e-9))
     assert five.startswith("hand, nu = 0.3, 20 % of displacement: use Q2Q1, 2 cells: ")
     assert "0.08 s, 1.2 times the cheapest; Q1 takes 51 times that" in five
-    assert "Q1 does not reach it: 16 cells, 51 times that, 12 %" in one
+    assert "Q1 does not reach it: 16 cells, 51 times that, 13 %" in one
     assert "unknown, the reference resolves errors above" in tenth
     lines = advice.by_element(assessed(), (0.2,))
     assert [line[:3] for line in lines] == [
@@ -155,3 +155,76 @@ def test_every_row_of_a_packaged_table_can_be_run(scene: str) -> None:
         loaded = scenes.load(scene, nu=nu, **chosen.values({}))
         assert loaded.element == chosen.choice.element and loaded.petsc["snes_scaled_tol"]
         assert nu < 0.5 or ELEMENTS[loaded.element].volume == "pressure"
+
+
+def test_the_bound_contains_the_error_of_the_reference() -> None:
+    """Values that converge to 1, with orders mixed so that the extrapolated reference is off.
+
+    With the distance to the reference alone, the bound of some row is below its true error.
+    """
+    rows = [row("Q1", n, 1 - 0.4 / n) for n in (4, 8, 16)]
+    rows += [row("Q2Q1", n, 1 - 0.2 / n - 0.3 / n**3) for n in (2, 4, 8, 16)]
+    table = errors.assess(pd.DataFrame(rows), OF, lambda line: None)
+    true = abs(table["probe_p_x"] - 1)
+    known = table["error_displacement"].notna()
+    assert known.sum() == len(rows)
+    bounds = pd.Series([errors.error_bound(line) for line in table.to_dict("records")])
+    assert (bounds >= true).all()
+    without = np.maximum(table["error_displacement"], table["floor_displacement"])
+    assert (without < true).any()
+    own = table["floor_displacement"] / 10
+    measured = table["error_displacement"] >= table["floor_displacement"]
+    expected = (table["error_displacement"] + own) / (1 - own)
+    assert bounds[measured].tolist() == pytest.approx(expected[measured].tolist(), rel=1e-12)
+
+
+def saved(folder: Path, **columns: Any) -> Path:
+    """A table with these columns changed."""
+    path = folder / "advice.csv"
+    advice.advice(assessed()).assign(**columns).to_csv(path, index=False)
+    return path
+
+
+def test_a_table_of_another_scene_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = saved(tmp_path)
+    words = ["run", "block", "--nu", "0.3", "--accuracy", "20%", "--accuracy-table", str(path)]
+    assert main(words) == 2
+    assert "it is of the scene hand, not of block" in capsys.readouterr().err
+    saved(tmp_path, scene="block", mesh="other.msh", cells=None)
+    assert main(words) == 2
+    assert "it is of mesh files, other.msh, and block generates its mesh" in capsys.readouterr().err
+
+
+def test_a_table_of_another_mesh_is_refused(toml: Path) -> None:
+    """The scene's mesh is known by its content: in the study, or among the table's meshes."""
+    folder = toml.parent
+    for name in ("block.msh", "same.msh", "other.msh"):
+        (folder / name).write_text("other" if name == "other.msh" else "mesh")
+    own = scenes.load(toml).model_copy(update={"mesh": folder / "block.msh", "name": "hand"})
+    for name, accepted in (("same.msh", True), ("other.msh", False), ("gone.msh", False)):
+        path = saved(folder, mesh=str(folder / name), cells=None)
+        if accepted:
+            assert accuracy.choose("hand", 0.3, 0.2, path, own).choice.mesh == str(folder / name)
+            continue
+        with pytest.raises(BadInput, match=r"mesh = .*block\.msh: expected the mesh"):
+            accuracy.choose("hand", 0.3, 0.2, path, own)
+    digest = accuracy.file_digest(folder / "block.msh")
+    (folder / "tradeoff.json").write_text(json.dumps({"files": {"block.msh": digest}}))
+    assert accuracy.choose("hand", 0.3, 0.2, path, own).choice.mesh.endswith("gone.msh")
+
+
+def test_every_changed_setting_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also the number of load steps, on a line and in run.json."""
+    path = saved(tmp_path, scene="block", steps=2)
+    words = ["run", "block", "--nu", "0.3", "--accuracy", "20%", "--accuracy-table", str(path)]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+    line = capsys.readouterr().out.splitlines()[1]
+    assert line.startswith("accuracy: changes of the scene: ")
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    changed = record["accuracy"]["changed"]
+    assert changed["element"] == ["Q2", "Q2Q1"] and changed["steps"] == [4, 2]
+    assert changed["cells"] == [8, 2] and "eigensolver" not in changed
+    for key, (old, new) in changed.items():
+        assert f"{key} = {new}" in line and (old is None or f"{key} = {new} for {old}" in line)

@@ -107,14 +107,17 @@ def _by_accuracy(
 
     asked = accuracy.fraction(args.accuracy)
     own = scenes.load(args.scene, **overrides)
-    chosen = accuracy.choose(args.scene, own.nu, asked, args.accuracy_table)
+    chosen = accuracy.choose(args.scene, own.nu, asked, args.accuracy_table, own)
+    changed = chosen.changes(own)
     overrides = overrides | chosen.values(overrides)
     if not args.quiet:
         print(chosen.message(), flush=True)
+        if line := accuracy.changes_message(changed):
+            print(line, flush=True)
         given = [key for key, v in overrides.items() if v is not None]
         if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
             print(f"accuracy: the table was measured without changes of {', '.join(other)}")
-    return overrides, chosen.record(asked)
+    return overrides, chosen.record(asked, changed)
 
 
 def scene_list() -> str:

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.files import read_text
+from fem_snh.files import file_digest, read_text
 from fem_snh.studies.tradeoff.errors import error_bound
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice
 
@@ -60,11 +62,23 @@ class Chosen:
                 )
         return mine
 
-    def record(self, asked: float) -> dict[str, Any]:
-        """Return the entry ``accuracy`` of run.json."""
+    def changes(self, own: scenes.Scene) -> dict[str, list[Any]]:
+        """Return what the settings change in a scene: {key: [its value, the new one]}."""
+        found = {}
+        for key, value in self.choice.values().items():
+            name, _, option = key.partition(".")
+            before = own.petsc.get(option) if option else getattr(own, name)
+            before = before if isinstance(before, int | float | None) else str(before)
+            if before != value:
+                found[key] = [before, value]
+        return found
+
+    def record(self, asked: float, changed: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the entry ``accuracy`` of run.json; ``changed`` is that of `changes`."""
         knobs = {key: getattr(self.choice, key) for key in ("element", "cells", *KNOBS)}
         found = {"asked": asked, "table": self.table, "nu": self.nu, "error": self.error}
-        return {"accuracy": found | {"processor_seconds": self.cpu} | knobs}
+        found |= {"processor_seconds": self.cpu, "changed": dict(changed)}
+        return {"accuracy": found | knobs}
 
     def message(self) -> str:
         """Return a line for the terminal."""
@@ -89,7 +103,22 @@ def fraction(text: Any) -> float:
     return number
 
 
-def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) -> Chosen:
+def changes_message(changed: Mapping[str, Sequence[Any]]) -> str:
+    """Return a line for the terminal with every setting that is changed, or ""."""
+    words = [
+        f"{key} = {new}" + (f" for {old}" if old is not None else "")
+        for key, (old, new) in changed.items()
+    ]
+    return f"accuracy: changes of the scene: {', '.join(words)}" if words else ""
+
+
+def choose(
+    scene: str,
+    nu: float,
+    accuracy: float,
+    table: Path | None = None,
+    own: scenes.Scene | None = None,
+) -> Chosen:
     """Return the cheapest settings within ``accuracy``, measured at the next nu at or above ``nu``.
 
     Parameters
@@ -98,13 +127,18 @@ def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) ->
         Relative error of the displacement.
     table : Path, optional
         An advice.csv or tradeoff.csv; None: that of the built-in scene.
+    own : Scene, optional
+        The scene, of which the table must be.
 
     Raises
     ------
     BadInput
-        If there is no table, no such nu, or no row so accurate.
+        If there is no table, it is that of another scene or mesh, has no such nu, or no row so
+        accurate.
     """
     name, rows = _rows(scene, table)
+    if table is not None and own is not None:
+        _check_scene(table, rows, own)
     nus = sorted({row["nu"] for row in rows})
     if not nus or nu > nus[-1]:
         there = f"up to {nus[-1]:g}" if nus else "no nu with an error"
@@ -123,6 +157,44 @@ def choose(scene: str, nu: float, accuracy: float, table: Path | None = None) ->
         )
     row = min(within, key=lambda row: float(row["cpu"]))
     return Chosen(name, at, row["choice"], row["error"], row["cpu"])
+
+
+def _check_scene(table: Path, rows: Sequence[Mapping[str, Any]], own: scenes.Scene) -> None:
+    """Raise BadInput unless a table was measured for a scene, and for its mesh."""
+    others = sorted({row["scene"] for row in rows} - {own.name})
+    if others:
+        raise BadInput(
+            f"accuracy-table {table}: it is of the scene {others[0]}, not of {own.name}: expected "
+            "a table that `fem-snh tradeoff` has made for this scene"
+        )
+    meshes = sorted({row["choice"].mesh for row in rows} - {""})
+    if not isinstance(own.mesh, Path):
+        if meshes:
+            raise BadInput(
+                f"accuracy-table {table}: it is of mesh files, {meshes[-1]}, and {own.name} "
+                "generates its mesh: expected a table of this scene"
+            )
+        return
+    known = {_digest(Path(mesh)) for mesh in meshes} | _studied_digests(table)
+    if _digest(own.mesh) not in known:
+        raise BadInput(
+            f"accuracy-table {table}: mesh = {own.mesh}: expected the mesh that the scene had in "
+            f"the study (tradeoff.json beside the table), or one of {', '.join(meshes) or 'none'}"
+        )
+
+
+def _digest(path: Path) -> str | None:
+    """Return the digest of a file; None if it is not there."""
+    return file_digest(path) if path.is_file() else None
+
+
+def _studied_digests(table: Path) -> set[str]:
+    """Return the digests of the files of a study's scene, from tradeoff.json beside its table."""
+    try:
+        definition = json.loads((table.parent / "tradeoff.json").read_text(encoding="utf-8"))
+        return set(definition["files"].values())
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return set()  # a table without its study, or another file of this name
 
 
 def _rows(scene: str, table: Path | None) -> tuple[str, list[dict[str, Any]]]:
@@ -152,7 +224,7 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
     columns = reader.fieldnames or ()
     error = "error" if "error" in columns else "error_displacement"
     more = () if error == "error" else ("floor_displacement", "shift")
-    needed = ("nu", "element", "cells", *KNOBS, "cpu", error, *more)
+    needed = ("scene", "nu", "element", "cells", *KNOBS, "cpu", error, *more)
     if missing := [column for column in needed if column not in columns]:
         raise BadInput(f"accuracy-table {name}: has no column {', '.join(missing)}")
     rows = []
@@ -162,7 +234,7 @@ def _parse(text: str, name: str) -> list[dict[str, Any]]:
         try:
             known = {key: float(line[key]) for key in ("nu", "cpu", error, *more)}
             known["error"] = error_bound(known) if more else known["error"]
-            rows.append({**known, "choice": _choice(line)})
+            rows.append({**known, "scene": line["scene"], "choice": _choice(line)})
         except (TypeError, ValueError) as wrong:
             raise BadInput(f"accuracy-table {name}, line {reader.line_num}: {wrong}") from None
     return rows

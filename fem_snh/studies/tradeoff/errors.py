@@ -10,6 +10,7 @@ import pandas as pd
 
 from fem_snh.studies.tradeoff.reference import (
     LOCKING_FREE,
+    MARGIN,
     Reference,
     Vector,
     establish,
@@ -121,8 +122,12 @@ def shifts(table: pd.DataFrame, components: Sequence[str]) -> pd.Series:
 def error_bound(row: Mapping[str, Any], name: str = "displacement") -> float:
     """Return an upper bound of a row's error; NaN if it is unknown.
 
-    It contains the shift by a changed setting, which could cancel the error of the mesh by chance.
+    It contains the shift by a changed setting, which could cancel the error of the mesh by chance,
+    and the reference's own error r = floor / MARGIN: a value that differs by e from a reference
+    which differs by r from the solution has an error of at most (e + r) / (1 - r).
     """
     error, floor = float(row[f"error_{name}"]), float(row[f"floor_{name}"])
-    shift = float(row["shift"])
-    return max(error + (shift if shift == shift else 0.0), floor)
+    shift, own = float(row["shift"]), floor / MARGIN
+    if own >= 1:
+        return float("inf")
+    return max((error + (shift if shift == shift else 0.0) + own) / (1 - own), floor)
