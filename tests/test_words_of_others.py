@@ -24,6 +24,8 @@ WORDS: list[tuple[dict[str, Any], str]] = [
     ({"traction": [{"force": 1}]}, "traction.0: unknown key 'force': .*did you mean 'vector'"),
     ({"pressure": [{"magnitude": 1}]}, "unknown key 'magnitude': .*did you mean 'value'"),
     ({"hold": [{"surface": "a"}]}, "hold.0: unknown key 'surface': .*did you mean 'group'"),
+    ({"move": [{"value": 1}]}, "unknown key 'value': .*did you mean 'translate'"),
+    ({"barrier": True}, r"unknown parameter 'barrier': .*did you mean \[material\]"),
     ({"move": [{"displacement": 1}]}, "unknown key 'displacement': .*did you mean 'translate'"),
     ({"material.Young": 1}, "unknown parameter 'Young': .*did you mean 'E'"),
     ({"material.rho": 1}, "unknown parameter 'rho': .*did you mean 'density'"),
@@ -69,8 +71,23 @@ def test_lists_with_commas() -> None:
     )
     assert found.reactions == ["top", "bottom"] and found.volumes == ["3"]
     assert found.move[0].components == ("x", "y")
+    moved = scenes.load("twist", **{"move.0.translate": "0,0, 0.1"}).move[0]
+    assert moved.translate == (0.0, 0.0, 0.1)
+    with pytest.raises(BadInput, match="translate = '0;0;1': expected three finite numbers"):
+        scenes.load("twist", **{"move.0.translate": "0;0;1"})
     with pytest.raises(BadInput, match=r"reactions = \['a', ''\]: expected a list of names"):
         scenes.load("twist", reactions="a,")
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("key", "group", "where"),
+    [("hold.0.group", "botom", "hold.0.group"), ("reactions", ["botom"], "reactions")],
+)
+def test_the_key_of_an_unknown_group(key: str, group: Any, where: str) -> None:
+    message = rf"{where} = 'botom': no physical group 'botom' in the mesh \(did you mean 'bottom'\?"
+    with pytest.raises(BadInput, match=message):
+        fem_snh.run("twist", cells=1, progress=False, **{key: group})
 
 
 def test_public_names_are_listed() -> None:

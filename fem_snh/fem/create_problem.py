@@ -15,7 +15,7 @@ from fem_snh.fem.boundary_conditions import (
     Motion,
     NodalMotion,
 )
-from fem_snh.fem.elements import Element
+from fem_snh.fem.elements import ELEMENTS, Element
 from fem_snh.fem.measures import Reactions, group_cells
 from fem_snh.fem.mesh import Mesh
 from fem_snh.fem.problem import Problem
@@ -76,7 +76,9 @@ def create_problem(
         On every rank, if mesh, element, material and physical groups do not fit together.
     """
     if mesh.cell != element.cell:
-        accepted = f"an element with {mesh.cell} cells, like the mesh; it has {element.cell}s"
+        fitting = ", ".join(e.name for e in ELEMENTS.values() if e.cell == mesh.cell)
+        accepted = f"an element with {mesh.cell} cells, like the mesh: one of {fitting}; it has "
+        accepted += f"{element.cell}s"
         raise bad_value("element", element.name, accepted)
     domain = mesh.domain
     V = _dolfinx.function_space(domain, element.degree, (3,))

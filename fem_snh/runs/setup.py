@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
+from fem_snh.errors import BadInput
 from fem_snh.fem import elements
 from fem_snh.fem import mesh as meshes
 from fem_snh.fem.create_problem import create_problem
@@ -92,6 +93,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     start, working = perf_counter(), process_time()
     element = elements.element(scene.element, scene.quadrature)
     mesh = make_mesh(comm, scene, element)
+    _check_groups(scene, mesh)
     meshed = perf_counter()
 
     motions: list[Dynamics] = []
@@ -147,6 +149,15 @@ def _bone_records(problem: Problem) -> BoneRecords:
     from fem_snh.runs.bones import BoneRecords
 
     return BoneRecords(problem)
+
+
+def _check_groups(scene: scenes.Scene, mesh: meshes.Mesh) -> None:
+    """Raise BadInput, with the scene's key, for a physical group that the mesh does not have."""
+    for where, key in scenes.group_references(scene):
+        try:
+            mesh.group(key)
+        except BadInput as error:
+            raise BadInput(f"{where} = {key!r}: {error}") from None
 
 
 def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:

@@ -11,7 +11,7 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.scenes._consistency import why_condensed
+from fem_snh.scenes._consistency import group_references, why_condensed
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
 from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
@@ -48,7 +48,8 @@ __all__ = [
     "GROUP", "OBSTACLE_FILES", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping",
     "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes", "Move",
     "ObstacleChoice", "Pressure", "Probe", "Rig", "Rotate", "Scene", "SelfContact", "Spring",
-    "Start", "Tetrahedra", "Time", "Traction", "describe", "function", "load", "names",
+    "Start", "Tetrahedra", "Time", "Traction", "describe", "function", "group_references",
+    "load", "names",
     "obstacle_names", "own_parameters", "read_obstacles", "read_toml", "validate",
     "why_condensed",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 #: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
 #: ratio solves problems without inertia.
 _QUASI_STATIC = ("modes", "nu_continuation")
+
+#: Tables with a key ``group``.
+_GROUP_TABLES = (
+    "hold", "move", "bone", "traction", "pressure", "spring", "cavity", "obstacle",
+)  # fmt: skip
 
 
 def check_consistency(scene: Scene) -> None:
@@ -51,6 +57,24 @@ def check_consistency(scene: Scene) -> None:
     else:
         _check_quasi_static(scene)
     _check_constraints(scene.hold, scene.move)
+
+
+def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
+    """Return the dotted keys of a scene that name physical groups, and the groups."""
+    for number, material in enumerate(scene.materials):
+        if material.group is not None:
+            where = f"material.{number}" if isinstance(scene.material, list) else "material"
+            yield f"{where}.group", material.group
+    for table in _GROUP_TABLES:
+        for number, entry in enumerate(getattr(scene, table)):
+            if entry.group is not None:
+                yield f"{table}.{number}.group", entry.group
+    for number, contact in enumerate(scene.contact):
+        for group in contact.groups:
+            yield f"contact.{number}.groups", group
+    for key in ("reactions", "volumes"):
+        for group in getattr(scene, key):
+            yield key, group
 
 
 def why_condensed(scene: Scene) -> str:

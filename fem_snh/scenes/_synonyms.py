@@ -14,7 +14,8 @@ _WORDS: dict[tuple[str, ...], str] = {
     ("translate", "[[move]]", "[[hold]]"): (
         "displacement displacements displ disp u ux uy uz dx dy dz ddl_impo char_meca prescribed "
         "prescribed_displacement prescribed_displacements imposed imposed_displacement dirichlet "
-        "dirichletbc dirichlet_bc bc bcs boundary boundary_condition boundary_conditions motion"
+        "dirichletbc dirichlet_bc bc bcs boundary boundary_condition boundary_conditions motion "
+        "value vector"
     ),
     ("[[hold]]",): (
         "fix fixed fixed_displacement fixed_support fixedconstraint fixed_constraint encastre "
@@ -24,11 +25,12 @@ _WORDS: dict[tuple[str, ...], str] = {
     ("components",): "axes axis dof dofs direction directions degrees_of_freedom fixed_directions",
     ("vector", "[[traction]]"): (
         "force forces force_face force_surfacique load loads surface_load surface_force cload "
-        "dload dsload traction tractions neumann neumann_bc t surface_traction constant_force_field"
+        "value dload dsload traction tractions neumann neumann_bc t surface_traction "
+        "constant_force_field"
     ),
     ("value", "[[pressure]]"): (
         "pressure pressures pres pres_rep follower follower_load follower_pressure inflation "
-        "magnitude p surface_pressure surface_pressure_force_field"
+        "magnitude vector p surface_pressure surface_pressure_force_field"
     ),
     ("vector", "[gravity]"): (
         "gravity g body_force body_load body_forces weight pesanteur gravitation acceleration "
@@ -59,6 +61,7 @@ _WORDS: dict[tuple[str, ...], str] = {
     ),
     ("[modes]",): "mode frequency frequencies eigenvalues eigenfrequencies modal buckle",
     ("[material]",): (
+        "barrier alpha alpha_mu alpha_lambda lambda_part epsilon exponents weights c1 c2 density "
         "materials mat mats elasticity hyperelastic hyperelasticity hyperelasticmaterial "
         "constitutive constitutive_law constitutive_model material_law defi_materiau affe_materiau"
     ),

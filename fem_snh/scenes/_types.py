@@ -22,6 +22,16 @@ MAX_CELLS = 10_000
 MAX_STEPS = 1_000_000
 
 
+def split_numbers(values: object) -> object:
+    """Return the numbers of a comma list, as the command line gives them; another text as it is."""
+    if not isinstance(values, str):
+        return values
+    try:
+        return [float(value) for value in values.split(",")]
+    except ValueError:
+        return values
+
+
 def split_text(names: object) -> object:
     """Return the names of a comma list, as the command line gives them."""
     return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
@@ -36,7 +46,11 @@ Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 Steps = Annotated[int, Whole(1, MAX_STEPS)]
 Count = Annotated[int, Whole(1, INT32_MAX)]
 Seed = Annotated[int, Whole(0, INT64_MAX)]
-Vector = Annotated[tuple[Bounded, Bounded, Bounded], Expect("three finite numbers, [x, y, z]")]
+Vector = Annotated[
+    tuple[Bounded, Bounded, Bounded],
+    Expect("three finite numbers, [x, y, z]"),
+    BeforeValidator(split_numbers),
+]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Expect("a matrix, three rows of three numbers")]
 Range = Annotated[tuple[Bounded, Bounded], Expect("two finite numbers")]
 GroupKey = Annotated[
