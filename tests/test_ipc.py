@@ -38,6 +38,88 @@ def test_two_blocks_pressed_together():
     assert size > 0.1 and other.solves == 1
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_one_function_along_a_line(friction):
+    """Energy, forces and Hessian of a step, where pairs end and begin, against differences.
+
+    The upper block lifts off and slides: all pairs end on the way.
+    """
+    problem, term = pressed(MPI.COMM_SELF, shear=0.1, friction=friction)
+    *_, last = steps(problem, 4)
+    assert last["converged"]
+    start, d, X, h = problem.x.copy(), problem.x.duplicate(), problem.coordinates, 1e-6
+    motion = np.zeros(X.shape)
+    motion[X[:, 2] > 1 + GAP / 2] = [-0.3, 0.1, 1.0]
+    d.array[:] = motion.ravel()
+    problem.history.begin_step(problem.split(start)[0])
+    problem.set_load(problem.load)
+
+    def at(t):
+        x = start.copy()
+        x.axpy(t, d)
+        return x
+
+    def energy(t):
+        return term.energy(problem.split(at(t))[0])
+
+    def forces(t):
+        x = at(t)
+        problem.gradient(x, r := x.duplicate(), [term])
+        return r
+
+    def product(t):
+        u, found = problem.split(at(t))[0], d.duplicate()
+        problem.matrix.couple([term.couplings(u)])
+        with problem.matrix.adding():
+            term.add_hessian(u, None, "exact", problem.matrix)
+        problem.matrix.mat.mult(d, found)
+        found.array[problem.constrained_dofs] = 0.0
+        return found
+
+    free, counts = np.ones(len(d.array)), []
+    free[problem.constrained_dofs] = 0.0
+    slopes = [forces(t).dot(d) for t in (-0.002, 0.003, 0.009, 0.02)]
+    scale = max(map(abs, slopes))
+    for t, slope in zip((-0.002, 0.003, 0.009, 0.02), slopes, strict=True):
+        assert (energy(t + h) - energy(t - h)) / (2 * h) == pytest.approx(slope, abs=1e-6 * scale)
+        counts.append(term.record(problem.split(at(t))[0])["self_contact"]["pairs"])
+    assert counts[0] > counts[2] > counts[3] == 0
+    d.array[:] *= free
+    for t in (-0.002, 0.003, 0.009):
+        difference, expected = forces(t + h) - forces(t - h), product(t)
+        difference.array[:] *= free / (2 * h)
+        assert (difference - expected).norm() < 1e-6 * product(-0.002).norm()
+
+
+@pytest.mark.parametrize("length", [1e100, 1e160, 1e300])
+@pytest.mark.parametrize("direction", ["together", "along"])
+def test_a_step_of_any_length_ends(direction, length):
+    """The part up to the collision, or a part of it; ipctk's squares of 1e160 m overflow.
+
+    Along each other, 0.05 apart, parts take as many iterations as their way is longer than that.
+    """
+    _, term = pressed(COMM)
+    X = term.surface.support.X
+    d = np.zeros(X.shape)
+    d[X[:, 2] > 1 + GAP / 2, {"together": 2, "along": 0}[direction]] = -length
+    x, moved = term.surface.points, term.surface.interpolate(d)
+    part = term.collision_surface.largest_step(x, moved)
+    if direction == "together":
+        assert part * length == pytest.approx(0.9 * GAP, rel=1e-6)
+    else:
+        assert part > 0
+    assert isinstance(part, float)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_part_of_a_step_that_is_not_finite(value):
+    _, term = pressed(COMM)
+    x = term.surface.points
+    d = np.zeros(x.shape)
+    d[0, 2] = value
+    assert term.collision_surface.largest_step(x, d) == 0.0
+
+
 def test_force_is_that_of_the_strain():
     """With nu = 0 both blocks are springs in series, and the barrier takes a part of the gap."""
     rollers = [Hold("bottom", ("z",)), Hold("left", ("x",)), Hold("front", ("y",))]

@@ -22,6 +22,12 @@ _DISTANCE = 0.1
 _OF_SMALLEST = 0.9
 #: Smallest distance in the mesh, in edges, of two parts that do not touch.
 _TOUCHING = 1e-4
+#: Iterations for one pair, after which the length reached so far is taken, which is free of
+#: collisions. By default there are ten million: parts that slide along each other by far more than
+#: their distance take as many as the ratio of both.
+_CCD_ITERATIONS = 1000
+#: Longest step [m] that ipctk gets: it squares distances, and does not return where they overflow.
+_LARGEST = 1e140
 #: Candidates are searched this many activation distances farther than collisions reach; they are
 #: valid until a point has moved by half of it.
 _MARGIN = 1.0
@@ -79,7 +85,7 @@ class CollisionSurface:
         self.bodies = csgraph.connected_components(graph, directed=False)[1]
         # Additive CCD (Li et al. 2021, section 4) is conservative. ipctk's default, an interval
         # search, takes up to 100 times as long where faces approach each other in parallel.
-        self._ccd = self.ipctk.AdditiveCCD()
+        self._ccd = self.ipctk.AdditiveCCD(_CCD_ITERATIONS)
         self._candidates: tuple[Array, float, Any] | None = None
         self._triangles = triangles
 
@@ -157,13 +163,18 @@ class CollisionSurface:
     def largest_step(self, x: Array, d: Array) -> float:
         """Return a length in [0, 1] up to which x + s d (n, 3) meets no collision.
 
-        It is 1 if there is none, else about 0.9 of the length at the first one.
+        It is 1 if there is none, else about 0.9 of the length at the first one; 0 if d is not
+        finite, with which ipctk does not return.
         """
-        start, end = _rows(x), _rows(x + d)
+        largest = np.abs(d).max(initial=0.0)
+        if not np.isfinite(largest):
+            return 0.0
+        part = min(1.0, _LARGEST / max(float(largest), 1.0))
+        start, end = _rows(x), _rows(x + part * d)
         step = self.ipctk.compute_collision_free_stepsize(
             self.mesh, start, end, narrow_phase_ccd=self._ccd
         )
-        return float(step)
+        return part * float(step)
 
     def _near(self, x: Array, distance: float) -> Any:
         """Return the candidates of collisions within a distance, of a recent search if possible."""

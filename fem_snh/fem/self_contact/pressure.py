@@ -30,7 +30,7 @@ class SelfContactPressure:
     ----------
     V : dolfinx function space
         The displacement's space.
-    term : ReferenceContact or IPCContact
+    term : ReferenceContact or IPC
         The contact.
     """
 
