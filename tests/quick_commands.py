@@ -11,6 +11,7 @@ QUICK = {
     "fem-snh run twist --element P2P1": "--element Q1 --cells 2 --steps 1",
     f"{BENCH} assembly": "--elements Q1 --material stable_neo_hookean --cells 2 --repeat 1",
     f"{BENCH} contact_patch": "--elements Q1 --upper 2 --stiffness 1 --methods penalty",
+    f"{BENCH} contact_methods": "--scenes patch --methods penalty",
     f"{BENCH} cell_pressures": "--elements P2P0 --scenes block --nus 0.49 --cells 4",
     f"{BENCH} convergence_orders": "--elements Q1 --nus 0.3 --cells 1,2",
     f"{BENCH} bounce": "--integrators bdf2 --cells 2 --steps 5",

@@ -84,7 +84,8 @@ def load_terms(
             first, second = (surface_facets(mesh, "contact.groups", key) for key in contact.groups)
             tolerance = contact.absolute_tolerance(volume(mesh.domain))
             name, k = contact.name, contact.stiffness
-            pairs.append(BodyPair(name, first, second, k, contact.augmented, tolerance))
+            method = contact.augmented, tolerance, scene.time is None
+            pairs.append(BodyPair(name, first, second, k, *method))
         terms.append(BodyContact(V, regions, pairs))
     if scene.self_contact:
         from fem_snh.fem.self_contact.choice import SelfContact

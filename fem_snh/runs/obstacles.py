@@ -38,6 +38,7 @@ def obstacle_contact(
                 choice.absolute_tolerance(size),
                 choice.augmented,
                 facets,
+                scene.time is None,
             )
         )
     term = ObstacleContact(V, regions, contacts)

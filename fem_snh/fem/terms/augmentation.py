@@ -4,13 +4,35 @@ from __future__ import annotations
 
 import math
 
+from fem_snh.fem.terms.settling import relative
+
 #: Default tolerance of the gap in the height of the cell at the surface.
 TOLERANCE = 1e-3
+#: With the default tolerance the sum of the pressures' changes by an augmentation, k |g|, is below
+#: this part of the force, too: a small load leaves a small gap, without any augmentation. What the
+#: force then lacks is smaller by E/(k h), which is a tenth or less.
+FORCE_TOLERANCE = 0.02
+#: Below this part of the tolerance of the gap forces are not looked at: with the default stiffness
+#: pressures of 1e-5 E, as of surfaces that just part, may be noise of Newton's method.
+_UNSEEN = 1e-3
 #: Augmentations that leave more than this part of the gap increase the stiffness by this factor
 #: (Nocedal & Wright 2006, framework 17.3), at most to this multiple of the default stiffness.
 #: Multipliers at more points than a facet can follow need it: without, a ball of 3 cells that
 #: bounces stops after 50 augmentations, with it a step takes about 20 Newton iterations.
 _SLOW, _FACTOR, _LARGEST = 0.25, 4.0, 1e4
+
+
+def multiplier_change(change: float, force: float, gap: float) -> float:
+    """Return the change of multipliers in its tolerance.
+
+    Parameters
+    ----------
+    change, force : float
+        Sum of the pressures' changes by an augmentation, and of the pressures [N].
+    gap : float
+        The largest gap of points in contact, in its tolerance.
+    """
+    return min(relative(change, force, FORCE_TOLERANCE), gap / _UNSEEN)
 
 
 class PenaltyGrowth:

@@ -20,7 +20,7 @@ from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.ghosted_vectors import nodal_vectors, writable_values
 from fem_snh.fem.obstacles import Obstacle
 from fem_snh.fem.regions import Region
-from fem_snh.fem.terms.augmentation import TOLERANCE, PenaltyGrowth
+from fem_snh.fem.terms.augmentation import TOLERANCE, PenaltyGrowth, multiplier_change
 from fem_snh.fem.terms.contact_pair import ContactPair
 from fem_snh.fem.terms.friction import Friction
 from fem_snh.fem.terms.obstacle_work import ObstacleWork
@@ -59,6 +59,9 @@ class Contact(NamedTuple):
         Whether multipliers reduce the penetration below the tolerance.
     facets : (n,) int or None
         Local numbers of the facets that may touch it; None for the whole boundary.
+    limits_force : bool
+        With the default tolerance, whether the change of the force is limited, too. In time it need
+        not be: what a step's force lacks, the next one has.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Contact(NamedTuple):
     tolerance: float | None = None
     augmented: bool = False
     facets: Any = None
+    limits_force: bool = True
 
 
 class ObstacleContact:
@@ -188,9 +192,14 @@ class ObstacleContact:
             if c.augmented:
                 gaps = np.abs(at.gap) / tolerance[at.which, None]
                 error = self.comm.allreduce(gaps[at.pressure > 0].max(initial=0.0), op=MPI.MAX)
-                if error > 1:
+                found = [LaggedChange(error, f"obstacle '{c.name}': the gap")]
+                if c.tolerance is None and c.limits_force:
+                    change, force = self.comm.allreduce(np.array(pair.augmentation(at)))
+                    what = f"obstacle '{c.name}': the change of multipliers"
+                    found.append(LaggedChange(multiplier_change(change, force, error), what))
+                if not largest_change(found).settled:
                     pair.augment(at, error)
-                changes.append(LaggedChange(error, f"obstacle '{c.name}': the gap"))
+                changes += found
             if friction:
                 ratio = friction.settle(at, self.comm, _SETTLED)
                 what = f"obstacle '{c.name}': the change of friction's normal forces"

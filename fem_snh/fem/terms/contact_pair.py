@@ -191,6 +191,13 @@ class ContactPair:
         self._gaps = u.copy(), (*found, curvature.reshape(*x.shape, 3))
         return self._gaps[1]
 
+    def augmentation(self, at: ContactPoints) -> tuple[float, float]:
+        """Return the sum of the pressures' changes by `augment`, and that of pressures [N]."""
+        change, weights = self.multipliers.copy(), self.surface.weights
+        change[at.which] -= at.pressure
+        force = (weights[at.which] * at.pressure).sum()
+        return float((weights * np.abs(change)).sum()), float(force)
+
     def augment(self, at: ContactPoints, gap: float) -> None:
         """Set the multipliers to the contact pressures (Wriggers 2006, section 6.3.4).
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import bad_value
 from fem_snh.fem.contact.gathered_surface import GatheredSurface, Side
-from fem_snh.fem.terms.augmentation import PenaltyGrowth
+from fem_snh.fem.terms.augmentation import PenaltyGrowth, multiplier_change
 from fem_snh.fem.terms.settling import LaggedChange, largest_change, relative
 from fem_snh.fem.terms.surface_pass import SurfacePass
 
@@ -46,6 +46,9 @@ class BodyPair(NamedTuple):
         Whether multipliers reduce the penetration below the tolerance.
     tolerance : float or None
         Largest penetration [m] with the augmented Lagrangian; None for the default.
+    limits_force : bool
+        With the default tolerance, whether the change of the force is limited, too. In time it need
+        not be: what a step's force lacks, the next one has.
     """
 
     name: str
@@ -54,6 +57,7 @@ class BodyPair(NamedTuple):
     stiffness: float | None = None
     augmented: bool = False
     tolerance: float | None = None
+    limits_force: bool = True
 
 
 class SurfacePair:
@@ -100,6 +104,7 @@ class SurfacePair:
         if len(np.intersect1d(first.nodes, second.nodes)):
             raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
         self.name, self.augmented = pair.name, pair.augmented
+        self._limits_force = pair.tolerance is None and pair.limits_force
         self.stiffness, self._tolerance, self._surface = stiffness, tolerance, surface
         boxes = (np.ptp(surface.X[side.nodes.ravel()], axis=0) for side in (first, second))
         reach = _REACH * min(float(np.linalg.norm(box)) for box in boxes)
@@ -144,12 +149,17 @@ class SurfacePair:
             return changed
         gap = max(one.largest_gap(x) for one in self.passes)
         error = gap / self._tolerance
-        if error > 1:
+        found = [LaggedChange(error, f"contact '{self.name}': the gap")]
+        if self._limits_force:
+            change, force = np.sum([one.augmentation(x) for one in self.passes], axis=0)
+            what = f"contact '{self.name}': the change of multipliers"
+            found.append(LaggedChange(multiplier_change(change, force, error), what))
+        if not largest_change(found).settled:
             factor = self._growth.update(gap)
             for one in self.passes:
                 one.set_multipliers(x)
                 one.stiffness = factor * self.stiffness / 2
-        return largest_change([changed, LaggedChange(error, f"contact '{self.name}': the gap")])
+        return largest_change([changed, *found])
 
     def reset(self) -> None:
         """Reset the multipliers to those of the last step."""

@@ -137,6 +137,12 @@ class SurfacePass:
         self.multipliers[at.point] = pressure
         self._evaluated = None
 
+    def augmentation(self, x: Array) -> tuple[float, float]:
+        """Return the sum of the pressures' changes by `set_multipliers`, and of pressures [N]."""
+        at, change = self.touching(x), self.multipliers.copy()
+        change[at.point] -= at.pressure
+        return float(self.weights @ np.abs(change)), float(self.weights[at.point] @ at.pressure)
+
     def largest_gap(self, x: Array) -> float:
         """Return the largest distance between points that exert a force and their facets [m]."""
         at = self.touching(x)
