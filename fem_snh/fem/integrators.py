@@ -122,6 +122,8 @@ class Integrator(Protocol):
         Weight of the forces at a step's end in the work that they do in the step.
     uses_old_forces : bool
         Whether the balance of a step contains the forces at its start.
+    shift : float
+        How much later than a step's end its acceleration is, as a part of the step.
     """
 
     name: str
@@ -129,6 +131,7 @@ class Integrator(Protocol):
     num_steps: int
     end_weight: float
     uses_old_forces: bool
+    shift: float
 
     def formulas(self, h: float, state: State) -> StepFormulas:
         """Return the formulas of a step of h seconds from a state."""
@@ -137,7 +140,7 @@ class Integrator(Protocol):
 class BackwardEuler:
     """v = (u - u_0) / h, a = (v - v_0) / h. Order 1; damps all frequencies."""
 
-    order, num_steps, end_weight, uses_old_forces = 1, 1, 1.0, False
+    order, num_steps, end_weight, uses_old_forces, shift = 1, 1, 1.0, False, 0.0
 
     def __init__(self, name: str = "backward_euler") -> None:
         self.name = name
@@ -156,7 +159,8 @@ class BDF2:
     1 + sqrt(2) times as long as the one before.
     """
 
-    name, order, num_steps, end_weight, uses_old_forces = "bdf2", 2, 2, 1.0, False
+    name, order, num_steps, end_weight = "bdf2", 2, 2, 1.0
+    uses_old_forces, shift = False, 0.0
 
     def formulas(self, h: float, state: State) -> StepFormulas:
         """Return the formulas of a step."""
@@ -196,10 +200,10 @@ class GeneralizedAlpha:
 
     def __init__(self, alpha_m: float, alpha_f: float, name: str = "generalized_alpha") -> None:
         self.name, self._alpha_m, self._alpha_f = name, alpha_m, alpha_f
-        self._shift = alpha_m - alpha_f
-        self._gamma = 0.5 - self._shift
-        self._beta = (1 - self._shift) ** 2 / 4
-        self.num_steps = 2 if self._shift else 1
+        self.shift = alpha_m - alpha_f
+        self._gamma = 0.5 - self.shift
+        self._beta = (1 - self.shift) ** 2 / 4
+        self.num_steps = 2 if self.shift else 1
         self.uses_old_forces = alpha_f > 0
         # Newmark's forces are in balance at both ends: their work is that of the trapezoidal rule.
         self.end_weight = 1 - alpha_f if alpha_f else 0.5
@@ -213,14 +217,14 @@ class GeneralizedAlpha:
     def formulas(self, h: float, state: State) -> StepFormulas:
         """Return the formulas of a step (Newmark 1959 for velocity and acceleration)."""
         beta, gamma, a = self._beta, self._gamma, state.a
-        if self._shift and state.before and state.before.size != h:
+        if self.shift and state.before and state.before.size != h:
             before = state.before
-            a = a + self._shift * (h / before.size - 1) * (a - before.a)
+            a = a + self.shift * (h / before.size - 1) * (a - before.a)
         rate = 1 / (beta * h**2)
         origin = state.u + h * state.v + h**2 * (0.5 - beta) * a
         velocity_rate = gamma * h * rate
         velocity_origin = origin - (state.v + h * (1 - gamma) * a) / velocity_rate
-        error = h**2 * (beta + self._shift / 2 - 1 / 6)
+        error = h**2 * (beta + self.shift / 2 - 1 / 6)
         weight = 1 - self._alpha_f
         return StepFormulas(
             Affine(velocity_rate, velocity_origin),

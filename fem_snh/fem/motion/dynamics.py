@@ -176,7 +176,7 @@ class Dynamics:
 
     def cancel_step(self) -> None:
         """End a step that failed: the problem is again at the step's start. Collective."""
-        self._balance.set_motion(self.a.x.array, self._damping)
+        self._set_motion()
 
     def end_step(self, problem: Problem) -> None:
         """Accept the step, before `TermHistory.end_step`. Collective."""
@@ -193,16 +193,17 @@ class Dynamics:
         if self._needs_forces:
             forces = balance.other_forces(problem) + damping
             if self._motion.moves:
-                mean = weight * (forces + balance.inertial_forces(a))
-                mean += (1 - weight) * (self._forces + balance.inertial_forces(state.a))
+                old = self._acceleration(state.a, state.before and state.before.a)
+                new = self._acceleration(a, formulas.old_acceleration)
+                mean = weight * (forces + balance.inertial_forces(new))
+                mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
                 dofs = problem.constrained_dofs
                 self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
             self._forces = forces
         self._damping = damping
-        # The problem's gradient is now the sum of all forces at the step's end: its reactions.
-        balance.set_motion(a, damping)
         self.v.x.array[:], self.a.x.array[:] = v, a
         self._before = Before(h, state.u, state.v, formulas.old_acceleration)
+        self._set_motion()
 
     def local_error(self, problem: Problem) -> float:
         """Return an estimate of the solved step's local error, before `end_step`. Collective.
@@ -291,7 +292,26 @@ class Dynamics:
         none, owned = np.zeros(self.mass.num_owned), slice(self.mass.num_owned)
         self._damping = fields.get("damping", none)[owned]
         self._forces = fields.get("forces", none)[owned]
-        self._balance.set_motion(self.a.x.array, self._damping)
+        self._set_motion()
+
+    def _set_motion(self) -> None:
+        """Make the problem's gradient the sum of all forces at the present state. Collective."""
+        a = self._acceleration(self.a.x.array, self._before and self._before.a)
+        self._balance.set_motion(a, self._damping)
+
+    def _acceleration(self, a: Array, before: Array | None) -> Array:
+        """Return the acceleration at a step's end, of second order, as the integrator's may not be.
+
+        Parameters
+        ----------
+        a, before : (3 local nodes,)
+            The integrator's acceleration in the step, and in the one before, if there is one.
+        """
+        shift = self.integrator.shift
+        if not shift or before is None:
+            return a
+        # That of constrained dofs is the prescribed motion's.
+        return np.where(self._motion.constrained, a, a - shift * (a - before))
 
 
 def _values(velocity: Callable[[Array], Array], nodes: Array) -> Array:
