@@ -29,8 +29,8 @@ Array = npt.NDArray[Any]
 #: Returns terms, given displacement, regions and Dirichlet conditions.
 MoreTerms = Callable[[Any, Sequence[Region], Dirichlet], Sequence[Term]]
 
-#: Shear of the central difference in `_shear_modulus`: about the cube root of the rounding error.
-_SHEAR = 1e-5
+#: Strain of the central difference in `_curvature`: about the cube root of the rounding error.
+_STRAIN = 1e-5
 #: UFL's symbols of the integrals that a term may have, and what they integrate over.
 _SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
 _ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
@@ -283,30 +283,36 @@ def _regions(
 
 
 def _set_modulus(problem: Problem) -> None:
-    """Set the unit of forces of a problem without materials, from its terms at the start.
+    """Set the moduli of a problem without materials, from its terms at the start.
 
-    It is 3 times the shear modulus, E of an incompressible material: the least curvature of the
-    energy in three uniform shears. Without resistance to shear, as of springs, it is the mean
-    entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
+    That of forces is 3 times the shear modulus, E of an incompressible material: the least
+    curvature of the energy in three uniform shears. Without resistance to shear, as of springs, it
+    is the mean entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
     """
-    moduli = [_shear_modulus(problem, i, j) for i, j in ((0, 1), (1, 2), (2, 0))]
-    modulus = 3 * min(moduli)
+    gradients = np.zeros((4, 3, 3))
+    gradients[[0, 1, 2], [0, 1, 2], [1, 2, 0]] = 1.0  # u_i = g X_j
+    gradients[3] = np.eye(3)
+    *shears, dilation = [_curvature(problem, gradient) for gradient in gradients]
+    modulus = 3 * min(shears)
     if not (isfinite(modulus) and modulus > 0):
         problem.jacobian(problem.x, "clamp")
         distance = problem.length * (problem.dofs / 3) ** (-1 / 3)
         modulus = (problem.matrix.constrained_diagonal or 1.0) / distance
     problem.modulus, problem.force_scale = modulus, modulus * problem.length**2
+    # lambda + 2 mu = K + 4/3 mu, and the curvature of a uniform dilation is 9 K.
+    stiffest = dilation / 9 + 4 / 3 * max(shears)
+    problem.stiffest_modulus = max(modulus, stiffest) if isfinite(stiffest) else modulus
 
 
-def _shear_modulus(problem: Problem, i: int, j: int) -> float:
-    """The second derivative of the energy in u_i = g X_j by g, per volume [Pa]. Collective."""
-    force, shear = problem.x.duplicate(), problem.x.duplicate()
-    shear.set(0.0)
-    shear.array[i::3] = problem.coordinates[:, j]
+def _curvature(problem: Problem, gradient: Array) -> float:
+    """The second derivative of the energy in u = g G X by g, per volume [Pa]. Collective."""
+    force, moved = problem.x.duplicate(), problem.x.duplicate()
+    moved.set(0.0)
+    moved.array[: problem.coordinates.size] = (problem.coordinates @ gradient.T).ravel()
     works = []
     for sign in (1, -1):
         state = problem.x.copy()
-        state.axpy(sign * _SHEAR, shear)
+        state.axpy(sign * _STRAIN, moved)
         problem.gradient(state, force)
-        works.append(float(force.dot(shear)))
-    return (works[0] - works[1]) / (2 * _SHEAR * problem.length**3)
+        works.append(float(force.dot(moved)))
+    return (works[0] - works[1]) / (2 * _STRAIN * problem.length**3)

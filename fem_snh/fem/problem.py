@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
@@ -33,6 +35,10 @@ from fem_snh.fem.timing import timed
 from fem_snh.fem.unknowns import Displacement, DisplacementPressure, pressure_unit
 
 Array = npt.NDArray[Any]
+
+#: Rounding error of the residual's norm relative to (lambda + 2 mu) V^(2/3), with a margin: it is
+#: 1e-15 to 1e-14, as sums over more nodes have smaller parts.
+_ROUNDING = 1e3 * float(np.finfo(float).eps)
 
 
 class Problem:
@@ -88,6 +94,8 @@ class Problem:
         The load parameter, 0 to 1; V^(1/3) [m], V the reference volume.
     modulus, force_scale : float
         The scale E of the moduli [Pa] (`fem_snh.fem.regions.reference_modulus`); E V^(2/3) [N].
+    stiffest_modulus : float
+        The largest lambda + 2 mu of the materials [Pa].
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
@@ -119,6 +127,8 @@ class Problem:
         self.length = volume(self.domain) ** (1 / 3)
         self.modulus = reference_modulus(self.domain, regions)
         self.force_scale = self.modulus * self.length**2
+        moduli = [float(lam + 2 * mu) for mu, lam in (r.material.lame for r in regions)]
+        self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
         self.skin: Skin | None = None  # the surface that a lattice carries
@@ -157,6 +167,34 @@ class Problem:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element.degree, self.elastic.parts
         return Regime.of(self.comm, *body, self.terms)
+
+    @property
+    def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
+        """The function `largest_force`; None in time, where each step has a unit of forces."""
+        in_time = any(term.name == "inertia" for term in self.terms)
+        return None if in_time else self.largest_force
+
+    def largest_force(self, x: PETSc.Vec) -> float:
+        """Return the largest norm of a term's forces on all dofs [N]. Collective.
+
+        At an equilibrium the elastic forces balance loads and contact on free dofs, and are the
+        reactions on constrained ones.
+        """
+        force, largest = self.x.duplicate(), 0.0
+        for term in self.terms:
+            self.gradient(x, force, [term])
+            largest = max(largest, force.norm())
+        return largest
+
+    @property
+    def rounding_force(self) -> float:
+        """A bound of the residual's rounding error [N]: `_ROUNDING` times the forces of strain 1.
+
+        It grows with coordinates far from the origin. Collective.
+        """
+        far = self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
+        unit = self.stiffest_modulus * self.length**2
+        return float(_ROUNDING * unit * max(1.0, far / self.length))
 
     @property
     def coordinates(self) -> Array:

@@ -102,7 +102,7 @@ class CellPressures:
         mixed.set_load(problem.load)
         self._read_displacement()
         guess, self.history, found = problem.x.copy(), [], False
-        tolerance, unit = context.scaled_tolerance, context.force_scale
+        largest, unit = context.scaled_tolerance, context.force_scale
         options = dict(context.options)
         for _ in range(_MAX_SOLVES):
             with solver.callback_errors():
@@ -113,9 +113,13 @@ class CellPressures:
             found = True
             self._write_displacement()
             problem.residual(problem.x, self._residual)
+            tolerance = largest
+            if problem.acting_force is not None:
+                tolerance = min(tolerance, context.force_tolerance(problem.acting_force(problem.x)))
             if (norm := self._residual.norm()) <= tolerance:
                 break
-            context.force_scale *= max(_LEAST_CUT, _TARGET * tolerance / norm)
+            cut = max(_LEAST_CUT, _TARGET * tolerance / norm)
+            context.force_scale *= cut * context.tolerance / context.scaled_tolerance
             # Near the solution one linear solve reaches the next tolerance.
             if (mixed_norm := self.snes.getFunctionNorm()) > 0:
                 reduction = _LAST_SHARE * context.scaled_tolerance / mixed_norm

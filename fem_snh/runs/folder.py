@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 #: Columns of steps.csv that every run has.
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
-    "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
+    "tolerance", "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
 )  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")

@@ -116,6 +116,7 @@ class Stepper:
             "linear": outcome.linear,
             "lbfgs": sum(i.lbfgs for i in history),
             "residual": outcome.residual,
+            "tolerance": self._tolerance(outcome),
             **problem.history.settling(),
             **self._linear_residual(outcome),
             **self._energies(load, to),
@@ -137,6 +138,12 @@ class Stepper:
         self.processor += process_time() - processor_start
         return self._last
 
+    def _tolerance(self, outcome: Outcome) -> float:
+        """Return the norm of the residual [N] at which the step converges."""
+        if outcome.tolerance is not None:
+            return outcome.tolerance
+        return float(self.solver.snes.getPythonContext().scaled_tolerance)
+
     @staticmethod
     def _linear_residual(outcome: Outcome) -> dict[str, float]:
         """Return the relative residual of a linearised step's linear system."""
@@ -146,8 +153,7 @@ class Stepper:
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""
         if self.motion:
-            tolerance = self.solver.snes.getPythonContext().scaled_tolerance
-            return {**self.motion.row(to, load), "tolerance": tolerance}
+            return self.motion.row(to, load)
         problem = self.problem
         return {"energy": problem.energy(problem.x) if problem.has_energy else None}
 

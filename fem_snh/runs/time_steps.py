@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx
+from fem_snh.choices import ACTING_FORCES
 from fem_snh.fem.boundary_conditions import Dirichlet
 from fem_snh.fem.ghosted_vectors import add_ghosts, writable_values
 from fem_snh.fem.initial_state import initial_velocity
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from fem_snh.fem.motion.dynamics import Dynamics
     from fem_snh.scenes import Start, Time
 
-#: Unit of a residual over the norm of the forces at a step's start: with the default tolerance of
-#: 1e-7, the error of a step's accelerations is 1e-4.
-_FORCES = 1e3
 #: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
 _LEAST_UNIT = 1e-3
 
@@ -90,7 +88,7 @@ class TimeSteps:
         problem.gradient(problem.x, forces, self._loads)
         largest = max(forces.norm(), self._inertial_force())
         self.dynamics.begin_step(problem, load)
-        unit = min(problem.force_scale, _FORCES * largest)
+        unit = min(problem.force_scale, ACTING_FORCES * largest)
         return max(_LEAST_UNIT * problem.force_scale, unit)
 
     def error(self) -> float:

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 from petsc4py import PETSc
 
+from fem_snh.choices import ACTING_FORCES
 from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
@@ -36,10 +37,14 @@ class ProjectedNewton:
 
     Converged when
 
-    .. math:: \|f\|_2 \le \texttt{snes\_scaled\_tol}\; E\, V^{2/3},
+    .. math:: \|f\|_2 \le \texttt{snes\_scaled\_tol}\;
+              \min\left(E\, V^{2/3},\ 10^3 \max_t \|f_t\|_2\right),
 
-    which is invariant to scale and stiffness. ``-snes_atol`` [N], ``-snes_rtol`` and ``-snes_stol``
-    add PETSc's own tests.
+    f_t the forces of one term at the present state, reactions included: of the elastic energy, of
+    loads, of contact. Where they are small, as those of a local contact on a large body, the
+    residual is so too: 1e-4 of them by default. It need not come below its rounding error. The test
+    is invariant to scale and stiffness. ``-snes_atol`` [N], ``-snes_rtol`` and ``-snes_stol`` add
+    PETSc's own tests.
 
     Parameters
     ----------
@@ -56,11 +61,18 @@ class ProjectedNewton:
         The pressure of a saddle-point problem.
     largest_step : callable, optional
         The part of a step that is admissible: see `fem_snh.solver.protocol.NonlinearProblem`.
+    acting_force : callable, optional
+        ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
+        tolerance depends on ``force_scale`` alone.
+    rounding_force : float
+        A bound of the residual's rounding error [N].
 
     Attributes
     ----------
     force_scale : float
         The unit of the residual's norm [N]; it may change between solves.
+    tolerance : float
+        The norm of the residual [N] at which the last solve converged, or would have.
     history : list of Iteration
         Of the last solve.
     linear_choice, trust_ksp : LinearChoice, KSP or None
@@ -81,11 +93,15 @@ class ProjectedNewton:
         has_energy: bool = True,
         saddle_point: SaddlePoint | None = None,
         largest_step: LargestStep | None = None,
+        acting_force: Callable[[PETSc.Vec], float] | None = None,
+        rounding_force: float = 0.0,
     ) -> None:
         self.largest_step = largest_step
+        self._acting_force, self._rounding_force = acting_force, rounding_force
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
         self.options = options.defaults_for("linesearch")
+        self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
         self.trust_ksp: PETSc.KSP | None = None
         self.linear_choice = LinearChoice(False)
@@ -126,7 +142,7 @@ class ProjectedNewton:
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Iterate from ``x``, in place. Collective."""
-        self.history = []
+        self.history, self.tolerance = [], self.scaled_tolerance
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
         globalization = self._globalization(snes, forcing)
@@ -140,7 +156,7 @@ class ProjectedNewton:
         norm, step_norm = state.residual.norm(), 0.0
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
-            if self._test_convergence(snes, its, x.norm(), step_norm, norm):
+            if self._test_convergence(snes, its, x, step_norm, norm):
                 return
             if its == max_it:
                 break
@@ -219,21 +235,37 @@ class ProjectedNewton:
 
     @property
     def scaled_tolerance(self) -> float:
-        """Return the norm of the residual [N] below which the solve has converged."""
+        """Return the largest norm of the residual [N] at which a solve may converge."""
         return float(self.options["snes_scaled_tol"]) * self.force_scale
 
+    def tolerance_at(self, x: PETSc.Vec) -> float:
+        """Return the norm of the residual [N] at which the state ``x`` is a solution. Collective.
+
+        The forces are evaluated, at the cost of a residual.
+        """
+        if self._acting_force is None:
+            return self.scaled_tolerance
+        return min(self.scaled_tolerance, self.force_tolerance(self._acting_force(x)))
+
+    def force_tolerance(self, force: float) -> float:
+        """Return the norm of the residual [N] that is small where forces of this norm [N] act."""
+        relative = ACTING_FORCES * float(self.options["snes_scaled_tol"])
+        return max(relative * force, self._rounding_force)
+
     def _test_convergence(
-        self, snes: PETSc.SNES, its: int, x_norm: float, step_norm: float, norm: float
+        self, snes: PETSc.SNES, its: int, x: PETSc.Vec, step_norm: float, norm: float
     ) -> bool:
         """Report the iteration to the SNES; return whether PETSc's or the scaled test stops it."""
         snes.setIterationNumber(its)
         snes.setFunctionNorm(norm)
         snes.logConvergenceHistory(norm)
-        reason = snes.callConvergenceTest(its, x_norm, step_norm, norm)
+        reason = snes.callConvergenceTest(its, x.norm(), step_norm, norm)
         if reason == Reason.DIVERGED_DTOL and not self._dtol_given:
             reason = 0  # near an unstable state the residual grows while the energy decreases
-        if norm <= self.scaled_tolerance:
-            reason = Reason.CONVERGED_FNORM_ABS
+        if norm <= self.scaled_tolerance and not reason > 0:
+            self.tolerance = self.tolerance_at(x)
+            if norm <= self.tolerance:
+                reason = Reason.CONVERGED_FNORM_ABS
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)

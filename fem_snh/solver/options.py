@@ -114,7 +114,9 @@ OPTIONS: dict[str, Option] = {
         0.1, "adaptive: exact again once the residual has fallen by this factor", _MEASURED, _PART
     ),
     "snes_scaled_tol": Option(
-        1e-7, "converged when ||residual||_2 <= this * E V^(2/3)", "scale-invariant -snes_atol",
+        1e-7,
+        "converged when ||residual||_2 <= this times the smaller of E V^(2/3) and 1000 times the "
+        "norm of the forces that act", "scale-invariant -snes_atol",
         Range(0, _LARGEST_RESIDUAL),
     ),
     "snes_forcing_max": Option(

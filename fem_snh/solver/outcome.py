@@ -22,6 +22,8 @@ class Outcome:
         PETSc's name for its end, followed by the cause of a failure.
     residual : float
         Norm of the last residual [N].
+    tolerance : float or None
+        The norm at which it has converged [N]; None without a nonlinear solve.
     history : list of Iteration
         The iterations of all solves.
     out_of_memory : bool
@@ -38,6 +40,7 @@ class Outcome:
     history: list[Iteration] = field(default_factory=list)
     out_of_memory: bool = False
     linear_residual: float | None = None
+    tolerance: float | None = None
     predicted: int = 0
 
     @property
@@ -54,7 +57,9 @@ class Outcome:
         """Add a solve of `ProjectedNewton`, whose end is now that of the step. Collective."""
         self.converged = snes.getConvergedReason() > 0
         self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
-        self.history += snes.getPythonContext().history
+        context = snes.getPythonContext()
+        self.tolerance = context.tolerance
+        self.history += context.history
         self.out_of_memory = out_of_memory(snes)
 
     def fail_inner(self, error: NotSettled) -> None:

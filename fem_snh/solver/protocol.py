@@ -104,6 +104,18 @@ class NonlinearProblem(Protocol):
         """
 
     @property
+    def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
+        """Return a function, or None if ``force_scale`` is set for the forces of each step.
+
+        ``acting_force(x)`` returns the largest norm of a term's forces [N], with those on
+        constrained unknowns. Collective.
+        """
+
+    @property
+    def rounding_force(self) -> float:
+        """Return a bound of the residual's rounding error [N]."""
+
+    @property
     def saddle_point(self) -> SaddlePoint | None:
         """Return the pressure's part of a saddle-point problem, or None."""
 

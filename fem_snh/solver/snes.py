@@ -90,6 +90,8 @@ def create(
         problem.has_energy,
         saddle,
         problem.largest_step,
+        problem.acting_force,
+        problem.rounding_force,
     )
     context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
     snes = NewtonSNES().create(problem.comm)

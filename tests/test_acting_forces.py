@@ -1,0 +1,193 @@
+"""The tolerance relative to the forces that act: small loads, local contact, scale, no loads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx_programs import Bar, Press, unit_cube
+from running import solve
+
+import fem_snh
+from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.scenes import Scene
+
+pytestmark = pytest.mark.mpi
+
+#: The default of -snes_scaled_tol, and of the residual relative to the forces that act.
+SCALED, ACTING = 1e-7, 1e-4
+
+
+def indented(depth: float, method: str, **petsc: float) -> tuple[float, dict[str, Any]]:
+    """Return force and row of a rigid ball (R = 1) in a block of 80 contact radii; E = 1e5."""
+    radius = depth**0.5
+    ball = {"center": [0, 0, 1], "radius": 1}
+    scene = {
+        "name": "indented",
+        "mesh": {
+            "source": "indenter",
+            "parameters": {"radius": 80 * radius, "zone": 1.25 * radius, "order": 2, "flat": 1},
+        },
+        "cells": 3,
+        "element": "P2",
+        "material": {"name": "stable_neo_hookean", "E": 1e5, "nu": 0.3},
+        "hold": [
+            {"group": "x = 0", "components": ["x"]},
+            {"group": "y = 0", "components": ["y"]},
+            {"group": "surface"},
+        ],
+        "obstacle": [
+            {"name": "ball", "group": "z = 0", "shape": {"sphere": ball}, "method": method,
+             "translate": [0, 0, -depth]}
+        ],
+        "petsc": petsc,
+    }  # fmt: skip
+    row = solve(Scene.model_validate(scene)).steps[-1]
+    return 4 * abs(row["obstacles"]["ball"]["force"][2]), row
+
+
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+@pytest.mark.parametrize("depth", [1e-3, 1e-6])
+def test_hertz(depth: float, method: str) -> None:
+    """The force is that of a tight solve; at 1e-6 R it is 2e-7 E V^(2/3), twice the tolerance."""
+    force, row = indented(depth, method)
+    tight, _ = indented(depth, method, snes_scaled_tol=1e-13)
+    assert force == pytest.approx(tight, rel=1e-3)
+    assert force == pytest.approx(4 / 3 * 1e5 / (1 - 0.3**2) * depth**1.5, rel=0.03)
+    assert row["residual"] <= row["tolerance"] < 1e-2 * SCALED * 1e5 * (80**2 * depth)
+
+
+def loaded(E: float, load: float, **keys: Any) -> Any:
+    """Return the result of a cube on rollers, pulled by a traction of ``load`` E."""
+    rollers = [
+        {"group": group, "components": [axis]}
+        for group, axis in (("left", "x"), ("front", "y"), ("bottom", "z"))
+    ]
+    common = {
+        "name": "pulled",
+        "mesh": {"source": "cube"},
+        "cells": 2,
+        "element": "Q1",
+        "material": {"name": "stable_neo_hookean", "E": E, "nu": 0.3},
+        "hold": rollers,
+        "traction": [{"group": "right", "vector": [load * E, 0, 0]}],
+        "predictor": "none",
+    }
+    return solve(Scene.model_validate(common | keys))
+
+
+@pytest.mark.parametrize("E", [1.0, 1e9, 1e-6])
+def test_a_small_load_is_not_ignored(E: float) -> None:
+    """Hooke's stretch; the residual of the undeformed cube is below 1e-7 E V^(2/3)."""
+    found = loaded(E, 1e-8)
+    row = found.steps[0]
+    X = found.problem.coordinates
+    stretched = 1e-8 * X * [1, -0.3, -0.3]
+    assert found.problem.x.array_r == pytest.approx(stretched.ravel(), abs=1e-12)
+    assert 1 <= row["newton"] <= 2
+    # Nodal forces on the right face: 1/16 at corners, 1/8 at edges, 1/4 in the middle; the
+    # reactions of the left face are the same.
+    force = 1e-8 * E * np.sqrt(2 * (4 / 16**2 + 4 / 8**2 + 1 / 4**2))
+    assert row["tolerance"] == pytest.approx(ACTING * force, rel=1e-3)
+    assert row["residual"] <= row["tolerance"]
+
+
+def test_large_forces_keep_the_tolerance_of_the_body() -> None:
+    row = loaded(2.0, 0.1).steps[0]
+    assert row["tolerance"] == pytest.approx(SCALED * 2.0, rel=1e-12)
+
+
+def test_no_load_at_all() -> None:
+    """At rest no iteration is made; from a disturbed start the residual falls to rounding."""
+    row = loaded(1.0, 0.0).steps[0]
+    assert row["converged"] and row["newton"] == 0
+    row = loaded(1.0, 0.0, start={"noise": 1e-3, "seed": 1}).steps[0]
+    assert row["converged"] and row["residual"] <= row["tolerance"] < 1e-12 and row["max_u"] < 1e-9
+
+
+@pytest.mark.parametrize("E", [1.0, 1e9])
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+@pytest.mark.parametrize("with_material", [True, False])
+def test_programs_have_the_same_tolerance(
+    comm: Any, with_material: bool, size: float, E: float
+) -> None:
+    """Hooke's stretch under a force per volume, also if the elastic energy is a UFL form."""
+    domain = unit_cube(comm, 2)
+    body = Bar(domain, pull=0.0)
+    domain.geometry.x[:] *= size
+    material = fem_snh.material("stable_neo_hookean", E=E, nu=0.0)
+    modulus, load = fem.Constant(domain, E), fem.Constant(domain, 1e-8 * E / size)
+    strain = ufl.sym(ufl.grad(body.u))
+    terms = [-load * body.u[0] * ufl.dx]
+    if not with_material:  # nu = 0
+        terms.append(modulus * ufl.inner(strain, strain) / 2 * ufl.dx)
+    problem = fem_snh.NonlinearProblem(
+        body.u,
+        {material: ufl.dx} if with_material else {},
+        bcs=body.bcs[:3],
+        terms=terms,
+    )
+    problem.solve()
+    assert problem.reason == "CONVERGED_FNORM_ABS"
+    points = body.V.tabulate_dof_coordinates()
+    x = points[: len(body.u.x.array) // 3, 0]
+    exact = 1e-8 * (x - x**2 / (2 * size))  # the finite elements are exact at the nodes
+    assert body.u.x.array[::3] == pytest.approx(exact, abs=1e-12 * size)
+
+
+def test_programs_in_time_have_that_of_scenes(comm: Any) -> None:
+    """A small load accelerates a free body: a = f/rho, which E V^(2/3) does not show."""
+    body = Press(unit_cube(comm, 2))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    problem = fem_snh.DynamicProblem(
+        body.u, {material: ufl.dx}, {material: 2.0}, "newmark", duration=1.0,
+        terms=[-1e-6 * body.u[2] * ufl.dx],
+    )  # fmt: skip
+    for _ in range(2):
+        assert problem.step(0.1), problem.reason
+    assert body.u.x.array[2::3] == pytest.approx(1e-6 / 2.0 * 0.2**2 / 2, rel=1e-3)
+    context = problem.solver.getPythonContext()
+    assert context.tolerance == pytest.approx(SCALED * 1e-3 * 1.0)  # the floor: forces are small
+
+
+def test_rounding_bounds_the_tolerance(comm: Any) -> None:
+    """It is above the residual's rounding error, also at nu near 1/2 and far from the origin."""
+    for nu, far in ((0.3, 0.0), (0.4999, 0.0), (0.4999, 1e3)):
+        domain = unit_cube(comm, 3)
+        domain.geometry.x[:] += far
+        body = Press(domain)
+        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
+        p = create_dolfinx_problem(body.u, {material: ufl.dx})
+        random = np.random.default_rng(0)
+        p.x.array[:] = random.normal(size=p.x.getLocalSize()) * 0.1
+        r, s = p.x.duplicate(), p.x.duplicate()
+        p.residual(p.x, r)
+        p.x.array[:] *= 1 + 2.0**-52 * random.choice([-1, 0, 1], size=p.x.getLocalSize())
+        p.residual(p.x, s)
+        s.axpy(-1.0, r)
+        K = sum((2.0, 1.0) * np.array(material.lame))
+        assert s.norm() < p.rounding_force < 1e-3 * K
+        assert p.rounding_force == pytest.approx(1e3 * 2**-52 * K * max(1, far + 1), rel=1e-9)
+
+
+def test_the_largest_force_is_that_of_a_term(comm: Any) -> None:
+    """On any number of ranks: against sums by numpy of each term's nodal forces."""
+    body = Bar(unit_cube(comm, 2), pull=0.1)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    terms = [-3.0 * body.u[0] * ufl.dx, 0.5 * ufl.inner(body.u, body.u) * ufl.dx]
+    p = create_dolfinx_problem(body.u, {material: ufl.dx}, body.bcs, terms)
+    p.prescribe(p.x)
+    norms = []
+    for term in p.terms:
+        force = p.x.duplicate()
+        p.gradient(p.x, force, [term])
+        norms.append(np.sqrt(comm.allreduce(float(force.array_r @ force.array_r), op=MPI.SUM)))
+    assert p.largest_force(p.x) == pytest.approx(max(norms), rel=1e-12)
+    # the dead load 3 per volume of 27 nodes: 3 (1/8)^2 ... of shares 1/64, 1/32, 1/16, 1/8
+    shares = [1 / 64] * 8 + [1 / 32] * 12 + [1 / 16] * 6 + [1 / 8]
+    assert norms[1] == pytest.approx(3 * np.linalg.norm(shares), rel=1e-12)
