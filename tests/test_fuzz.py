@@ -15,7 +15,16 @@ from benchmarks import fuzz
 from benchmarks.fuzz.family import Family, judge, load_families, run_case
 
 #: Cases of each family: those of meshes and surfaces start a process for each file.
-QUICK = {"mesh": 10, "surface": 12, "motion": 40, "skeleton": 40}
+QUICK = {
+    "mesh": 10,
+    "surface": 12,
+    "motion": 40,
+    "skeleton": 40,
+    "scene": 150,
+    "scene_run": 4,
+    "command": 12,
+    "ranks": 1,
+}
 
 
 @pytest.mark.parametrize("name", load_families())

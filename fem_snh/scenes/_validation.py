@@ -114,8 +114,10 @@ class Table(BaseModel):
                 raise unknown_name("key", key, fields, suggestion(key, fields))
         for key, field in fields.items():
             if field.is_required() and key not in data:
-                what = [f": expected {m.what}" for m in field.metadata if isinstance(m, Expect)]
-                raise BadInput(f"missing key '{key}'{''.join(what)}")
+                what = [m.what for m in field.metadata if isinstance(m, Expect)]
+                described = (field.description or "a value").rstrip(".")
+                what = what or [described[0].lower() + described[1:]]
+                raise BadInput(f"missing key '{key}': expected {what[0]}")
         return data
 
 

@@ -1,0 +1,108 @@
+"""Command lines: every command and option with values that are missing, repeated, or wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from random import Random
+
+from benchmarks.fuzz.family import Family
+from fem_snh import cli
+from fem_snh.cli.options import Parser
+from fem_snh.studies.processes import environment, program
+
+_SCENE = """\
+mesh = { source = "cube" }
+cells = 1
+element = "Q1"
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [0, 0, -0.1]
+"""
+#: Values of options; none is a number of cells, of steps or of processes that would take hours.
+_VALUES = (
+    "", " ", "x", "0", "-1", "1", "2", "0.3", "nan", "inf", "-inf", "1e308", "1e-320", "true",
+    "False", "[]", "[1, 2]", "{}", "{ a = 1 }", "'", '"', "1,2", ",", "0.3,,0.4", "a=b", "=",
+    "material.E=x",
+    "steps=0", "nowhere", "scene.toml", ".", "file", "file/folder", "/dev/null", "\x1b[0m",
+    "na\u00efve", "9" * 400, "9999999999", "A" * 5000,
+    "--", "-", "--nonsense", "-x", "top", "clamp", "P2", "Q1P0",
+    "mooney_rivlin", "hold.0.group=botom", "material.nu=0.5", "reactions=top,bottom", "petsc.x=1",
+    "mesh=", "table.0=1", "hold=1", "hold.5.group=1", "a.b.c.d=1", "..=1", "gravity.vector=1,2",
+)  # fmt: skip
+#: Commands whose valid calls are studies of hours: they get an option that no command has.
+_LONG = ("tradeoff", "extremes", "sweep")
+_PETSC = (
+    ("-ksp_rtol", "x"), ("-snes_max_it", "-1"), ("-snes_hessian", "x"), ("1e-6",), ("-",), ("--",),
+    ("-snes_rtol", "nan"), ("-snes_max_it", "3"), ("-pc_type", "nonsense"),
+    ("-ksp_type", "nonsense"),
+)  # fmt: skip
+
+
+def make_command(random: Random, folder: Path) -> list[str]:
+    """Command lines with wrong, missing, repeated and empty values"""
+    (folder / "scene.toml").write_text(_SCENE)
+    (folder / "file").write_text("no scene, no run, no mesh\n")
+    name = random.choice((*cli.COMMANDS, "run", "run", "run", "materials", random.choice(_VALUES)))
+    words = [name]
+    if name == "run":
+        words += [
+            random.choice(("scene.toml", "scene", "twst", "file", "scene.py:f", "", "scene.toml"))
+        ]
+        words += ["--cells", "1", "--steps", "1", "--out", "out"]
+    parser = cli.parsers().get(name)
+    for _ in range(random.choice((0, 1, 1, 2, 3))):
+        words += _option(random, parser)
+    for _ in range(random.choice((0, 0, 1, 2)) if name != "run" else 0):
+        words.insert(random.randrange(1, len(words) + 1), random.choice(_VALUES))
+    if name in _LONG:
+        words.insert(random.randrange(1, len(words) + 1), "--nonsense")
+    if name in ("run", *_LONG) and random.random() < 0.3:
+        words += ["--", *random.choice(_PETSC)]
+    return words
+
+
+def _option(random: Random, parser: Parser | None) -> list[str]:
+    """Return an option of a command, misspelt or not, with a value, in one word or two, or none."""
+    known = [w for w in parser._option_string_actions if w.startswith("--")] if parser else []
+    known = [word for word in known if word not in ("--jobs", "--ranks", "--help", "--accuracy")]
+    option = random.choice(known or ["--x"])
+    if random.random() < 0.1:
+        at = random.randrange(2, len(option) + 1)
+        option = option[:at] + "x" + option[at:]
+    value = random.choice(_VALUES)
+    return random.choice(([option, value], [option, value], [f"{option}={value}"], [option]))
+
+
+def make_ranks(random: Random, folder: Path) -> list[str]:
+    """The same command lines on two ranks"""
+    while True:
+        words = make_command(random, folder)
+        if words[0] in ("run", "plot", "render", "view") and "--" not in words:
+            return words
+
+
+def _on_two_ranks(arguments: list[str]) -> int:
+    """Run ``fem-snh`` under mpirun; keep what the program itself prints on standard error."""
+    command = [*program(2), *arguments]
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, env=environment(), capture_output=True, text=True
+    )
+    own = ("fem-snh: ", "Traceback")
+    for line in done.stderr.splitlines():
+        if line.startswith(own):
+            print(line, file=sys.stderr)
+    return done.returncode
+
+
+FAMILIES = {
+    "command": Family(make_command, preload=("fem_snh.scenes",)),
+    "ranks": Family(make_ranks, _on_two_ranks),
+}
