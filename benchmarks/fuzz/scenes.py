@@ -17,6 +17,7 @@ from benchmarks.fuzz.family import Family
 from benchmarks.fuzz.mutations import mutate
 from fem_snh import cli, scenes
 from fem_snh.errors import BadInput
+from fem_snh.scenes import Scene
 
 _DOCS = Path(__file__).parents[2] / "docs"
 #: Values that take the place of another one.
@@ -94,7 +95,8 @@ def _write(random: Random, folder: Path, table: dict[str, Any], bounded: bool = 
             if isinstance(value := table.get(key), int) and most < value <= 1_000_000:
                 table[key] = most
         table["cells"] = table.get("cells", 1)
-    text = "\n".join(f"{_quoted(key)} = {_toml(value)}" for key, value in table.items()) + "\n"
+    lines = [f"{_quoted(key)} = {_toml(v)}" for key, v in table.items() if v is not None]
+    text = "\n".join([*lines, ""])
     data = text.encode("utf-8", "replace")
     if not bounded and random.random() < 0.05:
         data = mutate(random, data)
@@ -108,7 +110,9 @@ def _originals() -> list[dict[str, Any]]:
     body = {key: _TINY[key] for key in ("mesh", "cells", "element", "material")}
     for page in sorted(_DOCS.rglob("*.md")):
         for block in re.findall(r"^```toml\n(.*?)^```", page.read_text(), re.M | re.S):
-            found.append(body | tomllib.loads(block))  # many are parts of a scene
+            table = tomllib.loads(block)
+            if set(table) <= set(Scene.model_fields):  # many are parts of a scene
+                found.append(table if "mesh" in table else body | table)
     return found
 
 
