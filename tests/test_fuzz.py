@@ -20,8 +20,8 @@ QUICK = {
     "surface": 12,
     "motion": 40,
     "skeleton": 40,
-    "scene": 150,
-    "scene_run": 4,
+    "scene": 80,
+    "scene_run": 3,
     "command": 12,
     "ranks": 1,
 }
