@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -70,7 +71,11 @@ def run_case(name: str, family: Family, seed: int, folder: Path) -> dict[str, An
     arguments = family.make(Random(f"{name} {seed}"), where / _INPUT)
     (where / "arguments.txt").write_text("\n".join(arguments), encoding="utf-8", errors="replace")
     before = _digests(where / _INPUT)
-    child = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # of BLAS's threads, which wait for work
+        child = os.fork()
     if child == 0:
         _run(family, arguments, where)  # does not return
     code = _wait(child)

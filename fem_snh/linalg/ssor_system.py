@@ -211,7 +211,7 @@ class SSORSystem:
         matrix.lib.matrix_solve_lower(matrix.struct, v["r"])
         matrix.lib.matrix_cg_update(matrix.struct, 0.0, *(v[key] for key in "tqxrz"))  # z = D r
         matrix.lib.matrix_backward_sweep(matrix.struct, 0.0, v["z"], v["p"], v["t"], v["w"])
-        y.array[:] = size * self.scale * self._t
+        y.array[:] = np.multiply(self._t, size * self.scale, dtype=np.float64)
 
     def direction_norm_squared(self) -> float:
         """Return p.D^-1 p."""
@@ -221,7 +221,8 @@ class SSORSystem:
         """Add the cycle's solution, times ``unit``, to x in double precision."""
         if self.deflation:
             self.deflation.finish(self._pointers["x"])
-        x.array[:] += unit * self._x
+        # A float32 array times a float is float32, in which forces of 1e40 overflow.
+        x.array[:] += np.multiply(self._x, unit, dtype=np.float64)
 
     def _sum(self, own: float) -> float:
         """Return the sum over all ranks."""
