@@ -165,6 +165,33 @@ def test_one_linear_mode(integrator, mass, damping):
         assert phase == pytest.approx(6.270314, abs=1e-6)
 
 
+@mpi
+@pytest.mark.parametrize("before", [0.3, 0.03, 0.011, 1e-3, 1e-6, 1e-15])
+def test_a_kink_within_a_step(before):
+    """A velocity that changes shortly before a step's end is that after it, or just before it.
+
+    The motion: 0.1 t^2, then 0.4 m/s back, from a time that is ``before`` of a step before 0.75 s.
+    """
+    duration, h = 2.0, 0.25
+    kink = 0.75 - before * h
+
+    def path(X, load):
+        t = duration * load
+        z = 0.1 * t**2 if t <= kink else 0.1 * kink**2 - 0.4 * (t - kink)
+        return np.outer(np.ones(len(X)), [0, 0, z])
+
+    p, d = moving("newmark", hold=[Hold("bottom")], move=[Condition("top", path)],
+                  duration=duration)  # fmt: skip
+    d.start(p)
+    top = abs(p.V.tabulate_dof_coordinates()[:, 2] - 1) < 1e-12
+    for load in advance(p, d, equal_steps(8)[:5]):
+        t = duration * load
+        v, a = (f.x.array.reshape(-1, 3)[top, 2] for f in (d.v, d.a))
+        smooth = t < kink or (t == 0.75 and before < 0.01)
+        assert abs(v - (0.2 * t if smooth else -0.4)).max(initial=0) <= 1e-9
+        assert abs(a - (0.2 if smooth else 0.0)).max(initial=0) <= 1e-5
+
+
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("element", [pytest.param("P1", marks=mpi), "P2P1"])
 def test_prescribed_nodes_move_as_prescribed(element, integrator):
