@@ -127,6 +127,7 @@ class PrescribedMotion:
         v, a, *expected = np.tensordot(weights.T, values, axes=1)
         h = spacing * self._duration
         sizes = np.array([abs(x).max(initial=0.0) for x in (checks - expected, values, u)])
-        misfit, change, size = self._comm.allreduce(sizes, op=MPI.MAX)
+        self._comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+        misfit, change, size = sizes
         allowed = _SMOOTH * change + _ROUNDING * size
         return Motion(u, v / h, a / h**2), float(misfit / allowed) if misfit else 0.0
