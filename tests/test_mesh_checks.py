@@ -143,9 +143,11 @@ def test_nodes_that_are_not_finite(comm: Any, cell: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_cells_without_a_volume(comm: Any, cell: str) -> None:
+@pytest.mark.parametrize("height", [0.0, 5e-324])
+@pytest.mark.filterwarnings("error")
+def test_cells_without_a_volume(comm: Any, cell: str, height: float) -> None:
     cells, x = cube(cell)
-    x[:, 2] = 0
+    x[:, 2] *= height
     with pytest.raises(BadInput, match="inverted or degenerate cells of"):
         check_geometry(domain(comm, cell, cells, x), "mesh")
 

@@ -115,7 +115,10 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
         size = np.abs(jacobian).max(axis=(1, 2, 3), keepdims=True)
         jacobian /= np.where(size > 0, size, 1.0)
         lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
-        scaled = np.linalg.det(jacobian) / np.maximum(lengths, np.finfo(float).tiny)
+        # No LU factors as of numpy.linalg.det: they overflow for tiny numbers.
+        a, b, c = np.moveaxis(jacobian, 2, 0)
+        volumes = np.einsum("cpi,cpi->cp", a, np.cross(b, c))
+        scaled = volumes / np.maximum(lengths, np.finfo(float).tiny)
         worst[chunk] = np.maximum(scaled.min(axis=1), -scaled.max(axis=1))
     return worst
 
