@@ -37,10 +37,10 @@ def open_file(path: str | Path) -> BufferedReader:
     return open(path, "rb")
 
 
-def read_text(path: str | Path, encoding: str = "utf-8") -> str:
+def read_text(path: str | Path, encoding: str = "utf-8", errors: str = "strict") -> str:
     """Return the text of a regular file. Raises OSError and UnicodeDecodeError."""
     check_regular(path)
-    return Path(path).read_text(encoding=encoding)
+    return Path(path).read_text(encoding=encoding, errors=errors)
 
 
 def file_digest(path: str | Path) -> str:

@@ -18,6 +18,7 @@ from typing import Any
 
 from fem_snh.atomic_files import remove
 from fem_snh.errors import BadInput
+from fem_snh.files import read_text
 
 #: File name of the checkpoint.
 CHECKPOINT = "checkpoint.npz"
@@ -54,7 +55,7 @@ def listed_files(folder: Path) -> list[str] | None:
 def _listed(path: Path) -> list[str]:
     """Return the complete lines of a `LIST`; none if there is no such file."""
     try:
-        text = path.read_text(errors="replace")
+        text = read_text(path, errors="replace")
     except OSError:
         return []
     return text[: text.rfind("\n") + 1].splitlines()
@@ -68,7 +69,7 @@ def _temporary_names(name: str) -> tuple[str, ...]:
 def _record(folder: Path) -> dict[str, Any] | None:
     """Return the content of run.json if it is the record of a run, else None."""
     try:
-        record = json.loads((folder / "run.json").read_text())
+        record = json.loads(read_text(folder / "run.json"))
     except (OSError, ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) and {"scene", "steps"} <= record.keys() else None

@@ -165,6 +165,7 @@ ALLOWED = {
     "plots": {"errors", "files", "render"},
     "render": {
         "errors",
+        "files",
         "output_fields",
         "atomic_files",
         "fem.obstacles",

@@ -20,6 +20,8 @@ from fem_snh.fem.bones import joint_motion, read_bvh
 from fem_snh.fem.obstacles.motion_rows import read_rows
 from fem_snh.fem.shapes import ClosedSurface
 from fem_snh.references import load_reference
+from fem_snh.render import read_record
+from fem_snh.runs import checkpoint
 from fem_snh.runs.scene_identity import _digest
 from fem_snh.scenes import load
 
@@ -213,3 +215,12 @@ def test_a_call_returns_what_the_function_does(monkeypatch: pytest.MonkeyPatch) 
 def test_a_crash_is_one_line(function: Any, args: Any, message: str) -> None:
     with pytest.raises(BadInput, match=message):
         child_process.call("libc", function, *args)
+
+
+def test_records_of_a_run_that_are_no_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.json")
+    os.mkfifo(tmp_path / "checkpoint.npz")
+    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
+        read_record(tmp_path)
+    with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
+        checkpoint.load(tmp_path)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.files import read_text
 from fem_snh.render.fields import check_field
 from fem_snh.render.records import (
     load_name,
@@ -114,7 +115,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
     path = folder / "run.json"
     try:
-        record = json.loads(path.read_text())
+        record = json.loads(read_text(path))
     except FileNotFoundError:
         raise BadInput(
             f"{folder}: no run.json here: give the folder of a run (--out DIR)"

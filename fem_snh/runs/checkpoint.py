@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root
+from fem_snh.files import open_file, read_text
 from fem_snh.run_files import CHECKPOINT
 from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import Folder
@@ -216,7 +217,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     """
     path = folder / CHECKPOINT
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with open_file(path) as file, np.load(file, allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
         about = json.loads(arrays.pop("about").tobytes())
     except FileNotFoundError:
@@ -232,7 +233,7 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
 def _finished(folder: Path, load: float) -> dict[str, Any] | None:
     """Return the content of run.json if the run reached load 1, else None."""
     try:
-        record: dict[str, Any] = json.loads((folder / "run.json").read_text())
+        record: dict[str, Any] = json.loads(read_text(folder / "run.json"))
     except (OSError, ValueError):
         return None
     return record if record.get("converged") and load == 1.0 else None

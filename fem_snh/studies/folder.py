@@ -11,7 +11,7 @@ from typing import Any
 from fem_snh import cache
 from fem_snh.atomic_files import output_path, remove, replace_file
 from fem_snh.errors import BadInput
-from fem_snh.files import file_digest
+from fem_snh.files import file_digest, read_text
 from fem_snh.run_files import FolderLock, RunFiles, check_inputs, list_others
 from fem_snh.studies.point import Point
 
@@ -106,7 +106,7 @@ class StudyFolder:
         """Return the content of NAME.json; None without one, {"": text} if it cannot be read."""
         unreadable = {"": "text that is no definition"}
         try:
-            found = json.loads(self._record.read_text(encoding="utf-8"))
+            found = json.loads(read_text(self._record))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import replace_file
+from fem_snh.files import read_text
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -38,7 +39,7 @@ class Table:
 
     def rows(self) -> list[dict[str, str]]:
         """Return the rows as text, without a last line that was cut off."""
-        text = self.path.read_text(encoding="utf-8")
+        text = read_text(self.path)
         complete = text[: text.rfind("\n") + 1]
         return list(csv.DictReader(io.StringIO(complete)))
 
@@ -71,7 +72,7 @@ class Table:
 def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
     """Return the record that a point left in its folder; empty if it left none."""
     try:
-        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
+        record: dict[str, Any] = json.loads(read_text(folder / name))
     except (OSError, ValueError):
         return {}
     return record
