@@ -5,7 +5,7 @@ from __future__ import annotations
 #: From the bottom up. A part imports parts of lower layers only, none of its own layer. A part is a
 #: folder or a file of the package; each file of ``fem`` is a part.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "choices", "output_fields", "interrupts", "fem.timing", "files"),
+    ("errors", "choices", "output_fields", "notes", "interrupts", "fem.timing", "files"),
     ("cache",),
     ("child_process",),
     ("atomic_files", "references", "c_declarations"),
@@ -45,6 +45,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "fem.ufl_forms",
         "fem.assembled_matrix",
         "fem.element_tables",
+        "fem.point_volumes",
     ),
     ("fem.nodal_mass", "fem.stored_matrix", "fem.bone_conditions", "fem.bone_blend"),
     ("fem.terms", "fem.unknowns", "fem.rank_one"),
@@ -65,8 +66,14 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "fem.initial_state",
         "fem.nodal_projection",
     ),
-    ("fem.motion", "fem.dolfinx_problem", "fem.stress_fields"),
-    ("fem.field_values", "fem.eigenproblem"),
+    (
+        "fem.motion",
+        "fem.dolfinx_problem",
+        "fem.stress_fields",
+        "fem.inverted_points",
+        "fem.pressure_oscillation",
+    ),
+    ("fem.field_values", "fem.eigenproblem", "fem.state_notes"),
     ("fem.modes",),
     ("solver",),
     ("runs",),

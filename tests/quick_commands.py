@@ -44,6 +44,7 @@ QUICK = {
     f"{BENCH} taylor_hood": "--elements Q2Q1 --scenes stretch --nus 0.3 --cells 4",
     f"{BENCH} twist": "--cells 2",
     f"{BENCH} ufl_filter": "--elements Q1 --cells 2 --amplitude 0.02 --repeat 1",
+    f"{BENCH} locking": "--scenes cook --elements Q1 --nus 0.499 --cells 2",
     f"{BENCH} volume_split": "--elements Q1 --bounds 1 --stretches 1 --cells 1",
 }
 #: Beginning of a command -> the test that runs it, or for a script the file that does.

@@ -36,9 +36,12 @@ def sweep(argv: list[str]) -> int:
     axes = study_options.axes(args)
 
     from fem_snh.studies.sweep import sweep as study
+    from fem_snh.studies.table import NO_NOTES
 
     limits = study_options.limits(args)
     table = study(args.scene, args.out, axes, petsc=petsc, render=args.render, **limits)
     good = int(table["converged"].sum())
-    print(f"{good} of {len(table)} points converged: {args.out / 'sweep.csv'}")
+    noted = int(table["notes"].ne(NO_NOTES).sum())
+    remark = f", {noted} with notes" if noted else ""
+    print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
     return 0 if good == len(table) else 1

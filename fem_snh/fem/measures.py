@@ -98,8 +98,8 @@ def body_measures(
     -------
     dict
         ``volume_ratio``, deformed over reference volume; ``min_J``, the smallest J at a quadrature
-        point; ``max_u``, the largest nodal displacement [m]; ``volumes``, the volume ratio of each
-        part, if there are parts.
+        point; ``min_cell_J``, the smallest mean of J over a cell; ``max_u``, the largest nodal
+        displacement [m]; ``volumes``, the volume ratio of each part, if there are parts.
     """
     max_u = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
     cells: list[Any] = [slice(None), *(parts or {}).values()]
@@ -107,9 +107,12 @@ def body_measures(
     deformed, rest = comm.allreduce(np.array([[v[c].sum() for c in cells] for v in volumes]))
     ratios = (deformed / rest).tolist()
     min_J = float(cell_fields["min_J"].min(initial=np.inf))
+    mean_J = cell_fields["deformed_volume"] / cell_fields["volume"]
+    min_cell_J = float(mean_J.min(initial=np.inf))
     found = {
         "volume_ratio": ratios[0],
         "min_J": float(comm.allreduce(min_J, op=MPI.MIN)),
+        "min_cell_J": float(comm.allreduce(min_cell_J, op=MPI.MIN)),
         "max_u": float(comm.allreduce(max_u, op=MPI.MAX)),
     }
     return found | ({"volumes": dict(zip(parts, ratios[1:], strict=True))} if parts else {})

@@ -18,6 +18,7 @@ from fem_snh.linalg import multigrid
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
+from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
@@ -131,6 +132,7 @@ def _run(
         recorder = _recorder(comm, about, scene, setup, folder, stored, start)
         _solve(comm, scene, setup, recorder, printed)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
+        recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
         path = folder.path if folder else None
         printed.end(recorder.record, path, unused())

@@ -21,6 +21,7 @@ from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.fem.regions import Region
+from fem_snh.notes import Note
 from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.tables import flat, table_text
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
 #: Columns of steps.csv that every run has.
 COLUMNS = (
     "load", "converged", "reason", "newton", "clamped", "linear", "lbfgs", "residual",
-    "tolerance", "energy", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
+    "tolerance", "energy", "volume_ratio", "min_J", "min_cell_J", "max_u", "nonfinite",
+    "seconds",
 )  # fmt: skip
 #: Columns of modes.csv.
 MODE_COLUMNS = ("mode", "frequency", "residual")
@@ -64,7 +66,8 @@ def describe(
         _describe_material(choice, region)
         for choice, region in zip(scene.materials, problem.regions, strict=True)
     ]
-    notes = [note for term in problem.terms if (note := getattr(term, "note", ""))]
+    texts = [text for term in problem.terms if (text := getattr(term, "note", ""))]
+    notes = [Note("load", text).record() for text in texts]
     return {
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,

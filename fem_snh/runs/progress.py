@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from fem_snh.notes import with_notes
+
 #: ANSI codes of the styles (ECMA-48, section 8.3.117). Importing rich, which has them, takes a
 #: tenth of a small run.
 _STYLES = {"bold": 1, "red": 31, "green": 32, "yellow": 33}
@@ -57,10 +59,14 @@ class Progress:
             f"{record['cells']:,} {record['element']} cells, {record['dofs']:,} dofs; "
             f"{method}; {record['ranks']} rank(s)"
         )
-        for note in record.get("notes", []):
-            self._print(f"  {self._style('note', 'yellow')}: {note}")
+        self._notes(record)
         if self._expected:
             self._print(f"  expected to fail: {self._expected}")
+
+    def _notes(self, record: dict[str, Any]) -> None:
+        """Print the notes."""
+        for note in record.get("notes", []):
+            self._print(f"  {self._style('note', 'yellow')}: {note['text']}")
 
     def resumed(self, load: float, finished: bool, duration: float | None = None) -> None:
         """Print the load, or the time, from which a resumed run continues."""
@@ -69,7 +75,9 @@ class Progress:
 
     def step(self, row: dict[str, Any]) -> None:
         """Print a load step."""
-        if row["converged"]:
+        if kinds := row.get("notes"):
+            mark = self._style(f"ok, {', '.join(kinds)}", "yellow")
+        elif row["converged"]:
             mark = self._style("ok  ", "green")
         else:
             mark = self._style("fail", "yellow" if self._expected else "red")
@@ -78,8 +86,10 @@ class Progress:
             f"  {at} {mark} {row['newton']:3d} Newton "
             f"({row['clamped']} filtered), {row['linear']:6d} linear, "
             f"residual {row['residual']:.1e}, "
-            f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}, "
-            f"{row['seconds']:.2f} s" + ("" if row["converged"] else f"  {row['reason']}, halved")
+            f"volume {100 * (row['volume_ratio'] - 1):+.2f} %, min J {row['min_J']:.3f}"
+            + (f" (cell means {row['min_cell_J']:.3f})" if row["min_J"] <= 0 else "")
+            + f", {row['seconds']:.2f} s"
+            + ("" if row["converged"] else f"  {row['reason']}, halved")
         )
 
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
@@ -91,11 +101,12 @@ class Progress:
             self._print(f"  frequencies [Hz]: {listed}")
             files += ", modes.csv, modes.pvd"
         where = f"; {out}/{files}" if out else ""
-        status = record["status"]
+        status = with_notes(record["status"], len(record.get("notes", [])))
         if self._expected:
             outcome = "converged, not as expected" if record["converged"] else "failed as expected"
             status = f"{outcome}: {status}"
         self._print(f"  {status} in {record['seconds']['total']:.1f} s{where}")
+        self._notes(record)
         if unused:
             note = self._style("note", "yellow")
             self._print(f"  {note}: nothing used the PETSc option(s) {', '.join(unused)}")

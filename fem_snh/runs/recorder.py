@@ -9,9 +9,11 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
+from fem_snh.notes import Note
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.fields import Fields, write_modes
 from fem_snh.runs.folder import Folder
+from fem_snh.runs.jump import jump_note
 from fem_snh.runs.stepping import Stepper
 
 if TYPE_CHECKING:
@@ -64,8 +66,13 @@ class Recorder:
         self._earlier = earlier or {}
         self._fields: Fields | None = None
         if earlier is not None:
+            notes = record.pop("notes", [])
             record |= {key: value for key, value in earlier.items() if key not in record}
+            record.pop("notes", None)
             record["steps"] = list(earlier["steps"])
+            jumps = [note for note in earlier.get("notes", ()) if note["kind"] == "jump"]
+            if notes := [*notes, *jumps]:
+                record["notes"] = notes
             record["resumed"] = [*earlier.get("resumed", []), self._problem.load]
         elif folder:
             folder.clear()
@@ -94,11 +101,18 @@ class Recorder:
 
         A scene in time may ask for output after some of its steps only.
         """
+        if jump := self._stepper.jump:
+            self.add_notes([jump_note(jump, len(self.record["steps"]))])
         self.record["steps"].append(row)
         if self._stepper.is_output(row):
             self.save("running", state=row["converged"])
         else:
             self._behind |= row["converged"]
+
+    def add_notes(self, notes: Sequence[Note]) -> None:
+        """Add notes on the run."""
+        if notes:
+            self.record.setdefault("notes", []).extend(note.record() for note in notes)
 
     def add_modes(self, modes: Modes) -> None:
         """Add the eigenfrequencies and write the mode shapes. Collective."""

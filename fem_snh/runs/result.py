@@ -50,6 +50,11 @@ class Result:
         return list(self.record["steps"])
 
     @property
+    def notes(self) -> list[dict[str, Any]]:
+        """Return the notes of run.json: what to know beside "converged"; empty if nothing."""
+        return list(self.record.get("notes", ()))
+
+    @property
     def u(self) -> Any:
         """Return the displacement [length], a dolfinx Function, at the last converged load."""
         return self.problem.u

@@ -59,6 +59,8 @@ class Setup:
         This rank's processor seconds, without compilation.
     condensation : Condensation
         Whether cell pressures are eliminated.
+    make : callable or None
+        Makes the problem on the same mesh with another element; None of a scene in time.
     """
 
     problem: Problem
@@ -67,6 +69,7 @@ class Setup:
     seconds: dict[str, float]
     processor: float
     condensation: Condensation
+    make: Callable[[elements.Element], Problem] | None = None
 
     def result(
         self, converged: bool, status: str, record: dict[str, Any], out: Path | None
@@ -132,7 +135,8 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
-    return Setup(problem, snes, stepper, seconds, working, condensation)
+    other = None if scene.time else lambda element: make(element=element)
+    return Setup(problem, snes, stepper, seconds, working, condensation, other)
 
 
 def _why_condensed(scene: scenes.Scene) -> str:

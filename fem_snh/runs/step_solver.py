@@ -45,6 +45,8 @@ class StepSolver:
     ----------
     predictor : Predictor
         The predictor, which keeps the equilibrium that it extrapolates from.
+    guessed : callable or None
+        Called when ``problem.x`` is the first guess of a step.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class StepSolver:
         blend: Callable[[PETSc.Vec, float, float], None] | None = None,
     ) -> None:
         self.problem, self.snes, self.motion = problem, snes, motion
+        self.guessed: Callable[[], None] | None = None
         self.continuation, self.pressures = continuation, pressures
         extrapolate = motion.extrapolate if motion else None
         response = pressures.tangent if pressures else None
@@ -125,6 +128,8 @@ class StepSolver:
         except NotSettled as error:
             outcome.fail_inner(error)
             return outcome
+        if self.guessed:
+            self.guessed()
         if self.continuation:
             outcome.history += self.continuation.solve(problem)
         if self.pressures:

@@ -7,6 +7,7 @@ from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.fem.probes import Probes
+from fem_snh.runs.jump import Jump, JumpDetector
 from fem_snh.runs.step_size import StepSize
 from fem_snh.runs.step_solver import StepSolver
 from fem_snh.solver import Outcome
@@ -44,6 +45,8 @@ class Stepper:
         Elapsed seconds of the steps.
     processor : float
         This rank's processor seconds of the steps.
+    jump : Jump or None
+        The jump in the last step.
     """
 
     def __init__(
@@ -60,6 +63,9 @@ class Stepper:
         # Without loads a shorter step is the same problem: it is not tried.
         divisible = self.problem.depends_on_load
         self.size = motion.step_size(steps) if motion else StepSize(steps, divisible)
+        self._jumps = JumpDetector.of(self.problem, solver.snes, motion is not None)
+        solver.guessed = self._jumps.begin if self._jumps else None
+        self.jump: Jump | None = None
         self.done = False
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
@@ -103,10 +109,12 @@ class Stepper:
         """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
         problem, start, processor_start = self.problem, perf_counter(), process_time()
         nonfinite, estimate = problem.nonfinite, dict[str, float]()
+        before = problem.x.copy()
         outcome = self.solver.solve(to, lambda outcome: estimate.update(self._judge(outcome)))
         nonfinite = problem.nonfinite - nonfinite
         self._out_of_memory = outcome.out_of_memory
         converged, history = outcome.converged, outcome.history
+        self.jump = self._jumps.find(load, before) if converged and self._jumps else None
         self._last = {
             "load": to,
             "converged": converged,
@@ -126,6 +134,8 @@ class Stepper:
             "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
+        if converged and (kinds := self._notes()):
+            self._last["notes"] = kinds
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
         if converged:
@@ -149,6 +159,11 @@ class Stepper:
         """Return the relative residual of a linearised step's linear system."""
         found = outcome.linear_residual
         return {} if found is None else {"linear_residual": found}
+
+    def _notes(self) -> list[str]:
+        """Return the kinds of notes on the last step."""
+        found = {"inverted": self._last["min_J"] <= 0, "jump": self.jump is not None}
+        return [kind for kind, noted in found.items() if noted]
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""

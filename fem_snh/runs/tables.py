@@ -16,6 +16,8 @@ def flat(step: dict[str, Any]) -> dict[str, Any]:
     tables = ("reactions", "probes", "cavities", "obstacles", "contacts", "bones", "self_contact")
     nested = (*tables, "volumes", *_VECTORS)
     row = {key: value for key, value in step.items() if key not in nested}
+    if "notes" in row:
+        row["notes"] = " ".join(row["notes"])
     for key in _VECTORS:
         if key in step:
             row |= {f"{key}_{axis}": v for axis, v in zip("xyz", step[key], strict=True)}

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.interrupts import Interrupts
+from fem_snh.notes import with_notes
 from fem_snh.studies.folder import LOG, StudyFolder
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.table import Table, read_record
+from fem_snh.studies.table import NO_NOTES, Table, read_record
 from fem_snh.studies.workers import Worker
 
 #: Computes further columns of a point's row from its record and the row so far. A key ``remark``
@@ -229,7 +230,10 @@ class Batch:
         self.table.append(row)
         seconds = f", {row['seconds']:.1f} s" if row.get("seconds") else ""
         remark = f" ({row['remark']})" if row.get("remark") else ""
-        self.report(f"[{count}/{of}] {name}: {row['status']}{seconds}{remark}")
+        status = row["status"]
+        if (notes := row.get("notes", NO_NOTES)) != NO_NOTES:
+            status = f"{with_notes(status, len(notes.split()))} ({notes})"
+        self.report(f"[{count}/{of}] {name}: {status}{seconds}{remark}")
         return row
 
 

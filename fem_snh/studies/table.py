@@ -17,9 +17,11 @@ from fem_snh.files import read_text
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
 #: Columns of the results of a run.
 MEASURED = (
-    "converged status load newton clamped linear energy volume_ratio min_J residual "
+    "converged status notes load newton clamped linear energy volume_ratio min_J residual "
     "seconds num_cells dofs"
 ).split()
+#: The column ``notes`` of a run without notes.
+NO_NOTES = "none"
 
 
 class Table:
@@ -81,6 +83,8 @@ def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
     """Return the results of a run as the columns MEASURED, ``nonfinite`` and ``max_u``.
 
+    ``notes`` has the kinds of the notes on the run, with spaces between.
+
     Iterations are summed over all steps, converged or not; energy, volume and the other state
     variables are those of the last converged step.
 
@@ -99,6 +103,8 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     last = ("load", "energy", "volume_ratio", "min_J", "residual", "max_u")
     row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in summed}
     row |= {key: converged[-1].get(key) for key in last if converged}
+    # Not empty: pandas would read a missing value.
+    row["notes"] = " ".join(note["kind"] for note in record.get("notes", ())) or NO_NOTES
     row["converged"] = code == 0 and record.get("converged") is True
     row["status"] = record.get("status") if code in (0, 1) else None
     row["status"] = row["status"] or failure_message(log, code)

@@ -1,0 +1,44 @@
+"""Notes on a result: what its reader must know beside "converged".
+
+A scene's run has them in run.json and in `fem_snh.runs.Result.notes`, a program in
+`fem_snh.NonlinearProblem.notes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+#: The kinds of notes: of the loads; an element that locks; points that are inverted; a jump to a
+#: state far away within one step.
+KINDS = ("load", "locking", "inverted", "jump")
+
+
+class Note(NamedTuple):
+    """A note on a result.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    text : str
+        One line: what is the matter, and what to do.
+    step : int or None
+        Number of the step in ``steps`` of run.json, from 0; None: of the scene or of a program.
+    values : mapping
+        The numbers of the text, by name.
+    """
+
+    kind: str
+    text: str
+    step: int | None = None
+    values: Mapping[str, Any] = {}
+
+    def record(self) -> dict[str, Any]:
+        """Return the entry of ``notes`` in run.json."""
+        return {"kind": self.kind, "step": self.step, "text": self.text, **self.values}
+
+
+def with_notes(status: str, number: int) -> str:
+    """Return a status with the number of notes: "converged, 2 notes"."""
+    return f"{status}, {number} note{'s' if number > 1 else ''}" if number else status

@@ -1,0 +1,60 @@
+"""The notes of a run: what its rows and its last state say beside "converged"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from fem_snh.fem.elements import Element
+from fem_snh.fem.problem import Problem
+from fem_snh.fem.state_notes import inversion_note, locking_note
+from fem_snh.notes import Note
+
+#: Makes the run's problem with another element.
+Make = Callable[[Element], Problem]
+
+
+def final_notes(
+    problem: Problem, steps: Sequence[Mapping[str, Any]], make: Make | None
+) -> list[Note]:
+    """Return the notes on the last state of a run, and on states before it. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem in the state of the last step that converged.
+    steps : sequence of mapping
+        The rows of run.json.
+    make : callable or None
+        Makes the problem with another element, by which a stiffness is compared.
+    """
+    good = [number for number, row in enumerate(steps) if row["converged"]]
+    if not good:
+        return []
+    stiffness = None
+    if make:
+        from fem_snh.runs.stiffness import stiffness_factor
+
+        stiffness = partial(stiffness_factor, make=make)
+    found = [
+        locking_note(problem, stiffness, good[-1]),
+        inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
+    ]
+    return [note for note in found if note]
+
+
+def _earlier_inversion(steps: Sequence[Mapping[str, Any]], good: Sequence[int]) -> Note | None:
+    """Return a note if points were inverted in a state before the last one."""
+    inverted = [number for number in good if steps[number]["min_J"] <= 0]
+    if not inverted:
+        return None
+    worst = min(inverted, key=lambda number: float(steps[number]["min_J"]))
+    row = steps[worst]
+    text = (
+        f"quadrature points are inverted in {len(inverted)} of {len(good)} steps, not in the last: "
+        f"smallest J = {row['min_J']:.3g} at load {row['load']:.6g}, where the means over cells, "
+        f"which fields and pictures show as J, are at least {row['min_cell_J']:.3g}"
+    )
+    values = {"steps": inverted, "min_J": row["min_J"], "min_cell_J": row["min_cell_J"]}
+    return Note("inverted", text, worst, values)

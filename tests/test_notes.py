@@ -1,0 +1,164 @@
+"""Notes on the terminal, in run.json, in rows and in sweeps; inverted points; jumps."""
+
+from __future__ import annotations
+
+import itertools
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from interrupted_runs import cut
+from note_scenes import arch, bushing
+from running import record, rows, solve
+from test_locking import cube
+
+import fem_snh
+from fem_snh.cli import main
+from fem_snh.fem.state_notes import inversion_note
+
+mpi = pytest.mark.mpi
+
+# --- inverted points ------------------------------------------------------------------------------
+
+#: Gauss points of the cube, and a corner that is moved beyond the centre.
+GAUSS = np.array(list(itertools.product([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5], repeat=3)))
+PUSHED = np.array([-0.8, -0.8, -0.8])
+
+
+def trilinear_J():
+    """J at the Gauss points of a unit cube whose corner (1, 1, 1) is displaced, by hand.
+
+    u = d xyz, so F = I + d (yz, xz, xy) and J = 1 + d . (yz, xz, xy).
+    """
+    x, y, z = GAUSS.T
+    return 1 + np.stack([y * z, x * z, x * y], axis=1) @ PUSHED
+
+
+def test_inverted_points_are_counted():
+    J = trilinear_J()
+    assert 0 < (J <= 0).sum() < 8
+
+    def push(X):
+        return X.prod(axis=1)[:, None] * PUSHED
+
+    note = inversion_note(cube(MPI.COMM_SELF, 1, "Q1", 0.4, push), 3)
+    assert note.step == 3 and note.values["points"] == (J <= 0).sum() and note.values["cells"] == 1
+    assert note.values["min_J"] == pytest.approx(J.min(), rel=1e-12)
+    assert note.values["min_cell_J"] == pytest.approx(J.mean(), rel=1e-12)
+    assert note.values["position"] == pytest.approx([0.5] * 3)
+    assert f"{(J <= 0).sum()} of 8 quadrature points are inverted" in note.text
+
+
+@mpi
+def test_the_place_of_the_worst_point_is_that_of_any_number_of_ranks(comm):
+    def fold(X):
+        return np.stack([0 * X[:, 0], 0 * X[:, 0], -1.5 * X[:, 2] ** 8 * X[:, 0]], axis=1)
+
+    here, alone = (inversion_note(cube(c, 4, "Q1", 0.4, fold)) for c in (comm, MPI.COMM_SELF))
+    for key in ("points", "cells"):
+        assert here.values[key] == alone.values[key] > 0
+    assert here.values["min_J"] == pytest.approx(alone.values["min_J"], rel=1e-12)
+    assert here.values["position"][::2] == pytest.approx([0.875, 0.875])
+
+
+def test_no_note_where_nothing_is_inverted():
+    assert inversion_note(cube(MPI.COMM_SELF, 2, "P1", 0.4, lambda X: -0.5 * X)) is None
+
+
+TURNED = "rotate = { axis = [1, 0, 0], through = [0, 0, 0.015], angle = 0.5 }"
+
+
+def test_a_bushing_that_is_tilted(tmp_path, capsys):
+    """Means over cells near 1, while points are inverted: the row and the note say both."""
+    path = bushing(MPI.COMM_SELF, tmp_path, "P2P0", 0.499, motion=TURNED)
+    result = fem_snh.run(path, comm=MPI.COMM_SELF, out=tmp_path / "out")
+    last, lines = result.steps[-1], capsys.readouterr().out.splitlines()
+    assert result.converged and last["min_J"] < 0 < 0.9 < last["min_cell_J"]
+    assert last["notes"] == ["inverted"]
+    (note,) = [note for note in result.notes if note["kind"] == "inverted"]
+    assert note["min_J"] == pytest.approx(last["min_J"], rel=1e-9)
+    assert note["min_cell_J"] == pytest.approx(last["min_cell_J"], rel=1e-9)
+    assert record(tmp_path / "out")["notes"] == result.notes
+    assert rows(tmp_path / "out")[-1]["notes"] == "inverted"
+    step = next(line for line in lines if "load 1.0000" in line)
+    assert " ok, inverted " in step and f"(cell means {last['min_cell_J']:.3f})" in step
+    count = f"{len(result.notes)} note"
+    assert any(line.startswith(f"  converged, {count}") for line in lines)
+    assert f"  note: {note['text']}" in lines
+
+
+# --- jumps ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("steps", [2, 5])
+def test_an_arch_snaps_through(tmp_path, steps):
+    """Its limit load is where a fine stepping jumps; before and after, nothing is said."""
+    paths = [tmp_path / str(n) for n in (steps, 40)]
+    found = []
+    for path, n in zip(paths, (steps, 40), strict=True):
+        path.mkdir()
+        result = solve(arch(MPI.COMM_SELF, path, n, -40.0), comm=MPI.COMM_SELF)
+        assert result.converged
+        (note,) = [note for note in result.notes if note["kind"] == "jump"]
+        row = result.steps[note["step"]]
+        assert row["notes"] == ["jump"] and sum("notes" in row for row in result.steps) == 1
+        before, after = (result.steps[note["step"] - i]["probes"]["middle"][2] for i in (1, 0))
+        assert before > -0.02 and after < -0.09  # from above the supports to below them
+        assert note["part"] > 0.8
+        found.append((note["start"], note["end"]))
+    (start, end), (fine_start, fine_end) = found
+    assert start <= fine_start < fine_end <= end
+
+
+@mpi
+def test_a_jump_on_ranks(comm, folder):
+    result = solve(arch(comm, folder, 5, -40.0), comm=comm, out=folder / "out")
+    comm.barrier()
+    assert result.steps[2]["notes"] == ["jump"] and rows(folder / "out")[2]["notes"] == "jump"
+    comm.barrier()
+
+
+@pytest.mark.parametrize(("rise", "hold", "pressure"), [(0.06, "ends", 40.0), (0.0, "left", 4.0)])
+def test_large_motions_along_a_path_are_no_jumps(tmp_path, rise, hold, pressure):
+    """An arch under tension, and a cantilever that bends by a third of its length."""
+    result = solve(arch(MPI.COMM_SELF, tmp_path, 3, pressure, rise, hold), comm=MPI.COMM_SELF)
+    assert result.converged and not result.notes
+    assert abs(result.steps[-1]["probes"]["middle"][2]) > 0.01
+
+
+# --- records --------------------------------------------------------------------------------------
+
+
+def test_a_sweep_has_the_kinds_of_notes(tmp_path, capsys):
+    arguments = ["cook", "--element", "Q1,Q1P0", "--cells", "4", "--nu", "0.499"]
+    assert main(["sweep", *arguments, "--out", str(tmp_path / "s")]) == 0
+    import pandas as pd
+
+    table = pd.read_csv(tmp_path / "s" / "sweep.csv").set_index("element")
+    assert table["notes"].to_dict() == {"Q1": "locking", "Q1P0": "none"}
+    assert table["status"].tolist() == ["converged"] * 2
+    lines = capsys.readouterr().out
+    assert "element=Q1: converged, 1 note (locking)" in lines
+    assert "2 of 2 points converged, 1 with notes" in lines
+
+
+def jumping(folder):
+    return {"scene": arch(MPI.COMM_SELF, folder, 4, -40.0)}
+
+
+def locking(folder):
+    return {"scene": "cook", "element": "Q1", "cells": 2, "nu": 0.499}
+
+
+@pytest.mark.parametrize("make", [jumping, locking])
+def test_a_resumed_run_has_the_notes_of_a_whole_one(tmp_path, make):
+    """Of a step before the interruption, and of the last state; also when it has finished."""
+    values = make(tmp_path) | {"comm": MPI.COMM_SELF}
+    whole, out = solve(**values), tmp_path / "out"
+    with cut(3):
+        solve(out=out, **values)
+    resumed, again = (solve(out=out, resume=True, **values) for _ in range(2))
+    assert len(whole.notes) == 1
+    assert [note["text"] for note in resumed.notes] == [note["text"] for note in whole.notes]
+    assert again.notes == resumed.notes
