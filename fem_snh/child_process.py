@@ -55,7 +55,7 @@ def call(library: str, function: Callable[..., T], *args: Any, size: int | None 
     Exception
         What the function raises.
     """
-    command = [sys.executable, "-P", "-m", __name__]
+    command = python(__name__)
     pipe = subprocess.PIPE
     process = subprocess.Popen(
         command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=_environment()
@@ -86,6 +86,21 @@ def call(library: str, function: Callable[..., T], *args: Any, size: int | None 
     return result
 
 
+def python(module: str) -> list[str]:
+    """Return the command that runs a module, in an environment with `import_path`.
+
+    Python alone would import from the working directory first, where a user may have put any file.
+    """
+    return [sys.executable, "-P", "-m", module]
+
+
+def import_path() -> dict[str, str]:
+    """Return PYTHONPATH for a child that imports from where this process does."""
+    package = str(Path(__file__).resolve().parents[1])
+    paths = dict.fromkeys([*(path for path in sys.path if path), package])
+    return {"PYTHONPATH": os.pathsep.join(paths)}
+
+
 def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -> dict[str, str]:
     """Return environment variables without those of an MPI launcher, but for some to keep.
 
@@ -95,11 +110,8 @@ def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of the child, which imports from where this process does."""
-    package = str(Path(__file__).resolve().parents[1])
-    paths = dict.fromkeys([*(path for path in sys.path if path), package])
-    variables = {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
-    return without_launcher(os.environ) | variables
+    """Return the environment of the child."""
+    return without_launcher(os.environ) | import_path() | {"OPENBLAS_NUM_THREADS": "1"}
 
 
 def _limits(size: int) -> tuple[int, int]:

@@ -172,6 +172,7 @@ ALLOWED = {
     "plots": {"errors", "files", "render"},
     "render": {
         "errors",
+        "child_process",
         "files",
         "output_fields",
         "atomic_files",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ from fem_snh.fem.obstacles.motion_rows import read_rows
 from fem_snh.fem.shapes import ClosedSurface
 from fem_snh.references import load_reference
 from fem_snh.render import read_record
+from fem_snh.render.worker import run_elsewhere
 from fem_snh.runs import checkpoint
 from fem_snh.runs.scene_identity import _digest
 from fem_snh.scenes import load
+from fem_snh.studies.processes import environment, program
 
 # Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.
 INVALID_NODE = """$MeshFormat
@@ -224,3 +227,18 @@ def test_records_of_a_run_that_are_no_files(tmp_path: Path) -> None:
         read_record(tmp_path)
     with pytest.raises(BadInput, match="it is a FIFO, expected a regular file"):
         checkpoint.load(tmp_path)
+
+
+@pytest.mark.parametrize("module", ["numpy", "json", "fem_snh"])
+def test_no_process_imports_from_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str
+) -> None:
+    """Those of studies and of pictures: Python's -m would."""
+    monkeypatch.chdir(tmp_path)
+    Path(f"{module}.py").write_text("open('executed', 'w')\n")
+    command = [*program(1), "--version"]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True)
+    assert done.stdout.startswith("fem-snh "), done.stderr
+    with pytest.raises(BadInput):
+        run_elsewhere({}, "fem_snh.render.drawing")
+    assert not Path("executed").exists()

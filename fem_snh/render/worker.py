@@ -19,6 +19,7 @@ from tempfile import TemporaryFile
 from threading import Timer
 from typing import Any
 
+from fem_snh.child_process import import_path, python
 from fem_snh.errors import BadInput
 
 INSTALL = (
@@ -61,8 +62,14 @@ def draw_elsewhere(
     """
     message = ""
     for prefix, settings in _opengl_backends():
-        command = [*prefix, sys.executable, "-m", program]
-        env = {**os.environ, "PYVISTA_OFF_SCREEN": "true", "MPLBACKEND": "Agg", **settings}
+        command = [*prefix, *python(program)]
+        env = {
+            **os.environ,
+            **import_path(),
+            "PYVISTA_OFF_SCREEN": "true",
+            "MPLBACKEND": "Agg",
+            **settings,
+        }
         code, said = _run(command, env, request, report, timeout)
         if code == 0:
             return
@@ -82,8 +89,8 @@ def run_elsewhere(
 
     Parameters and errors are those of `draw_elsewhere`.
     """
-    command = [sys.executable, "-m", program]
-    code, said = _run(command, dict(os.environ), request, report, timeout)
+    command = python(program)
+    code, said = _run(command, {**os.environ, **import_path()}, request, report, timeout)
     if code:
         raise BadInput(said)
 

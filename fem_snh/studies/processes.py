@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from typing import IO, Any
 
 import psutil
 
-from fem_snh.child_process import without_launcher
+from fem_snh.child_process import import_path, python, without_launcher
 from fem_snh.errors import BadInput
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
@@ -49,7 +48,7 @@ def environment() -> dict[str, str]:
         env = without_launcher(env, kept)
     if os.geteuid() == 0:
         env = _ROOT | env
-    return _SHARING | env
+    return _SHARING | env | import_path()
 
 
 def _is_rank() -> bool:
@@ -65,13 +64,13 @@ def program(ranks: int, module: str = "fem_snh") -> list[str]:
     BadInput
         If more than one rank is asked for and there is no mpirun.
     """
-    python = [sys.executable, "-m", module]
+    command = python(module)
     if ranks == 1:
-        return python
+        return command
     mpirun = shutil.which("mpirun")
     if mpirun is None:
         raise BadInput(f"ranks = {ranks}: expected 1, as there is no mpirun on the PATH")
-    return [mpirun, "-n", str(ranks), *python]
+    return [mpirun, "-n", str(ranks), *command]
 
 
 class Child:
