@@ -53,7 +53,7 @@ def extremes(argv: list[str]) -> int:
 
     from fem_snh.studies.extremes.study import extremes as study
 
-    only = study_options.comma_list("only", args.only) if args.only else []
+    only = study_options.comma_list("only", args.only) if args.only is not None else []
     outcome = study(
         args.out,
         only=only,

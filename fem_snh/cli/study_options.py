@@ -61,7 +61,8 @@ def prepare_process(command: str) -> None:
 
 def axes(args: argparse.Namespace) -> dict[str, list[Any]]:
     """Return the list of values of each scene key on the command line."""
-    given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS if getattr(args, key)}
+    given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    given = {key: text for key, text in given.items() if text is not None}
     return {key: comma_list(key, text) for key, text in (given | assignments(args.set)).items()}
 
 

@@ -74,7 +74,7 @@ def render(argv: list[str]) -> int:
     if args.movie is not None:
         return _movie(args)
     loads = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
-    modes = _numbers("--modes", args.modes, "mode numbers from 1 on, e.g. 1,2,3", (int,))
+    modes = _numbers("--modes", args.modes or None, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
     from fem_snh.render import main
 
@@ -127,7 +127,7 @@ def view(argv: list[str]) -> int:
 
 def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ...]) -> list | None:
     """Return the numbers of a comma list, or None if there is no list."""
-    if not text:
+    if text is None:
         return None
     found = [value(word) for word in text.split(",")]
     if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in found):

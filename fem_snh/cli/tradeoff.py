@@ -84,7 +84,7 @@ def tradeoff(argv: list[str]) -> int:
         meshes=_cells(args.cells) or [str(mesh) for mesh in _list("meshes", args.meshes)],
         base={knob: v for knob in _DEFAULTS if (v := getattr(args, knob)) is not None},
         vary=vary,
-        vary_at=_numbers("vary-at", args.vary_at) if args.vary_at else None,
+        vary_at=_numbers("vary-at", args.vary_at) if args.vary_at is not None else None,
         full=args.full,
         overrides={key: value(word) for key, word in assignments(args.set).items()},
         petsc=petsc,
@@ -97,7 +97,7 @@ def tradeoff(argv: list[str]) -> int:
 
 
 def _list(key: str, text: str | None) -> list[Any]:
-    return study_options.comma_list(key, text) if text else []
+    return study_options.comma_list(key, text) if text is not None else []
 
 
 def _numbers(key: str, text: str | None) -> list[float]:

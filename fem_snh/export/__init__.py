@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.render import read_record, series, stored_loads
 from fem_snh.render.fields import check_field
@@ -62,7 +63,7 @@ def main(
     BadInput
         For another file type, if a package is missing, or if a file cannot be read or written.
     """
-    folder, out = Path(folder), Path(out)
+    folder, out = Path(folder), output_path("OUT", out)
     kind = out.suffix.lower()
     if kind not in TYPES:
         raise bad_value("OUT", str(out), f"a file {' or '.join(TYPES)}")

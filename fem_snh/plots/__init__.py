@@ -10,14 +10,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.plots.newton import newton_figure
 from fem_snh.plots.runs import run_figure
 from fem_snh.plots.sweeps import read_sweep, read_table, sweep_figure
 from fem_snh.plots.tradeoff import tradeoff_figure
-from fem_snh.render import one_line, read_record
+from fem_snh.render import read_record
 
 
 def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -> Path:
@@ -52,7 +54,7 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
         figure = run_figure([read_record(p) for p in paths], newton)
         above = Path(os.path.commonpath([p.resolve() for p in paths]))
         default = paths[0] / "history.png" if len(paths) == 1 else above / "comparison.png"
-    return save(figure, Path(out) if out is not None else default)
+    return save(figure, output_path("--out", out) if out is not None else default)
 
 
 def _table_in(path: Path) -> Path:
@@ -74,9 +76,13 @@ def _table_figure(path: Path) -> Figure:
 
 def save(figure: Figure, out: Path) -> Path:
     """Write a figure and create its folder; the suffix of ``out`` determines the format."""
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    kind = out.suffix.lower().removeprefix(".")
+    if kind not in kinds:
+        raise BadInput(f"{out}: cannot be written: expected a file .{', .'.join(sorted(kinds))}")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(out, dpi=200)
-    except (OSError, ValueError) as error:  # ValueError: a format matplotlib does not know
-        raise BadInput(f"{out}: cannot be written: {one_line(error)}") from None
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
+    replace_file(out, lambda file: figure.savefig(file, dpi=200, format=kind))
     return out

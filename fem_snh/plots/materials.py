@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from fem_snh.plots import save
-from fem_snh.plots.style import COLOURS, colour, thousands
+from fem_snh.plots.style import COLOURS, colour, plain, thousands
 from fem_snh.render.records import pretty
 
 MATERIAL, LINEAR = colour(0), "0.45"
@@ -82,7 +82,7 @@ def material_figure(report: Any) -> Figure:
         title="exact tangent", alignment="left",
     )  # fmt: skip
     own = [f"{k} = {v}" for k, v in report.shape.items() if v is not None]
-    title = "  ·  ".join([pretty(report.name), rf"$\nu$ = {report.nu:g}", *own])
+    title = "  ·  ".join([plain(pretty(report.name)), rf"$\nu$ = {report.nu:g}", *map(plain, own)])
     figure.suptitle(fill(title, 140), fontsize=13)
     return figure
 

@@ -12,7 +12,16 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.plots.energies import draw_energies
-from fem_snh.plots.style import colour, failure, from_zero, legend, legend_entry, style, subplots
+from fem_snh.plots.style import (
+    colour,
+    failure,
+    from_zero,
+    legend,
+    legend_entry,
+    plain,
+    style,
+    subplots,
+)
 from fem_snh.render import number, one_line
 from fem_snh.render.records import (
     axis_label,
@@ -49,7 +58,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
             ax.plot(line["x"], line[panel], label=name, **style(index, len(line)))
             ax.plot(bad["x"], bad[panel], **failure(index))
     _paper_marks(axes[0], records)
-    load = ", ".join(dict.fromkeys(axis_label(record) for record in records))
+    load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
     labels = ("volume change [%]", "linear iterations per step", "Newton iterations per step")
     for ax, label in zip(axes, labels, strict=False):
         ax.set_xlabel(load)
@@ -68,7 +77,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
     common = {str(record["scene"]) for record in records}
     nus = {poisson_ratio(record) for record in records}
     if len(common) == len(nus) == 1:
-        figure.suptitle(rf"{common.pop()}  ·  $\nu$ = {nus.pop()}", fontsize=11)
+        figure.suptitle(rf"{plain(common.pop())}  ·  $\nu$ = {nus.pop()}", fontsize=11)
     return figure
 
 
@@ -105,7 +114,7 @@ def names(records: Sequence[dict[str, Any]]) -> list[str]:
     ]
     differ = [k for k in traits[0] if len({t[k] for t in traits}) > 1]
     return [
-        ", ".join([material_name(r), *(t[k] for k in differ)])
+        plain(", ".join([material_name(r), *(t[k] for k in differ)]))
         for r, t in zip(records, traits, strict=True)
     ]
 

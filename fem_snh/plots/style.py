@@ -48,6 +48,11 @@ def style(index: int, points: int) -> dict[str, Any]:
     }
 
 
+def plain(text: str) -> str:
+    """Return a user's text for a graph: matplotlib reads what is between two $ as a formula."""
+    return text.replace("$", r"\$")
+
+
 def failure(index: int) -> dict[str, Any]:
     """Return the style of a failed point: a cross in the colour of series ``index``."""
     return {"color": colour(index), "ls": "", "marker": "x", "ms": 7, "mew": 1.8}

@@ -13,7 +13,16 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from fem_snh.errors import BadInput
 from fem_snh.files import check_regular
-from fem_snh.plots.style import failure, from_zero, legend, legend_entry, style, subplots, thousands
+from fem_snh.plots.style import (
+    failure,
+    from_zero,
+    legend,
+    legend_entry,
+    plain,
+    style,
+    subplots,
+    thousands,
+)
 from fem_snh.render import one_line
 from fem_snh.render.records import pretty
 
@@ -84,13 +93,13 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
         for ax, measure in zip(axes, MEASURES, strict=True):
             value = rows[measure]
             line = value.where(rows["converged"])
-            ax.plot(rows["position"], line, label=name, **style(index, len(rows)))
+            ax.plot(rows["position"], line, label=plain(name), **style(index, len(rows)))
             ax.plot(rows["position"], value.where(~rows["converged"]), **failure(index))
             lost |= _cross_above(ax, rows["position"][~rows["converged"] & value.isna()], index)
     ticks = table.drop_duplicates(axis)[[axis, "position"]]
     for ax, (measure, label) in zip(axes, MEASURES.items(), strict=True):
         ax.set_ylabel(label)
-        ax.set_xlabel(r"Poisson's ratio $\nu$" if axis == "nu" else axis)
+        ax.set_xlabel(r"Poisson's ratio $\nu$" if axis == "nu" else plain(axis))
         _place_ticks(
             ax, ticks["position"].tolist(), [f"{v:.6g}" for v in ticks[axis]], axis == "nu"
         )
@@ -100,7 +109,8 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
     legend(figure, axes[0])
     if "scene" in table and table["scene"].nunique() == 1:
         same = [] if axis == "nu" else [rf"$\nu$ = {table['nu'].iloc[0]:g}"]
-        figure.suptitle("  ·  ".join([str(table["scene"].iloc[0]), *same]), fontsize=11)
+        scene = plain(str(table["scene"].iloc[0]))
+        figure.suptitle("  ·  ".join([scene, *same]), fontsize=11)
     return figure
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from fem_snh.errors import BadInput
-from fem_snh.plots.style import colour, legend, legend_entry, style, thousands
+from fem_snh.plots.style import colour, legend, legend_entry, plain, style, thousands
 
 #: The measures of work, with their axis labels.
 WORK = {"cpu": "processor time [s]", "dofs": "degrees of freedom"}
@@ -62,7 +62,7 @@ def tradeoff_figure(table: pd.DataFrame, path: Path) -> Figure:
             first.plot([], [], label=element, **style(index, 1))
     legend_entry(first, "other settings", "o")
     legend(figure, first)
-    figure.suptitle(str(rows["scene"].iloc[0]), fontsize=11)
+    figure.suptitle(plain(str(rows["scene"].iloc[0])), fontsize=11)
     return figure
 
 

@@ -5,7 +5,6 @@ A separate process (``fem_snh.render.drawing``) draws: see `fem_snh.render.worke
 
 from __future__ import annotations
 
-import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -14,20 +13,23 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.files import read_text
 from fem_snh.render.fields import check_field
 from fem_snh.render.records import (
     load_name,
     load_unit,
     material_name,
-    materials,
     obstacle_poses,
     parameter,
     poisson_ratio,
     step_at,
 )
 from fem_snh.render.worker import draw_elsewhere, require
+from fem_snh.run_record import load_record
+
+#: Types of pictures.
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,18 @@ def main(
     record = read_record(folder)
     stored = stored_loads(series(folder))
     check_field(series(folder), field)
-    out = Path(out) if out is not None else folder / f"{field}.png"
+    out = picture_path(out) if out is not None else folder / f"{field}.png"
     chosen = choose_loads(sorted(stored), loads)
     panels = [panel(record, folder, stored[t], t) for t in chosen]
     draw(Job(field, title(record), panels, str(out), check_opacity(opacity)))
+    return out
+
+
+def picture_path(out: str | Path) -> Path:
+    """Return the path of a picture; raise BadInput unless it is a file of `PICTURES`."""
+    out = output_path("--out", out)
+    if out.suffix.lower() not in PICTURES:
+        raise bad_value("--out", str(out), f"a file {', '.join(PICTURES)}")
     return out
 
 
@@ -114,22 +124,9 @@ def panel(record: dict[str, Any], folder: Path, files: Sequence[Path], load: flo
 def read_record(folder: Path) -> dict[str, Any]:
     """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
     path = folder / "run.json"
-    try:
-        record = json.loads(read_text(path))
-    except FileNotFoundError:
-        raise BadInput(
-            f"{folder}: no run.json here: give the folder of a run (--out DIR)"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
-    try:
-        [(float(m["nu"]), str(m["name"])) for m in materials(record)], record["scene"]
-        [float(step["load"]) for step in record["steps"]]
-    except (KeyError, TypeError, ValueError):
-        raise BadInput(
-            f"{path}: not the record of a run: needs scene, material (name, nu), steps (load, ..)"
-        ) from None
-    return record
+    if not path.exists():
+        raise BadInput(f"{folder}: no run.json here: give the folder of a run (--out DIR)")
+    return load_record(path)
 
 
 def series(folder: Path) -> Path:
@@ -188,7 +185,7 @@ def _listed(loads: list[float]) -> str:
 
 def title(record: dict[str, Any]) -> str:
     """Return scene, material, nu, element and number of cells in one line."""
-    ratio = rf"$\nu$ = {poisson_ratio(record)}"
+    ratio = f"ν = {poisson_ratio(record)}"
     parts = [str(record["scene"]), material_name(record), ratio]
     if "cells" in record and "element" in record:
         parts.append(f"{record['cells']:,} {record['element']} cells".replace(",", "\u2009"))

@@ -41,6 +41,7 @@ def main(
     BadInput
         As from `fem_snh.render.main`.
     """
+    out = render.picture_path(out)
     folders = [Path(folder) for folder in folders]
     records = [render.read_record(folder) for folder in folders]
     if not records:
@@ -61,7 +62,7 @@ def main(
             panels[index] = replace(panel, label=_DOT.join(own))
         title += [part for part in shared if part not in title]
     render.draw(render.Job(field, _DOT.join(title), panels, str(out)))
-    return Path(out)
+    return out
 
 
 def _common(texts: Sequence[str]) -> list[str]:

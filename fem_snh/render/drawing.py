@@ -20,6 +20,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.render.fields import label
 from fem_snh.render.obstacles import Obstacles, add_solid
@@ -223,7 +224,15 @@ def draw(job: dict[str, Any]) -> None:
     tall = images[0].shape[0]
     height = TOP + rows * (LABEL + tall) + FOOT
     figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
-    figure.text(0.5, 1 - TOP / 2 / height, job["title"], ha="center", va="center", fontsize=11)
+    figure.text(
+        0.5,
+        1 - TOP / 2 / height,
+        job["title"],
+        ha="center",
+        va="center",
+        fontsize=11,
+        parse_math=False,
+    )
     longest = max(len(panel["label"]) for panel in job["panels"])
     size = LABEL_SIZE * min(1.0, 0.95 * wide / (CHARACTER * longest))
     for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
@@ -232,13 +241,19 @@ def draw(job: dict[str, Any]) -> None:
         low = height - TOP - (row + 1) * (LABEL + tall)
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
-        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=size)
+        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=size, parse_math=False)
     add_colour_bar(figure, height, field, cmap, norm, extend)
+    out = Path(job["out"])
+    options: dict[str, Any] = {
+        "dpi": DPI,
+        "format": out.suffix[1:],
+        "pil_kwargs": {"optimize": True},
+    }
     try:
-        Path(job["out"]).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(job["out"], dpi=DPI, pil_kwargs={"optimize": True})
+        out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"{job['out']}: cannot be written: {error.strerror}") from None
+        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
+    replace_file(out, lambda file: figure.savefig(file, **options))
 
 
 if __name__ == "__main__":

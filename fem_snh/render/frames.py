@@ -66,8 +66,12 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
             figure = Figure(figsize=(_WIDTH / DPI, height / DPI), dpi=DPI)
             canvas = FigureCanvasAgg(figure)
             y = 1 - TOP / 2 / height
-            figure.text(0.5, y, job["title"], ha="center", va="center", fontsize=8)
-            label = figure.text(0.5, 1 - TOP / height, "", ha="center", va="center", fontsize=7)
+            figure.text(
+                0.5, y, job["title"], ha="center", va="center", fontsize=8, parse_math=False
+            )
+            label = figure.text(
+                0.5, 1 - TOP / height, "", ha="center", va="center", fontsize=7, parse_math=False
+            )
             shown = figure.figimage(image, (_WIDTH - wide) // 2, FOOT)
             add_colour_bar(figure, height, field, cmap, norm, extend)
         shown.set_data(image)

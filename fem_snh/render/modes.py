@@ -37,7 +37,7 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
     record = render.read_record(folder)
     frequencies = read_frequencies(folder, record)
     stored = render.stored_loads(folder / "modes.pvd")
-    out = Path(out) if out is not None else folder / "modes.png"
+    out = render.picture_path(out) if out is not None else folder / "modes.png"
     panels = []
     for number in choose(frequencies, numbers):
         if number not in stored:

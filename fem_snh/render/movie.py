@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.render import (
     Panel,
@@ -82,7 +83,7 @@ def main(
         For another file type, if a package is missing, if fewer than two states are stored, or as
         `fem_snh.render.main`.
     """
-    folder, out = Path(folder), Path(out)
+    folder, out = Path(folder), output_path("--movie", out)
     if out.suffix.lower() not in TYPES:
         raise bad_value("--movie", str(out), f"a file {' or '.join(TYPES)}")
     if not MIN_SECONDS <= seconds <= MAX_SECONDS:

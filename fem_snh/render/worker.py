@@ -98,12 +98,18 @@ def run_elsewhere(
 def serve(function: Callable[[dict[str, Any]], object]) -> None:
     """Call ``function`` with the request on standard input: the main program of a worker.
 
-    A BadInput ends the process with its message on standard error and exit code 2.
+    A BadInput ends the process with its message on standard error and exit code 2, as does an
+    error of Python in the values of the request: no other kind of OpenGL would help.
     """
+    request = json.load(sys.stdin)
     try:
-        function(json.load(sys.stdin))
+        function(request)
     except BadInput as error:
         print(error, file=sys.stderr)
+        sys.exit(2)
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        print(f"the files of the run cannot be shown ({reason})", file=sys.stderr)
         sys.exit(2)
 
 

@@ -24,9 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.errors import BadInput, on_root
-from fem_snh.files import open_file, read_text
+from fem_snh.errors import BadInput, on_root, shown
+from fem_snh.files import open_file
 from fem_snh.run_files import CHECKPOINT
+from fem_snh.run_record import is_number, load_record, problem
 from fem_snh.runs import nodal_values
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.history import gather_motion, gather_terms, restore_motion, restore_terms
@@ -155,8 +156,10 @@ class Checkpoint:
             On every rank, if the mesh is not that of the checkpoint.
         """
         problem, about = stepper.problem, self._about
+        fields = nodal_values.fields(problem)
+        on_root(self.folder.comm, self._check_parts, list(fields), stepper.motion is not None)
         before = problem.x.duplicate() if about["load_before"] is not None else None
-        for name, field in nodal_values.fields(problem).items():
+        for name, field in fields.items():
             order = self._order(field, name)
             self._scatter(field, name, order, problem.x)
             if before is not None:
@@ -171,6 +174,14 @@ class Checkpoint:
         restore_terms(problem, self._arrays)
         if before is not None:
             stepper.solver.predictor.before = (about["load_before"], before)
+
+    def _check_parts(self, fields: list[str], moves: bool) -> None:
+        """Raise BadInput unless the checkpoint has what this problem needs. On rank 0."""
+        needed = [*(f"{name}_nodes" for name in fields), *(["motion"] if moves else [])]
+        if moves and self._about["motion"] is None:
+            raise _unusable(self.folder.path, "motion: missing")
+        if missing := [name for name in needed if name not in self._arrays]:
+            raise _unusable(self.folder.path, f"{missing[0]}: missing")
 
     def _order(self, field: nodal_values.NodalField, name: str) -> Array:
         """Return, on rank 0, the index of the stored values of each node."""
@@ -226,14 +237,79 @@ def load(folder: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             + (", with --overwrite" if (folder / "run.json").exists() else "")
         ) from None
     except Exception as error:  # zipfile, zlib, numpy and json raise different ones
-        raise BadInput(f"{path} cannot be read ({error}): start again with --overwrite") from None
+        raise _unusable(folder, str(error) or type(error).__name__) from None
+    if reason := _problem(about, arrays):
+        raise _unusable(folder, reason)
     return about, arrays
+
+
+def _unusable(folder: Path, reason: str) -> BadInput:
+    return BadInput(
+        f"{folder / CHECKPOINT} cannot be read ({reason}): start again with --overwrite"
+    )
+
+
+def _problem(about: Any, arrays: dict[str, Array]) -> str:
+    """Return why the content of a checkpoint cannot be that of a run, or ""."""
+    if not isinstance(about, dict):
+        return f"about = {shown(about)}: expected a table"
+    names = ("scene", "record", "load", "load_before", "size", "motion", "diagonal")
+    if missing := [name for name in names if name not in about]:
+        return f"{missing[0]}: missing"
+    if not isinstance(about["scene"], dict):
+        return f"scene = {shown(about['scene'])}: expected a table"
+    if reason := problem(about["record"]):
+        return f"record: {reason}"
+    for key in ("load", "load_before"):
+        load = about[key]
+        if not (load is None and key == "load_before") and not (is_number(load) and 0 <= load <= 1):
+            return f"{key} = {shown(load)}: expected a number from 0 to 1"
+    for key in ("size", "diagonal"):
+        if about[key] is not None and not (is_number(about[key]) and about[key] > 0):
+            return f"{key} = {shown(about[key])}: expected a number > 0"
+    if reason := _motion_problem(about["motion"], arrays):
+        return reason
+    for name, columns in (("u", 3), ("p", 1)):
+        if name == "p" and not {"p", "p_nodes", "p_before"} & arrays.keys():
+            continue
+        nodes = len(arrays.get(f"{name}_nodes", ()))
+        shapes = {f"{name}_nodes": (nodes, 3), name: (nodes, columns)}
+        if about["load_before"] is not None:
+            shapes[f"{name}_before"] = (nodes, columns)
+        for key, shape in shapes.items():
+            if reason := _array_problem(arrays, key, shape):
+                return reason
+    return ""
+
+
+def _motion_problem(motion: Any, arrays: dict[str, Array]) -> str:
+    """Return what is wrong with the history of a motion in time, or ""."""
+    if motion is None:
+        return ""
+    fields = motion.get("fields") if isinstance(motion, dict) else None
+    if not isinstance(fields, list) or not all(isinstance(name, str) for name in fields):
+        return f"motion = {shown(motion)}: expected a table with fields"
+    numbers = ["dissipated", "work", *(["step_before"] if "u_before" in fields else [])]
+    for key in (*numbers, *(["first_energy"] if "first_energy" in motion else [])):
+        if not is_number(motion.get(key)):
+            return f"motion.{key} = {shown(motion.get(key))}: expected a number"
+    return _array_problem(arrays, "motion", (len(arrays.get("u_nodes", ())), 3 * len(fields)))
+
+
+def _array_problem(arrays: dict[str, Array], name: str, shape: tuple[int, int]) -> str:
+    """Return what is wrong with an array of numbers, or ""."""
+    if name not in arrays:
+        return f"{name}: missing"
+    values = arrays[name]
+    if values.shape != shape or values.dtype != np.float64:
+        return f"{name}: expected {shape[0]} x {shape[1]} numbers, found shape {values.shape}"
+    return "" if np.isfinite(values).all() else f"{name}: expected finite numbers"
 
 
 def _finished(folder: Path, load: float) -> dict[str, Any] | None:
     """Return the content of run.json if the run reached load 1, else None."""
-    try:
-        record: dict[str, Any] = json.loads(read_text(folder / "run.json"))
-    except (OSError, ValueError):
+    path = folder / "run.json"
+    if not path.exists():  # the run was killed before it wrote the first one
         return None
+    record = load_record(path)
     return record if record.get("converged") and load == 1.0 else None

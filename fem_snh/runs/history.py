@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from fem_snh.errors import on_root
+from fem_snh.errors import BadInput, on_root
 from fem_snh.fem.problem import Problem
 from fem_snh.runs.nodal_values import gather_rows, match_nodes, scatter_rows
 
@@ -58,6 +58,19 @@ def restore_terms(problem: Problem, arrays: dict[str, Array]) -> None:
     for name, term in problem.history.by_name.items():
         points, values = term.history()
         wanted = gather_rows(problem.comm, points)
-        order = on_root(problem.comm, match_nodes, wanted, arrays.get(_POINTS.format(name)))
+        order = on_root(problem.comm, _rows_of, name, wanted, values.shape[1], arrays)
         kept = None if problem.comm.rank else arrays[_VALUES.format(name)][order]
         term.set_history(scatter_rows(problem.comm, kept, values.shape))
+
+
+def _rows_of(name: str, wanted: Array, columns: int, arrays: dict[str, Array]) -> Array:
+    """Return the rows of a term's arrays that belong to points; BadInput if they do not fit."""
+    points, values = (arrays.get(key.format(name)) for key in (_POINTS, _VALUES))
+    if points is None or values is None or points.ndim != 2 or points.shape[1] != 3:
+        raise BadInput(f"the checkpoint has no history of {name}: start again with --overwrite")
+    if values.shape != (len(points), columns):
+        raise BadInput(
+            f"the checkpoint has a history of {name} of shape {values.shape}, expected "
+            f"{(len(points), columns)}: start again with --overwrite"
+        )
+    return match_nodes(wanted, points)

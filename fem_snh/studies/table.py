@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import replace_file
+from fem_snh.errors import BadInput
 from fem_snh.files import read_text
+from fem_snh.run_record import problem
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -40,10 +42,18 @@ class Table:
         self.replace(self.rows() if path.exists() else [])
 
     def rows(self) -> list[dict[str, str]]:
-        """Return the rows as text, without a last line that was cut off."""
-        text = read_text(self.path)
-        complete = text[: text.rfind("\n") + 1]
-        return list(csv.DictReader(io.StringIO(complete)))
+        """Return the rows as text, without a last line that was cut off.
+
+        Raises BadInput for a file that is no such table.
+        """
+        try:
+            text = read_text(self.path)
+            rows = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
+        except (OSError, ValueError, csv.Error) as error:
+            raise BadInput(f"{self.path}: cannot be read ({error}): remove it") from None
+        if any(None in row.values() or None in row or "point" not in row for row in rows):
+            raise BadInput(f"{self.path}: expected a table with a column 'point': remove it")
+        return rows
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Append one row and flush it to the disk; keys that are no columns are left out."""
@@ -72,10 +82,12 @@ class Table:
 
 
 def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
-    """Return the record that a point left in its folder; empty if it left none."""
+    """Return the record that a point left in its folder; empty if it left none that is whole."""
     try:
-        record: dict[str, Any] = json.loads(read_text(folder / name))
-    except (OSError, ValueError):
+        record = json.loads(read_text(folder / name))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not isinstance(record, dict) or (name == "run.json" and problem(record)):
         return {}
     return record
 

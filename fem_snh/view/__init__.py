@@ -11,7 +11,7 @@ import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from fem_snh.atomic_files import replace_file
+from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.render import Panel, panel, read_record, series, stored_loads
 from fem_snh.render.fields import check_field
@@ -48,7 +48,7 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
         If a package or a file is missing, a file cannot be read, or the page cannot be written.
     """
     folder = Path(folder)
-    out = Path(out) if out is not None else folder / "view.html"
+    out = output_path("--out", out) if out is not None else folder / "view.html"
     if out.suffix not in (".html", ".htm"):
         raise BadInput(f"--out {out}: expected a file .html")
     require("view", ("pyvista", "matplotlib"))

@@ -58,8 +58,8 @@ def page(record: dict[str, Any], labels: Sequence[str], scenes: Sequence[bytes])
         steps=_step_table(record["steps"]),
         settings=_pairs(flatten(settings)),
         versions=_pairs(flatten(record.get("versions", {}))),
-        # "</" would end the script element.
-        states=json.dumps(states).replace("</", "<\\/"),
+        # "</script" would end the script element, "<!--<script" the document.
+        states=json.dumps(states).replace("<", "\\u003c"),
         viewer=b64encode(viewer.encode()).decode(),
     )
 
