@@ -34,6 +34,10 @@ class BadInput(ValueError):
         super().__init__(" ".join(str(message).split()))
 
 
+class ResultNote(UserWarning):
+    """A note on a result that has converged: see `fem_snh.notes`."""
+
+
 class Failed(RuntimeError):
     """The reason why a run ended although its input is valid: one line, exit code 1.
 

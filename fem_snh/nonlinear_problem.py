@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.errors import bad_value, check_whole, choose
+from fem_snh.errors import ResultNote, bad_value, check_whole, choose
 from fem_snh.fem.create_problem import with_element
 from fem_snh.fem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
 from fem_snh.fem.elements import with_cell_pressures
 from fem_snh.fem.problem import Problem
+from fem_snh.fem.state_notes import inversion_note, locking_note
 from fem_snh.fem.terms import UFLTerm
 from fem_snh.kernels.pointwise import Material
+from fem_snh.notes import Note
 from fem_snh.runs.cell_pressures import CellPressures
 from fem_snh.runs.condensation import choose_condensation, chosen_for_condensed
+from fem_snh.runs.jump import jump_note
 from fem_snh.runs.step_solver import StepSolver
 from fem_snh.runs.stepping import Stepper
 from fem_snh.runs.time_steps import TimeSteps
@@ -103,6 +108,10 @@ class NonlinearProblem:
         "DIVERGED_LINEAR_SOLVE: DIVERGED_INDEFINITE_PC"; empty before the first one.
     x : PETSc.Vec
         The unknowns. Without a pressure it is the vector of ``u``, and shares its memory.
+    notes : list of Note
+        What to know beside "converged" of the last state: an element that locks, points that are
+        inverted, a jump within a step (`fem_snh.notes`). The first note of each kind is also a
+        warning, `fem_snh.errors.ResultNote`.
     b : PETSc.Vec
         The residual [N].
     A : PETSc.Mat
@@ -158,6 +167,8 @@ class NonlinearProblem:
         }
         self._predictor = predictor
         self.b = self.solver.getFunction()[0]
+        self.notes: list[Note] = []
+        self._warned: set[str] = set()
         self._pressure = self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
@@ -207,7 +218,8 @@ class NonlinearProblem:
         changed = self._boundary_values_changed()
         with self._petsc_options():
             step = self._steps[self._predictor]
-            self._end(step.solve(1.0, predict=changed, restore=False))
+            outcome = self._end(step.solve(1.0, predict=changed, restore=False))
+            self._examine(outcome.converged)
         self._write_solution()
         return self.u
 
@@ -258,13 +270,16 @@ class NonlinearProblem:
     def _rows(self, number: int) -> Iterator[dict[str, Any]]:
         """Yield the rows of the steps from the present load to 1."""
         check_whole("number", number, 1, _MAX_STEPS)
-        rows = iter(Stepper(self._steps[PREDICTORS[self._predictor]], number))
-        while True:
+        stepper = Stepper(self._steps[PREDICTORS[self._predictor]], number)
+        rows = iter(stepper)
+        for attempted in count():
             with self._petsc_options():
                 row = next(rows, None)
             if row is None:
                 return
             self.reason, self.newton, self.linear = row["reason"], row["newton"], row["linear"]
+            jump = stepper.jump
+            self._examine(row["converged"], [jump_note(jump, attempted)] if jump else [])
             self._write_solution()
             yield row
 
@@ -274,6 +289,15 @@ class NonlinearProblem:
         if not outcome.converged and self.solver.getConvergedReason() > 0:
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return outcome
+
+    def _examine(self, converged: bool, notes: Sequence[Note] = ()) -> None:
+        """Set the notes on a state; warn of new kinds on rank 0. Collective."""
+        found = [inversion_note(self._problem), locking_note(self._problem)] if converged else []
+        self.notes = [*notes, *(note for note in found if note)]
+        for note in self.notes:
+            if note.kind not in self._warned and self._problem.comm.rank == 0:
+                warnings.warn(note.text, ResultNote, stacklevel=3)
+            self._warned.add(note.kind)
 
     def _read_displacement(self) -> None:
         """Set the unknowns to the values of ``u``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 
 from mpi4py import MPI
 
@@ -15,6 +16,7 @@ from test_locking import cube
 
 import fem_snh
 from fem_snh.cli import main
+from fem_snh.errors import ResultNote
 from fem_snh.fem.state_notes import inversion_note
 
 mpi = pytest.mark.mpi
@@ -162,3 +164,27 @@ def test_a_resumed_run_has_the_notes_of_a_whole_one(tmp_path, make):
     assert len(whole.notes) == 1
     assert [note["text"] for note in resumed.notes] == [note["text"] for note in whole.notes]
     assert again.notes == resumed.notes
+
+
+# --- programs -------------------------------------------------------------------------------------
+
+
+@mpi
+def test_a_program_has_notes_and_one_warning_of_a_kind(comm):
+    """A cube of few cells that is pressed, at two Poisson's ratios."""
+    import ufl
+    from dolfinx_programs import Press, converged, unit_cube
+
+    for nu, kinds in ((0.3, []), (0.4999, ["locking"])):
+        press = Press(unit_cube(comm), height=-0.1)
+        material = fem_snh.material("stable_neo_hookean", E=1.0, nu=nu)
+        problem = fem_snh.NonlinearProblem(press.u, {material: ufl.dx}, bcs=press.bcs)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            for _ in range(2):
+                problem.solve()
+        assert converged(problem) and [note.kind for note in problem.notes] == kinds
+        warned = [w for w in seen if w.category is ResultNote]
+        assert len(warned) == (len(kinds) if comm.rank == 0 else 0)
+        for note in problem.notes:
+            assert "element = 'Q1' locks" in note.text and note.values["stiffness"] is None

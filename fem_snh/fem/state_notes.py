@@ -68,6 +68,8 @@ def locking_note(
 
 def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
     """Return a note if quadrature points are inverted in the problem's state. Collective."""
+    if not problem.elastic.parts:
+        return None
     fields, comm = problem.cell_fields(problem.x), problem.comm
     if comm.allreduce(float(fields["min_J"].min(initial=np.inf)), op=MPI.MIN) > 0:
         return None
