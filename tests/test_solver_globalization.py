@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from bodies import Hold, cube
@@ -13,6 +15,7 @@ from fem_snh.errors import BadInput
 from fem_snh.fem.create_problem import create_problem
 from fem_snh.fem.elements import ELEMENTS
 from fem_snh.kernels.pointwise import material
+from fem_snh.solver import trust_region
 from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi
@@ -108,12 +111,24 @@ def test_thresholds_decide_when_the_region_is_entered(comm):
 
 @mpi
 @pytest.mark.parametrize("radius", [1e-3, 1e3])
-def test_initial_radius_and_largest_radius(comm, radius):
-    """Newton's method converges whatever they are."""
+def test_initial_radius_and_largest_radius(comm, radius, monkeypatch):
+    """Newton's method converges whatever they are; CG is given no larger radius."""
+    given, original = [], trust_region.call
+
+    def call(name, ksp, value, *rest):
+        if name == "KSPCGSetRadius" and value:
+            given.append(value)
+        return original(name, ksp, value, *rest)
+
+    monkeypatch.setattr(trust_region, "call", call)
     p = half_turn(comm, 4)
     with options(snes_tr_delta0=radius, snes_tr_deltamax=0.5, snes_forcing_max=5e-3):
-        snes, _ = solve(p, **TRUST)
+        snes, context = solve(p, **TRUST)
     assert snes.getConvergedReason() > 0
+    assert given[0] == min(radius, 0.5) and max(given) <= 0.5
+    if radius < 0.5:  # it at most doubles from one step to the next
+        assert all(b <= 2 * a for a, b in pairwise(given)) and given[-1] > radius
+    assert any(i.filter == "trust_region" for i in context.history)
 
 
 def test_every_option_has_a_meaning_and_an_origin():

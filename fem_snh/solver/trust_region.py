@@ -117,7 +117,7 @@ class TrustRegion:
         self.snes = self.direction.snes
         given = {name: float(options[f"snes_tr_{name}"]) for name in _Thresholds._fields}
         self.thresholds = _Thresholds(**given)
-        self.radius: float | None = given["delta0"] or None
+        self.radius: float | None = min(given["delta0"], given["deltamax"]) or None
         self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
         self._entered_before = False
         self._Ad: PETSc.Vec | None = None
