@@ -24,7 +24,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["TMPDIR"] = tempfile.mkdtemp(dir=os.environ["PYTEST_XDIST_FOLDER"])
 
 # Compilation happens inside some examples, so no deadline.
-hypothesis.settings.register_profile("fem_snh", deadline=None, max_examples=50)
+# The same examples in every run, on every machine.
+hypothesis.settings.register_profile(
+    "fem_snh", deadline=None, max_examples=50, derandomize=True, database=None
+)
 hypothesis.settings.load_profile("fem_snh")
 
 
