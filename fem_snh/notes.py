@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-#: The kinds of notes: of the loads; an element that locks; points that are inverted; a jump to a
-#: state far away within one step.
-KINDS = ("load", "locking", "inverted", "jump")
+#: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
+#: inverted; a jump to a state far away within one step.
+KINDS = ("load", "folder", "locking", "inverted", "jump")
 
 
 class Note(NamedTuple):

@@ -116,7 +116,8 @@ _POSE = _list(_list(_number, 4), 3)
 _MOVED = _named(_table({}, {"pose": _POSE}))
 _VALUES = (
     "time", "newton", "clamped", "linear", "lbfgs", "residual", "energy", "kinetic", "elastic",
-    "potential", "dissipated", "volume_ratio", "min_J", "max_u", "nonfinite", "seconds",
+    "potential", "dissipated", "volume_ratio", "min_J", "min_cell_J", "max_u", "nonfinite",
+    "seconds",
 )  # fmt: skip
 _STEP = _table(
     {"load": _number},
@@ -124,6 +125,7 @@ _STEP = _table(
         **dict.fromkeys(_VALUES, _number_or_null),
         "converged": _flag,
         "reason": _text,
+        "notes": _list(_text),
         "obstacles": _MOVED,
         "bones": _MOVED,
         "reactions": _named(_list(_number_or_null)),
@@ -149,6 +151,6 @@ _RECORD = _table(
         "processor_seconds": _number,
         "versions": _named(_any),
         "resumed": _list(_number),
-        "notes": _list(_text),
+        "notes": _list(_table({"kind": _text, "text": _text}, {})),
     },
 )

@@ -15,6 +15,7 @@ from fem_snh import scenes, solver
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
+from fem_snh.notes import Note
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
@@ -120,7 +121,7 @@ def _run(
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
         if folder and folder.note:
-            about["notes"] = [*about.get("notes", ()), folder.note]
+            about["notes"] = [*about.get("notes", ()), Note("folder", folder.note).record()]
         about |= note
         printed.start(about)
         if stored and folder:
