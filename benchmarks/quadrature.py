@@ -48,7 +48,7 @@ def rows(
 
 def degrees(default: Element) -> list[int]:
     """Return degrees around the default, the highest one for each number of points."""
-    near = range(max(default.quadrature - 2, 1), default.quadrature + 3)
+    near = range(max(default.quadrature - 2, default.least), default.quadrature + 3)
     return sorted({points(element(default.name, degree)): degree for degree in near}.values())
 
 

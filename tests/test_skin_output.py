@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 from mpi4py import MPI
@@ -18,14 +19,28 @@ from fem_snh.render import stored_loads
 from fem_snh.render.surfaces import read_grid
 
 #: A ball that moves as a whole with a bone, while it is stretched along x by 20 %.
-BALL = {"sphere": {"center": [0.1, 0.2, 0.3], "radius": 0.5}}
+CENTER, RADIUS = np.array([0.1, 0.2, 0.3]), 0.5
+BALL = {"sphere": {"center": CENTER.tolist(), "radius": RADIUS}}
 AFFINE = np.diag([1.2, 1.0, 1.0])
 LOADS = (0.0, 0.5, 1.0)
+#: Cells so small that those around a free node in the middle are full.
+CELL = 0.16
 
 
 def stretched(load: float) -> np.ndarray:
     """Return the affine of the bone at a load."""
     return np.column_stack([np.eye(3) + load * (AFFINE - np.eye(3)), [0, 0, 0.3 * load]])
+
+
+def all_but(center: np.ndarray, half: float) -> list[dict[str, Any]]:
+    """Return six bones of one motion around a cube, whose nodes are free and move along."""
+    sides = []
+    for axis, sign in product(range(3), (1, -1)):
+        middle, size = center.copy(), 200 * half
+        middle[axis] += sign * (half + size / 2)
+        box = {"box": {"center": middle.tolist(), "size": [size] * 3}}
+        sides.append({"name": f"{'xyz'[axis]}{sign}", "motion": stretched, "shape": box})
+    return sides
 
 
 @pytest.fixture
@@ -40,12 +55,11 @@ def ball() -> scenes.Scene:
     """Return the scene of the ball."""
     return scenes.Scene(
         name="ball",
-        mesh=scenes.Lattice(lattice=BALL, cell=0.24),
+        mesh=scenes.Lattice(lattice=BALL, cell=CELL),
         element="Q1",
         steps=2,
         material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
-        bone=[{"name": "all", "motion": stretched, "shape": {
-            "sphere": {"center": [0, 0, 0], "radius": 9.0}}}],
+        bone=all_but(CENTER, 0.51 * CELL),
         fields=["von_mises"],
     )  # fmt: skip
 
@@ -66,7 +80,7 @@ def test_the_series_of_the_skin(folder):
         reader.set_active_time_value(load)
         grid = reader.read()[0]
         X, u = np.asarray(grid.points), grid["displacement"]
-        assert np.abs(np.linalg.norm(X - [0.1, 0.2, 0.3], axis=1) - 0.5).max() < 0.01
+        assert np.abs(np.linalg.norm(X - CENTER, axis=1) - RADIUS).max() < 0.01
         assert np.abs(X + u - moved(X, load)).max() < 1e-12
         assert np.allclose(grid["J"], 1 + 0.2 * load, rtol=1e-12)
         assert {"energy_density", "min_eigenvalue", "von_mises"} < set(grid.point_data.keys())
@@ -76,8 +90,9 @@ def test_the_series_of_the_skin(folder):
 def test_the_skin_has_the_pressure_unknown(comm, tmp_path_factory):
     """It is that of the lattice's cells at the points that they carry."""
     path = on_root(comm, lambda: tmp_path_factory.mktemp("pressure"))
-    core = ball().bone[0].model_dump() | {"shape": {"sphere": {"center": [0, 0, 0], "radius": 0.3}}}
-    scene = scenes.load(ball(), element="Q2Q1", steps=1, bone=[core])
+    core = {"sphere": {"center": [0, 0, 0], "radius": 0.3}}
+    bone = [{"name": "core", "motion": stretched, "shape": core}]
+    scene = scenes.load(ball(), element="Q2Q1", steps=1, bone=bone)
     solve(scene, comm, out=path / "run")
     if comm.rank == 0:
         skin = pv.read(path / "run" / "skin000001.vtu")
@@ -94,7 +109,7 @@ def test_pictures_and_exports_show_the_skin(folder, tmp_path):
     for load, path in zip(LOADS, export.main(folder, tmp_path / "a.obj"), strict=True):
         obj = pv.read(path)
         assert obj.n_cells == skin.n_cells and obj.n_points == skin.n_points
-        centre = moved(np.array([[0.1, 0.2, 0.3]]), load)[0]
+        centre = moved(CENTER[None], load)[0]
         assert obj.center_of_mass() == pytest.approx(centre, abs=0.03)
         assert obj.volume == pytest.approx((1 + 0.2 * load) * np.pi / 6, rel=0.05)
     (hdf,) = export.main(folder, tmp_path / "a.vtkhdf")
@@ -130,9 +145,8 @@ def test_colours_show_a_field_and_cells_give_means(tmp_path):
         element="Q1",
         steps=1,
         material=scenes.MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
-        bone=[{"name": "all", "shape": {"sphere": {"center": [0, 0, 0], "radius": 99.0}},
-               "motion": stretched}],
-    )  # fmt: skip
+        bone=all_but(np.full(3, 25.0), 1.0),
+    )
     solve(scene, MPI.COMM_SELF, out=tmp_path / "run")
     (usd,) = export.main(tmp_path / "run", tmp_path / "a.usda", field="J")
     found = read_usd(usd)
