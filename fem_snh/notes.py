@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 #: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
-#: inverted; a jump to a state far away within one step.
-KINDS = ("load", "folder", "locking", "inverted", "jump")
+#: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
+#: another surface, between the points at which contact acts.
+KINDS = ("load", "folder", "locking", "inverted", "jump", "penetration")
 
 
 class Note(NamedTuple):

@@ -211,8 +211,8 @@ def test_a_far_obstacle_adds_nothing(comm):
     row = contact.record(u)["obstacles"]["far"]
     del row["pose"]
     assert row | {"stiffness": 0, "solves": 0} == {
-        "force": [0, 0, 0], "contacts": 0, "penetration": 0, "stiffness": 0, "sliding": 0,
-        "solves": 0,
+        "force": [0, 0, 0], "contacts": 0, "penetration": 0, "deepest": 0, "stiffness": 0,
+        "sliding": 0, "solves": 0,
     }  # fmt: skip
 
 

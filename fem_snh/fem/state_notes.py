@@ -1,8 +1,9 @@
-"""Notes on a converged state: an element that locks, points that are inverted."""
+"""Notes on a converged state: an element that locks, inverted points, contact that is missed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from mpi4py import MPI
 
@@ -95,3 +96,58 @@ def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
         "position": found.position,
     }
     return Note("inverted", text, step, values)
+
+
+def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the obstacles and pairs in which the body is deeper than contact sees, deepest first.
+
+    Parameters
+    ----------
+    row : mapping
+        A step's row of run.json, or what the terms add to it.
+
+    Returns
+    -------
+    list of (str, mapping)
+        Each one's kind and name, "obstacle 'plate'", and its row.
+    """
+    kinds = {"obstacle": row.get("obstacles", {}), "contact": row.get("contacts", {})}
+    found = [
+        (f"{kind} '{name}'", about)
+        for kind, rows in kinds.items()
+        for name, about in rows.items()
+        if "deepest_at" in about
+    ]
+    return sorted(found, key=lambda pair: -float(pair[1]["deepest"]))
+
+
+def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
+    """Return a note if the body is deeper in an obstacle or surface than contact sees.
+
+    Parameters
+    ----------
+    steps : mapping
+        The rows of run.json of steps that converged, by number.
+    """
+    unseen = {number: found for number in steps if (found := unseen_penetrations(steps[number]))}
+    if not unseen:
+        return None
+    step = max(unseen, key=lambda number: float(unseen[number][0][1]["deepest"]))
+    found, row = unseen[step], steps[step]
+    name, about = found[0]
+    depth, seen, position = (about[key] for key in ("deepest", "penetration", "deepest_at"))
+    where = ", ".join(f"{x:.4g}" for x in position)
+    others = f" (and {', '.join(other for other, _ in found[1:])})" if found[1:] else ""
+    text = (
+        f"{name}{others}: in {len(unseen)} of {len(steps)} steps a surface is deep between the "
+        f"points at which contact acts: {depth:.3g} m at ({where}) at load {row['load']:.6g}, the "
+        f"points {seen:.3g} m; a force is missing there: refine the mesh, or round the corner"
+    )
+    values = {
+        "name": name,
+        "deepest": depth,
+        "penetration": seen,
+        "position": position,
+        "steps": list(unseen),
+    }
+    return Note("penetration", text, step, values)

@@ -8,7 +8,7 @@ from typing import Any
 
 from fem_snh.fem.elements import Element
 from fem_snh.fem.problem import Problem
-from fem_snh.fem.state_notes import inversion_note, locking_note
+from fem_snh.fem.state_notes import inversion_note, locking_note, penetration_note
 from fem_snh.notes import Note
 
 #: Makes the run's problem with another element.
@@ -40,6 +40,7 @@ def final_notes(
     found = [
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
+        penetration_note({number: steps[number] for number in good}),
     ]
     return [note for note in found if note]
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 from fem_snh.fem.probes import Probes
+from fem_snh.fem.state_notes import unseen_penetrations
 from fem_snh.runs.jump import Jump, JumpDetector
 from fem_snh.runs.step_size import StepSize
 from fem_snh.runs.step_solver import StepSolver
@@ -134,12 +135,12 @@ class Stepper:
             "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
-        if converged and (kinds := self._notes()):
+        recorded = problem.history.record(problem.split(problem.x)[0]) if converged else {}
+        if converged and (kinds := self._notes(recorded)):
             self._last["notes"] = kinds
         if converged and (reactions := problem.reactions(problem.x)):
             self._last["reactions"] = reactions
-        if converged:
-            self._last |= problem.history.record(problem.split(problem.x)[0])
+        self._last |= recorded
         if converged and self.probes:
             self._last["probes"] = self.probes.values()
         if converged and self._bones:
@@ -160,9 +161,13 @@ class Stepper:
         found = outcome.linear_residual
         return {} if found is None else {"linear_residual": found}
 
-    def _notes(self) -> list[str]:
-        """Return the kinds of notes on the last step."""
-        found = {"inverted": self._last["min_J"] <= 0, "jump": self.jump is not None}
+    def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
+        """Return the kinds of notes on the last step, of which the terms have recorded this."""
+        found = {
+            "inverted": self._last["min_J"] <= 0,
+            "jump": self.jump is not None,
+            "penetration": bool(unseen_penetrations(recorded)),
+        }
         return [kind for kind, noted in found.items() if noted]
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:

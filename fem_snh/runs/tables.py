@@ -9,6 +9,8 @@ from typing import Any
 
 #: Vectors in the rows of scenes in time.
 _VECTORS = ("momentum", "angular_momentum")
+#: Lists in the rows of obstacles and contacts, of which the force has columns.
+_LISTS = ("force", "pose", "deepest_at")
 
 
 def flat(step: dict[str, Any]) -> dict[str, Any]:
@@ -37,7 +39,7 @@ def flat(step: dict[str, Any]) -> dict[str, Any]:
     touching = step.get("obstacles", {}) | step.get("contacts", {})
     for name, state in touching.items():
         row |= {f"{name}_force_{axis}": v for axis, v in zip("xyz", state["force"], strict=True)}
-        row |= {f"{name}_{key}": v for key, v in state.items() if key not in ("force", "pose")}
+        row |= {f"{name}_{key}": v for key, v in state.items() if key not in _LISTS}
     return row
 
 

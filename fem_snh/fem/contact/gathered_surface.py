@@ -38,6 +38,8 @@ class FacetShape:
 
     Attributes
     ----------
+    kind : str
+        The reference facet.
     nodes : (k, 2)
         Reference coordinates of the nodes.
     center : (2,)
@@ -47,7 +49,7 @@ class FacetShape:
     """
 
     def __init__(self, kind: str, degree: int) -> None:
-        self._kind, self._degree = kind, degree
+        self.kind, self._degree = kind, degree
         nodes = _dolfinx.reference_nodes(kind, degree)
         self._order = np.lexsort(np.round(nodes / _SAME).T)
         self.nodes = nodes[self._order]
@@ -61,7 +63,7 @@ class FacetShape:
 
         Their shapes are (n, k), (n, k, 2) and (n, k, 2, 2).
         """
-        table = _dolfinx.tabulate_element(self._kind, self._degree, points, order)
+        table = _dolfinx.tabulate_element(self.kind, self._degree, points, order)
         table = np.moveaxis(table[..., self._order], 0, -1)
         # basix's second derivatives are xx, xy, yy.
         parts = (
@@ -73,7 +75,7 @@ class FacetShape:
 
     def outside(self, points: Array) -> Array:
         """Return how far reference points (n, 2) are outside of the facet; <= 0 inside."""
-        sums = points.sum(axis=1) if self._kind == "triangle" else points.max(axis=1)
+        sums = points.sum(axis=1) if self.kind == "triangle" else points.max(axis=1)
         return np.maximum(-points.min(axis=1), sums - 1)
 
 

@@ -47,6 +47,8 @@ class SurfaceQuadrature:
         Local nodes of V on each facet, ghosts included.
     cell_nodes : (facets, k) int
         Their indices among the nodes of the cell.
+    kind : {"triangle", "quadrilateral"}
+        The reference facet.
     degree : int
         Degree of polynomials that the rule integrates exactly.
     points : (points, 2)
@@ -71,34 +73,33 @@ class SurfaceQuadrature:
         if facets is not None:
             chosen = np.isin(self.facets, facets)
             self.facets, self.cells, local = self.facets[chosen], self.cells[chosen], local[chosen]
-        kind = _dolfinx.FACET_OF[cell]
+        self.kind = kind = _dolfinx.FACET_OF[cell]
         self.degree = degree or 2 * order + (kind == "quadrilateral")
         self.points, weights = _dolfinx.quadrature(kind, self.degree)
+        self._V, self._local = V, local
 
         origins, tangents = _dolfinx.facet_maps(cell)
         numbers = _facet_nodes(_dolfinx.reference_nodes(cell, order), origins, tangents)
         dofs = _dolfinx.node_dofs(V)
         self._num_cell_nodes = dofs.shape[1]
-        self.cell_nodes = numbers[local]
+        self._first, self.cell_nodes = numbers[0], numbers[local]
         self.nodes = np.take_along_axis(dofs[self.cells], self.cell_nodes, axis=1)
         first = origins[0] + self.points @ tangents[0]
         self.basis = _dolfinx.tabulate_values(V, first)[:, numbers[0]]
         self.derivatives = _dolfinx.tabulate(V, first)[:, numbers[0]] @ tangents[0].T
-        self._set_geometry(domain, local, weights, origins, tangents)
+        self._set_geometry(domain, weights, origins, tangents)
 
-    def _set_geometry(
-        self, domain: Any, local: Array, weights: Array, origins: Array, tangents: Array
-    ) -> None:
-        """Set weights, coordinates and normals; ``local`` are the numbers of the facets."""
+    def _set_geometry(self, domain: Any, weights: Array, origins: Array, tangents: Array) -> None:
+        """Set weights, coordinates and normals."""
+        self.X = self._coordinates(self.points, ALL)
         x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
-        self.X, normals = np.empty((2, len(self.cells), len(weights), 3))
+        normals = np.empty_like(self.X)
         for number, (origin, tangent) in enumerate(zip(origins, tangents, strict=True)):
-            mine = local == number
+            mine = self._local == number
             points = origin + self.points @ tangent
             gradients = _dolfinx.tabulate_geometry(domain, points) @ tangent.T
             a, b = np.einsum("cni,pnj->jcpi", x[mine], gradients, optimize=True)
             normals[mine] = np.cross(a, b)
-            self.X[mine] = _dolfinx.tabulate_geometry_values(domain, points) @ x[mine]
         areas = np.linalg.norm(normals, axis=2)
         self.weights = areas * weights
         outwards = self.X - x.mean(axis=1, keepdims=True)
@@ -127,6 +128,29 @@ class SurfaceQuadrature:
     def positions(self, u: Array, which: Which = ALL) -> Array:
         """Return the deformed coordinates x_q(u) of points [m], as `displacements` does."""
         return np.asarray(self.X[which] + self.displacements(u, which))
+
+    def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
+        """Return the deformed coordinates of other points (n, 2) of the reference facet [m].
+
+        The other arguments are those of `displacements`; the result is (m, n, 3).
+        """
+        origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self._V.mesh))
+        first = origins[0] + points @ tangents[0]
+        basis = _dolfinx.tabulate_values(self._V, first)[:, self._first]
+        return np.asarray(self._coordinates(points, which) + basis @ u[self.nodes[which]])
+
+    def _coordinates(self, points: Array, which: Which) -> Array:
+        """Return the reference coordinates of points of the reference facet [m]."""
+        domain, local = self._V.mesh, self._local[which]
+        rows = _dolfinx.geometry_dofs(domain)[self.cells[which]]
+        x = _dolfinx.geometry_x(domain)[rows]
+        found = np.empty((len(local), len(points), 3))
+        maps = zip(*_dolfinx.facet_maps(_dolfinx.cell_name(domain)), strict=True)
+        for number, (origin, tangent) in enumerate(maps):
+            mine = local == number
+            table = _dolfinx.tabulate_geometry_values(domain, origin + points @ tangent)
+            found[mine] = table @ x[mine]
+        return found
 
     def add_vectors(self, values: Array, which: Which, out: Array) -> None:
         r"""Add :math:`\sum_q N_a(\xi_q) v_q` to nodal vectors.

@@ -136,8 +136,8 @@ class BodyContact:
         """Return the rows of the pairs for run.json. Collective.
 
         ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
-        points that touch; ``penetration`` [m], the largest; ``stiffness`` [Pa/m]; ``solves``, how
-        often the step was solved.
+        points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m]; ``solves``, how often the step was solved.
         """
         x = self._positions(u)
         rows = {pair.name: pair.row(x) | {"solves": self.solves} for pair in self.pairs}

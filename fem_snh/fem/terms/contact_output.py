@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.fem.contact.deepest_point import DeepestPoint
 from fem_snh.fem.contact.stiffness import surface_mean
 from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.ghosted_vectors import (
@@ -41,9 +42,10 @@ def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
     -------
     dict
         ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
-        points in contact; ``penetration`` [m], the largest; ``stiffness`` [Pa/m], the penalty's,
-        as a mean over the surface; ``pose``, the rows [R | c] of the map from the obstacle's
-        reference position to its present one. With friction ``sliding``, how many of the points
+        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
+        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
+        one. With friction ``sliding``, how many of the points
         slide; with friction or multipliers ``solves``, how often the step was solved.
     """
     rows, comm = {}, term.comm
@@ -56,10 +58,13 @@ def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
         slides = friction.sliding(u) if friction else 0
         counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
         depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
+        penetration = float(comm.allreduce(depth, op=MPI.MAX))
+        deepest = DeepestPoint.deepest(comm.allgather(pair.deepest(u)))
         row: dict[str, Any] = {
             "force": counts[:3].tolist(),
             "contacts": int(counts[3]),
-            "penetration": float(comm.allreduce(depth, op=MPI.MAX)),
+            "penetration": penetration,
+            **deepest.row(penetration),
             "pose": np.column_stack(contact.obstacle.pose(pair.load)).tolist(),
             "stiffness": surface_mean(term.surface, pair.stiffness, comm),
         }

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.fem.contact.deepest_point import DeepestPoint, facet_grid
 from fem_snh.fem.contact.search import NearFacets
 from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.fem.obstacles import Obstacle
@@ -190,6 +191,14 @@ class ContactPair:
         found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
         self._gaps = u.copy(), (*found, curvature.reshape(*x.shape, 3))
         return self._gaps[1]
+
+    def deepest(self, u: Array) -> DeepestPoint:
+        """Return the deepest point of this rank's facets, at nodal displacements (nodes, 3)."""
+        near, gap, _, _ = self._evaluate(u)
+        x = self.surface.positions_at(facet_grid(self.surface.kind), u, near)
+        gaps = np.hstack([gap, self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])])
+        x = np.concatenate([self.surface.positions(u, near), x], axis=1)
+        return DeepestPoint.among(gaps, self.surface.weights[near].sum(axis=1), x)
 
     def augmentation(self, at: ContactPoints) -> tuple[float, float]:
         """Return the sum of the pressures' changes by `augment`, and that of pressures [N]."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import bad_value
+from fem_snh.fem.contact.deepest_point import DeepestPoint
 from fem_snh.fem.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.fem.terms.augmentation import PenaltyGrowth, multiplier_change
 from fem_snh.fem.terms.settling import LaggedChange, largest_change, relative
@@ -124,10 +125,13 @@ class SurfacePair:
         """Return the pair's row of run.json: see `BodyContact.record`."""
         first = np.unique(self.passes[0].own.nodes)
         found = [one.touching(x) for one in self.passes]
+        penetration = max(0.0, *(float(-at.gaps.gap.min(initial=0.0)) for at in found))
+        deepest = DeepestPoint.deepest(one.deepest(x) for one in self.passes)
         return {
             "force": (-self.gradient(x)[first].sum(axis=0)).tolist(),
             "contacts": sum(int((at.pressure > 0).sum()) for at in found),
-            "penetration": max(0.0, *(float(-at.gaps.gap.min(initial=0.0)) for at in found)),
+            "penetration": penetration,
+            **deepest.row(penetration),
             "stiffness": self.stiffness,
         }
 

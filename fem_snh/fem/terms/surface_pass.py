@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.fem.contact.closest_facets import ClosestFacets
+from fem_snh.fem.contact.deepest_point import DeepestPoint, facet_grid
 from fem_snh.fem.contact.gaps import Gaps, gap_derivative, gap_second_derivative, measure_gaps
 from fem_snh.fem.contact.gathered_surface import GatheredSurface, Side
 
@@ -111,10 +112,14 @@ class SurfacePass:
         """Return the positions of the quadrature points [m], (points, 3)."""
         return np.asarray((self.own.basis @ x[self.own.nodes]).reshape(-1, 3))
 
-    def normals(self, x: Array) -> Array:
-        """Return the outward unit normals of the own surface at the points, (points, 3)."""
+    def normals(self, x: Array, derivatives: Array | None = None) -> Array:
+        """Return the outward unit normals of the own surface at the points, (points, 3).
+
+        ``derivatives`` (n, k, 2) are those of the shape functions at other points of a facet.
+        """
         nodes = x[self.own.nodes]
-        tangents = np.einsum("fki,pka->fpia", nodes, self.own.derivatives, optimize=True)
+        table = self.own.derivatives if derivatives is None else derivatives
+        tangents = np.einsum("fki,pka->fpia", nodes, table, optimize=True)
         normals = np.cross(tangents[..., 0], tangents[..., 1])
         normals *= self.own.outward[:, None, None]
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
@@ -165,6 +170,22 @@ class SurfacePass:
         found = Touching(some, self._facet[some], chosen, pressure[which])
         self._evaluated = x, found
         return found
+
+    def deepest(self, x: Array) -> DeepestPoint:
+        """Return the deepest point of the own surface in the other one."""
+        shape, at = self.surface.shape, self.touching(x)
+        basis, derivatives = shape.evaluate(facet_grid(shape.kind))
+        grid = basis @ x[self.own.nodes]
+        points = grid.reshape(-1, 3)
+        normals = self.normals(x, derivatives)
+        facet, start = self._closest.find(x, points, normals, self._reach)
+        gaps, some = np.full(len(points), np.inf), np.flatnonzero(facet >= 0)
+        gaps[some] = measure_gaps(shape, self.other, x, points[some], facet[some], start[some]).gap
+        known = np.full(len(self.weights), np.inf)
+        known[at.point] = at.gaps.gap
+        both = np.hstack([known.reshape(self.own.weights.shape), gaps.reshape(grid.shape[:2])])
+        positions = np.concatenate([self.own.basis @ x[self.own.nodes], grid], axis=1)
+        return DeepestPoint.among(both, self.own.weights.sum(axis=1), positions)
 
     def energy(self, x: Array) -> float:
         """Return the energy of all points [J]."""
