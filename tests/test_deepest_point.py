@@ -11,6 +11,7 @@ import pytest
 from bodies import Condition, Hold, cube
 from contact_problems import contact_problem, plane, press, translation
 from contact_scenes import slide
+from interrupted_runs import cut
 from running import record, rows, solve
 from test_sharp_contact import DIAGONAL
 
@@ -69,7 +70,7 @@ def test_a_corner_is_deeper_than_its_points(comm: MPI.Comm, element: str) -> Non
         floor = row["obstacles"]["floor"]
         assert floor["deepest"] == pytest.approx(depth, rel=1e-12)
         assert floor["deepest_at"][:2] == pytest.approx([x, y], abs=1e-12)
-        assert 0 < 3 * floor["penetration"] < depth and row["notes"] == ["penetration"]
+        assert 0 < 2 * floor["penetration"] < depth and row["notes"] == ["penetration"]
 
 
 @mpi
@@ -94,7 +95,7 @@ def test_a_smooth_contact_has_no_note(comm: MPI.Comm) -> None:
     result = solve("hertz", comm=comm)
     plane = result.steps[-1]["obstacles"]["plane"]
     assert result.notes == [] and "notes" not in result.steps[-1]
-    assert plane["penetration"] <= plane["deepest"] < 3 * plane["penetration"]
+    assert plane["penetration"] <= plane["deepest"] < 2 * plane["penetration"]
 
 
 @mpi
@@ -132,23 +133,29 @@ def test_a_corner_in_another_body(comm: MPI.Comm) -> None:
 @mpi
 def test_a_run_has_the_note(comm: MPI.Comm, folder: Any) -> None:
     """Only the left side may touch the plate, which is 0.08 below its upper edge at the end."""
-    result = solve(slide(group="left", translate=[0.06, 0, -0.08]), comm=comm, out=folder)
+    scene = slide(group="left", translate=[0.06, 0, -0.08])
+    result = solve(scene, comm=comm, out=folder / "whole")
     assert result.converged and [note["kind"] for note in result.notes] == ["penetration"]
     (note,) = result.notes
     assert note["step"] == 3 and note["steps"] == [1, 2, 3] and note["name"] == "obstacle 'plate'"
     assert note["deepest"] == pytest.approx(0.08, abs=1e-9) and note["penetration"] == 0
-    table = rows(folder)
+    table = rows(folder / "whole")
     depths = [float(row["plate_deepest"]) for row in table]
     np.testing.assert_allclose(depths, [0.02, 0.04, 0.06, 0.08], atol=1e-9)
     assert [row["notes"] for row in table] == ["", *["penetration"] * 3]
-    assert record(folder)["notes"] == result.notes
+    assert record(folder / "whole")["notes"] == result.notes
+    with cut(3):
+        solve(scene, comm=comm, out=folder / "cut")
+    for _ in range(2):  # the second one has finished
+        again = solve(scene, comm=comm, out=folder / "cut", resume=True)
+        assert [other["text"] for other in again.notes] == [note["text"]]
 
 
 def test_of_a_common_node_the_smallest_facet_counts() -> None:
     gaps, x = np.array([[-0.1, 0.2], [-0.1, 0.0]]), np.ones((2, 2, 3))
     point = DeepestPoint.among(gaps, np.array([4.0, 1.0]), x)
     assert point == (0.1, 1.0, [1, 1, 1])
-    assert point.row(0.04) == {"deepest": 0.1}  # 2.5 times as deep
-    assert point.row(0.03) == {"deepest": 0.1, "deepest_at": [1, 1, 1]}
+    assert point.row(0.06) == {"deepest": 0.1}  # 1.7 times as deep
+    assert point.row(0.04) == {"deepest": 0.1, "deepest_at": [1, 1, 1]}
     assert DeepestPoint.deepest([DeepestPoint(), point]) == point
     assert DeepestPoint.among(-gaps.clip(max=0), np.ones(2), x) == DeepestPoint()

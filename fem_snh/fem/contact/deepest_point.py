@@ -18,9 +18,9 @@ Array = npt.NDArray[Any]
 
 #: Intervals of the grid along an edge: the nodes of degree 1 and 2, and as many points between.
 _INTERVALS = 4
-#: Over the penetration of quadrature points. A gap of constant curvature that is zero in the middle
-#: of a quadrilateral is 3 times as deep at its vertices as at the 2 x 2 points: a smooth surface.
-_FACTOR = 3.0
+#: Over the penetration of quadrature points. A linear gap that is zero in the middle of a facet is
+#: 1.7 (2 x 2 points) or 2 times (3 points) as deep at a vertex as at the points: they see it.
+_FACTOR = 2.0
 #: In sizes of the facet: less takes a few percent of the force (docs/howto/obstacles.md).
 _LEAST = 0.05
 
