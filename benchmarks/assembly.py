@@ -14,13 +14,15 @@ import ufl
 
 from benchmarks import Row, split_list
 from fem_snh import _dolfinx
-from fem_snh.fem import elements, mesh, ufl_forms
-from fem_snh.fem.assembled_matrix import create_matrix
-from fem_snh.fem.regions import Region, whole_body
-from fem_snh.fem.terms import Elastic
-from fem_snh.kernels.pointwise import Material
-from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.assembly import elements
+from fem_snh.assembly.assembled_matrix import create_matrix
+from fem_snh.assembly.regions import Region, whole_body
+from fem_snh.constitutive import ufl_forms
+from fem_snh.constitutive.material import Material
+from fem_snh.constitutive.material import material as make_material
 from fem_snh.materials import names
+from fem_snh.mesh import mesh
+from fem_snh.terms import Elastic
 
 #: Limit on the ratio to FFCx for each element, and the cells per edge of its mesh.
 LIMITS = {"Q1": 0.60, "P1": 1.0, "P2": 0.60, "Q2": 0.60}

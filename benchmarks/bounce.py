@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks import Row, split_list
 from fem_snh.choices import INTEGRATORS
-from fem_snh.fem.mesh import volume
+from fem_snh.mesh.mesh import volume
 from fem_snh.runs import run
 from fem_snh.scenes.builtin.bounce import DENSITY, GRAVITY
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from benchmarks import Row, contact_patch, plates, split_list
 from fem_snh.choices import CONTACT_METHODS
+from fem_snh.contact.surfaces import stiffness
 from fem_snh.errors import choose
-from fem_snh.fem.contact import stiffness
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Hold, MaterialChoice, Scene, load
 from fem_snh.scenes._obstacles import ObstacleChoice

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks import Row, split_list
 from fem_snh import _dolfinx
 from fem_snh.choices import CONTACT_METHODS
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Geometry, Hold, MaterialChoice, Move, Scene
 

@@ -8,8 +8,8 @@ from math import log
 
 from benchmarks import Row, split_list
 from benchmarks.manufactured import Manufactured
+from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS, element
 
 #: Cells along the edge of the cube, by the degree of the displacement.
 CELLS = {1: "4,8,12", 2: "3,6,9"}

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fem_snh.fem.lattice import lattice
-from fem_snh.fem.shapes import Capsule, ClosedSurface, SmoothUnion
+from fem_snh.geometry.shapes import Capsule, ClosedSurface, SmoothUnion
+from fem_snh.mesh.lattice import lattice
 
 #: Metacarpal and finger bones: distances of their ends from the wrist [m].
 _JOINTS = (0.05, 0.09, 0.135, 0.165, 0.185)

@@ -10,11 +10,11 @@ from mpi4py import MPI
 
 from benchmarks import Row, split_list
 from fem_snh import solver
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.pressure_oscillation import may_lock, pressure_oscillation
-from fem_snh.fem.state_notes import REPLACEMENTS, locking_note
+from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.accuracy.state_notes import REPLACEMENTS, locking_note
+from fem_snh.accuracy.stiffness import energies, stiffness_factor
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.runs.setup import Setup, petsc_options, set_up
-from fem_snh.runs.stiffness import energies, stiffness_factor
 from fem_snh.scenes import load
 
 

@@ -23,13 +23,13 @@ import numpy as np
 import ufl
 
 from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import Element
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import Element
-from fem_snh.fem.problem import Problem
-from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import set_direct_solver
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
 
 #: Quadrature degree of errors and load: enough for the waves on cells of size 1/2.
 DEGREE = 7

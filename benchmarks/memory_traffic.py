@@ -14,11 +14,11 @@ import numpy as np
 
 from benchmarks import Row
 from fem_snh import scenes, solver
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import element as element_of
-from fem_snh.fem.problem import Problem
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import element as element_of
+from fem_snh.constitutive.material import material
 from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
 from fem_snh.runs import make_mesh
 
 #: Numbers in the copy that measures the bandwidth: more than any cache holds.

@@ -16,12 +16,12 @@ import numpy as np
 from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh._petsc import default_options
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
 from fem_snh.errors import choose
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Hold, Move, Rotate, Traction
 from fem_snh.studies.tradeoff.knobs import ICC
 

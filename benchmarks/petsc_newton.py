@@ -19,7 +19,7 @@ from benchmarks.negative_curvature import CASES, create
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.errors import choose
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 
 #: The prefix of PETSc's solvers, apart from that of ours.
 _PREFIX = "petsc_newton_"

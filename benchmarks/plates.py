@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks import Row, split_list
 from fem_snh.choices import CONTACT_METHODS, INTEGRATORS
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Geometry, Gravity, Hold, MaterialChoice, Scene, Time
 

@@ -14,12 +14,12 @@ from benchmarks import Row, split_list
 from benchmarks.assembly import times
 from benchmarks.manufactured import Manufactured, bent_cube
 from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS, Element, element
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, Element, element
-from fem_snh.fem.problem import Problem
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
 
 #: Cells along the edge of the cube, by the degree of the displacement.
 CELLS = {1: 8, 2: 5}

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, Hessian, deformed, times
 from fem_snh import _dolfinx
-from fem_snh.fem.regions import Region
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.regions import Region
+from fem_snh.constitutive.material import material
 
 #: Time of several materials' assembly relative to one material's.
 LIMIT = 1.05

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from benchmarks import Row, split_list
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import choose
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.runs import run
 
 #: Meshes of each scene, and settings that keep it short.

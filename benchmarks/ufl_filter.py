@@ -18,13 +18,14 @@ import ufl
 from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, times
 from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import create_matrix
+from fem_snh.assembly.elements import element as element_of
+from fem_snh.assembly.regions import whole_body
 from fem_snh.choices import FILTERS
-from fem_snh.fem import mesh, ufl_forms
-from fem_snh.fem.assembled_matrix import create_matrix
-from fem_snh.fem.elements import element as element_of
-from fem_snh.fem.regions import whole_body
-from fem_snh.fem.terms import Elastic, UFLTerm
-from fem_snh.kernels.pointwise import material as make_material
+from fem_snh.constitutive import ufl_forms
+from fem_snh.constitutive.material import material as make_material
+from fem_snh.mesh import mesh
+from fem_snh.terms import Elastic, UFLTerm
 
 
 def rows(

@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks import Row, split_list
 from benchmarks.manufactured import bent_cube
 from benchmarks.quadrature import dense, spurious_modes
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, Element, element
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS, Element, element
+from fem_snh.constitutive.material import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.materials.keywords import BOUNDS
+from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.scenes import Hold, Move
 

@@ -34,8 +34,8 @@ from mpi4py import MPI
 import numpy as np
 
 import fem_snh
-from fem_snh.render import main as render
 from fem_snh.scenes.builtin.hand import FINGERS, rig
+from fem_snh.viewing.render import main as render
 
 parser = ArgumentParser(description="A hand closes to a fist.")
 parser.add_argument("--cells", type=int, default=40, help="along hand and forearm")

@@ -27,7 +27,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.render import main as render
+from fem_snh.viewing.render import main as render
 
 parser = ArgumentParser(description="Eigenmodes of a bar: normalised and misread constants.")
 parser.add_argument("--cells", type=int, default=6, help="along the diameter")

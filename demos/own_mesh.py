@@ -20,7 +20,7 @@ import gmsh
 import numpy as np
 
 import fem_snh
-from fem_snh.render import main as render
+from fem_snh.viewing.render import main as render
 
 # %% [markdown]
 # Any mesh with physical groups will do; the scene refers to them by name.

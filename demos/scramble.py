@@ -31,7 +31,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import fem_snh
-from fem_snh.render import main as render
+from fem_snh.viewing.render import main as render
 
 parser = ArgumentParser(description="A scrambled cube returns to rest.")
 parser.add_argument("--cells", type=int, default=10, help="along an edge")

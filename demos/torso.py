@@ -26,7 +26,7 @@ from mpi4py import MPI
 import numpy as np
 
 import fem_snh
-from fem_snh.render import main as render
+from fem_snh.viewing.render import main as render
 
 parser = ArgumentParser(description="The arms of a torso swing across the chest.")
 parser.add_argument("--cells", type=int, default=50, help="from fingertip to fingertip")

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from fem_snh.constitutive.material import material
+    from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
-    from fem_snh.fem.self_contact.choice import SelfContact
-    from fem_snh.kernels.pointwise import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
 
@@ -34,12 +34,12 @@ __all__ = [
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
 _MODULES = {
-    "material": "kernels.pointwise",
+    "material": "constitutive.material",
     "run": "runs",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
     "DynamicProblem": "dynamic_problem",
-    "SelfContact": "fem.self_contact.choice",
+    "SelfContact": "contact.self_contact",
 }
 
 

@@ -31,10 +31,10 @@ PREDICTORS = ("none", "extrapolate", "tangent", "bones")
 #: Poses of a skeleton that a bone's reference position may be that of.
 RESTS = ("first", "offset")
 
-#: Time integrators (`fem_snh.fem.integrators`); without damping of their own: newmark.
+#: Time integrators (`fem_snh.dynamics.integrators`); without damping of their own: newmark.
 INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")
 
-#: Mass matrices (`fem_snh.fem.nodal_mass`).
+#: Mass matrices (`fem_snh.assembly.nodal_mass`).
 MASSES = ("consistent", "lumped")
 
 #: The defaults of scenes, of the command line and of `fem_snh.solver.create` alike.

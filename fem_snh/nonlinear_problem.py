@@ -12,21 +12,21 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
+from fem_snh.accuracy.state_notes import inversion_note, locking_note
+from fem_snh.assembly.elements import with_cell_pressures
+from fem_snh.constitutive.material import Material
 from fem_snh.errors import ResultNote, bad_value, check_whole, choose
-from fem_snh.fem.create_problem import with_element
-from fem_snh.fem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
-from fem_snh.fem.elements import with_cell_pressures
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.state_notes import inversion_note, locking_note
-from fem_snh.fem.terms import UFLTerm
-from fem_snh.kernels.pointwise import Material
 from fem_snh.notes import Note
-from fem_snh.runs.cell_pressures import CellPressures
-from fem_snh.runs.condensation import choose_condensation, chosen_for_condensed
-from fem_snh.runs.jump import jump_note
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
-from fem_snh.runs.time_steps import TimeSteps
+from fem_snh.problem.create_problem import with_element
+from fem_snh.problem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.cell_pressures import CellPressures
+from fem_snh.steps.condensation import choose_condensation, chosen_for_condensed
+from fem_snh.steps.jump import jump_note
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.time_steps import TimeSteps
+from fem_snh.terms import UFLTerm
 
 #: First guesses when boundary values have changed, and those of the steps of `steps`: see
 #: `fem_snh.solver.Predictor`.
@@ -51,7 +51,7 @@ class NonlinearProblem:
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),
     where they mean the same. The materials are assembled by compiled loops with the closed-form
-    filter of their Hessian, the terms by dolfinx (their Hessian: `fem_snh.fem.terms.UFLTerm`). The
+    filter of their Hessian, the terms by dolfinx (their Hessian: `fem_snh.terms.UFLTerm`). The
     solver is that of scenes, a PETSc SNES.
 
     Parameters
@@ -69,7 +69,7 @@ class NonlinearProblem:
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
         exterior facets. An energy is better than its residual, as it can be minimised. The terms of
         loads are those of an energy, too: -f . u dx for a force f per volume. With a
-        `fem_snh.fem.self_contact.choice.SelfContact` the surface of the mesh touches itself.
+        `fem_snh.contact.self_contact.SelfContact` the surface of the mesh touches itself.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
@@ -81,8 +81,8 @@ class NonlinearProblem:
         See `fem_snh.solver.create`.
     element : str, optional
         An element with another treatment of the volume term, such as "Q1P0", or with an unknown
-        pressure, such as "P2P1": one of `fem_snh.fem.elements.ELEMENTS`. It must have the cell and
-        the degree of ``u``. Default: the volume term at every quadrature point.
+        pressure, such as "P2P1": one of `fem_snh.assembly.elements.ELEMENTS`. It must have the cell
+        and the degree of ``u``. Default: the volume term at every quadrature point.
     predictor : {"tangent", "none"}, optional
         First guess when boundary values have changed: the linearised response to the change, or
         the values alone. From the second step of `steps` on, "tangent" continues the step before.

@@ -14,15 +14,15 @@ import pytest
 from bodies import Condition, Hold
 
 from fem_snh import solver
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Filling
-from fem_snh.fem.self_contact.ipc import IPC
-from fem_snh.kernels.pointwise import material
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
+from fem_snh.constitutive.material import material
+from fem_snh.contact.barrier.ipc import IPC
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
 
 needs_ipctk = pytest.mark.skipif(
     sys.platform == "linux" and platform.machine() != "x86_64",

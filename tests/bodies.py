@@ -14,11 +14,11 @@ import pytest
 from scipy.sparse import csr_matrix, vstack
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 
 #: Elements whose problems UFL can express, and those whose displacement minimises an energy.

@@ -11,18 +11,18 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import solver
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.motion.dynamics import Dynamics
-from fem_snh.fem.obstacles import Obstacle
-from fem_snh.fem.obstacles.moving import DisplacementMotion
-from fem_snh.fem.regions import Filling
-from fem_snh.fem.shapes import Plane
-from fem_snh.fem.terms.contact import Contact, ObstacleContact
-from fem_snh.fem.terms.gravity import Gravity
-from fem_snh.kernels.pointwise import material
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
+from fem_snh.constitutive.material import material
+from fem_snh.contact.obstacle.contact import Contact, ObstacleContact
+from fem_snh.dynamics.dynamics import Dynamics
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.shapes import Plane
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+from fem_snh.terms.gravity import Gravity
 
 
 def translation(vector):

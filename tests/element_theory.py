@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.problem.create_problem import create_problem
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from bodies import cube
 from solver_problems import options
 
 from fem_snh import solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.motion.dynamics import Dynamics
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Filling
-from fem_snh.fem.terms.gravity import Gravity
-from fem_snh.kernels.pointwise import material
+from fem_snh.constitutive.material import material
+from fem_snh.dynamics.dynamics import Dynamics
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
+from fem_snh.terms.gravity import Gravity
 
 #: Integrators of second order.
 SECOND_ORDER = ("newmark", "bdf2", "generalized_alpha")

@@ -10,9 +10,9 @@ import numpy as np
 from bodies import Condition, Hold, cube, problem, set_values, wave
 
 from fem_snh import solver
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.problem.create_problem import create_problem
 
 #: The trust region, entered where the filtered steps make little progress.
 TRUST = {"hessian": "adaptive", "globalization": "trust_region"}

@@ -7,9 +7,9 @@ from bodies import cube
 from element_theory import problem
 
 from fem_snh import _dolfinx
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.field_values import FieldValues
-from fem_snh.kernels.point_fields import POINT_FIELDS
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.output.field_values import FieldValues
+from fem_snh.output.point_fields import POINT_FIELDS
 
 E, NU = 2.0, 0.45
 MU, LAM = E / 2 / (1 + NU), E * NU / (1 + NU) / (1 - 2 * NU)

@@ -14,7 +14,7 @@ from dolfinx_programs import Bar, Press, unit_cube
 from running import solve
 
 import fem_snh
-from fem_snh.fem.dolfinx_problem import create_dolfinx_problem
+from fem_snh.problem.dolfinx_problem import create_dolfinx_problem
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi

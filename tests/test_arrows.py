@@ -116,7 +116,7 @@ HEAVY = {
             set(),
         ),
         ("from fem_snh import scenes; [scenes.load(name) for name in scenes.names()]", set()),
-        ("from fem_snh import plots, render; from fem_snh.fem import elements", set()),
+        ("from fem_snh.viewing import plots, render; from fem_snh.assembly import elements", set()),
     ],
 )
 def test_these_import_nothing_heavy(code, also):

@@ -15,7 +15,7 @@ from benchmarks import (
     taylor_hood,
     volume_split,
 )
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 
 
 def test_orders() -> None:

@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
 
 from fem_snh import solver
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.terms.contact import Contact
-from fem_snh.kernels.pointwise import material
+from fem_snh.constitutive.material import material
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.problem.create_problem import create_problem
 
 pytestmark = pytest.mark.mpi
 COMM = MPI.COMM_WORLD

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem.bones import Noise
+from fem_snh.geometry.bones import Noise
 from fem_snh.scenes.bone_files import read_bones
 
 #: Affine and not rigid, as production skinning has it.

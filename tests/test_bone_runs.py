@@ -12,9 +12,9 @@ from interrupted_runs import cut
 from running import solve
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.fem.shapes import Box, ClosedSurface
-from fem_snh.render.obstacles import Obstacles
-from fem_snh.render.records import obstacle_poses
+from fem_snh.geometry.shapes import Box, ClosedSurface
+from fem_snh.viewing.render.obstacles import Obstacles
+from fem_snh.viewing.render.records import obstacle_poses
 
 ACCURATE = {"snes_scaled_tol": 1e-11}
 DENSE = {"name": "stable_neo_hookean", "E": 1e4, "nu": 0.45, "density": 1e3}

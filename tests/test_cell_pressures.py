@@ -11,12 +11,12 @@ from interrupted_runs import ALONE, cut, solve
 from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
+from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
-from fem_snh.kernels.pointwise import material
 from fem_snh.linalg.direct_solver import set_direct_solver
-from fem_snh.runs.cell_pressures import CellPressures
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.cell_pressures import CellPressures
 
 STRETCH = {"steps": 1, "stretch": 1.2, "nu": 0.4999, "progress": False}
 

@@ -10,16 +10,16 @@ from bodies import Hold, cube, dense, set_values, wave
 from contact_problems import contact_problem, plane, press, translation
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle.contact_output import ContactFields
+from fem_snh.contact.surfaces.search import NearFacets
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import NotSettled
-from fem_snh.fem.contact.search import NearFacets
-from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.ghosted_vectors import add_ghosts, update_ghosts
-from fem_snh.fem.mesh import volume
-from fem_snh.fem.obstacles import Obstacle
-from fem_snh.fem.shapes import Sphere
-from fem_snh.fem.terms.contact import Contact
-from fem_snh.fem.terms.contact_output import ContactFields
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.shapes import Sphere
+from fem_snh.mesh.mesh import volume
 
 mpi = pytest.mark.mpi
 #: Each element; on several ranks one with a pressure and one without.

@@ -15,8 +15,8 @@ from interrupted_runs import cut, record, solve
 
 from benchmarks import plates
 from fem_snh import scenes
+from fem_snh.assembly import couplings
 from fem_snh.errors import BadInput
-from fem_snh.fem import couplings
 from fem_snh.runs import checkpoint
 
 #: Two blocks, the upper one wider: it bulges over the lower one.

@@ -11,7 +11,7 @@ import pytest
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
+from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi
 

@@ -13,8 +13,8 @@ from bodies import Hold, cube, dense, problem
 
 from fem_snh import _dolfinx
 from fem_snh._petsc import nonzero_state
-from fem_snh.fem.problem import Problem
 from fem_snh.linalg.ssor_cg import EisenstatCG
+from fem_snh.problem.problem import Problem
 
 pytestmark = pytest.mark.mpi
 

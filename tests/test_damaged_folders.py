@@ -254,8 +254,8 @@ def test_a_picture_of_no_known_type(
 def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: Path) -> None:
     from html.parser import HTMLParser
 
-    from fem_snh import plots
-    from fem_snh.view.page import page
+    from fem_snh.viewing import plots
+    from fem_snh.viewing.view.page import page
 
     text = r"<!--<script></script>$\frac$ & $x$"
     record = json.loads((left / "run.json").read_text()) | {"scene": text, "load_name": text}

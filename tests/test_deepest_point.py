@@ -16,18 +16,18 @@ from running import record, rows, solve
 from test_sharp_contact import DIAGONAL
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.contact.deepest_point import DeepestPoint
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.ghosted_vectors import nodal_vectors
-from fem_snh.fem.obstacles import Obstacle
-from fem_snh.fem.shapes import Sphere
-from fem_snh.fem.state_notes import penetration_note
-from fem_snh.fem.terms.body_contact import BodyContact
-from fem_snh.fem.terms.contact import Contact
-from fem_snh.fem.terms.surface_pair import BodyPair
-from fem_snh.kernels.pointwise import material
+from fem_snh.accuracy.state_notes import penetration_note
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.ghosted_vectors import nodal_vectors
+from fem_snh.constitutive.material import material
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.pair.body_contact import BodyContact
+from fem_snh.contact.pair.surface_pair import BodyPair
+from fem_snh.contact.surfaces.deepest_point import DeepestPoint
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.shapes import Sphere
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 

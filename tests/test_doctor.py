@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import pytest
 
-from fem_snh import doctor
+from fem_snh.cli import doctor
 from fem_snh.errors import BadInput
 
 ROOT = Path(__file__).parents[1]
@@ -39,7 +39,7 @@ def test_check_names_another_python() -> None:
     """Without site-packages, as a Python has that is not Debian's: one line, nothing imported."""
     code = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
-        "from fem_snh.doctor import check\n"
+        "from fem_snh.cli.doctor import check\n"
         "from fem_snh.errors import BadInput\n"
         "try: check()\n"
         "except BadInput as error: print(error)"

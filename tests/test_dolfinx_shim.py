@@ -7,7 +7,7 @@ import pytest
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
+from fem_snh.mesh import mesh
 
 ELEMENTS = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
 mpi = pytest.mark.mpi

@@ -11,8 +11,8 @@ import pytest
 from bodies import MINIMISING, Hold, cube, problem, set_values, wave
 
 from fem_snh._petsc import default_options
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.solver import EisenstatCG, callback_errors
 
 mpi = pytest.mark.mpi

@@ -12,12 +12,12 @@ from bodies import cube, norm
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Region
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.regions import Region
-from fem_snh.fem.terms import Elastic
-from fem_snh.fem.terms.elastic_forms import ElasticForms
-from fem_snh.kernels.pointwise import material
+from fem_snh.terms import Elastic
+from fem_snh.terms.elastic_forms import ElasticForms
 
 #: Relative difference of energies and of residuals.
 BOUND = 1e-12

@@ -9,8 +9,8 @@ import pytest
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh as meshes
-from fem_snh.fem import mesh_checks
+from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh import mesh_checks
 
 mpi = pytest.mark.mpi
 CELLS = 14

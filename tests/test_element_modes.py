@@ -10,9 +10,9 @@ from bodies import cube, dense, one_cell
 from element_theory import THEORY, poissons, problem
 
 from fem_snh import scenes
+from fem_snh.assembly import elements
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.fem import elements
-from fem_snh.fem.elements import ELEMENTS
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)

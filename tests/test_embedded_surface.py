@@ -10,8 +10,8 @@ from bodies import cube
 from test_dolfinx_shim import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.contact.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
 

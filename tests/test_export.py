@@ -19,11 +19,11 @@ from scipy.spatial import cKDTree
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from fem_snh import export, render
 from fem_snh.cli import main as fem_snh
 from fem_snh.errors import on_root
-from fem_snh.export.states import States
-from fem_snh.render.interpolation import InterpolatedStates
+from fem_snh.viewing import export, render
+from fem_snh.viewing.export.states import States
+from fem_snh.viewing.render.interpolation import InterpolatedStates
 
 LOADS = (0.0, 0.5, 1.0)
 #: Cells of the cube, and triangles of its surface at the first degree.

@@ -14,8 +14,8 @@ import pytest
 import pyvista as pv
 from picture_runs import bad, write_run
 
-from fem_snh import export
-from fem_snh.export.states import States
+from fem_snh.viewing import export
+from fem_snh.viewing.export.states import States
 
 
 @pytest.fixture

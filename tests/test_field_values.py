@@ -12,9 +12,9 @@ from bodies import Hold
 from stress_states import affine, close, displaced, evaluated, quadrature_points, slope, torsion
 
 from fem_snh import _dolfinx
-from fem_snh.fem.field_values import FieldValues
-from fem_snh.fem.nodal_projection import NodalProjection
-from fem_snh.kernels.point_fields import POINT_FIELDS
+from fem_snh.output.field_values import FieldValues
+from fem_snh.output.nodal_projection import NodalProjection
+from fem_snh.output.point_fields import POINT_FIELDS
 from fem_snh.output_fields import ON_REQUEST
 
 mpi = pytest.mark.mpi

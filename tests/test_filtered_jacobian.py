@@ -20,7 +20,7 @@ from bodies import (
 )
 
 from fem_snh import _dolfinx
-from fem_snh.fem.elements import ELEMENTS, Element
+from fem_snh.assembly.elements import ELEMENTS, Element
 
 elements = pytest.mark.parametrize("element", MINIMISING)
 pointwise = pytest.mark.parametrize("element", POINTWISE)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from points import make
 
+from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
 from fem_snh.choices import EIGENSOLVERS, FILTERS
-from fem_snh.kernels.cell_loops import CellLoops, ElementTables, compile_cell_loops
 
 GRADIENTS = np.array([[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 

@@ -22,11 +22,11 @@ from bodies import (
 from scipy.optimize import brentq
 
 from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.terms.pressure import Pressure
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.terms.pressure import Pressure
 
 mpi = pytest.mark.mpi
 

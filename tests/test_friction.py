@@ -7,12 +7,12 @@ import pytest
 from bodies import cube
 from contact_problems import accurate_snes, constant, contact_problem, march, nodes_mean, plane
 
-from fem_snh.fem import term_history
-from fem_snh.fem.terms.contact import Contact
+from fem_snh.contact.obstacle.contact import Contact
 from fem_snh.runs import run
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
 from fem_snh.scenes import Scene
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
+from fem_snh.terms import history as term_history
 
 mpi = pytest.mark.mpi
 

@@ -16,7 +16,7 @@ from bodies import cube
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.runs import run
 from fem_snh.solver import garbage
 

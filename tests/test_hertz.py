@@ -8,11 +8,11 @@ from bodies import Hold
 from contact_problems import contact_problem, plane, press, translation
 
 from benchmarks.pressed_ball import force_ratio
-from fem_snh.fem import mesh
-from fem_snh.fem.obstacles import Obstacle
-from fem_snh.fem.shapes import Sphere
-from fem_snh.fem.terms.contact import Contact
-from fem_snh.fem.terms.contact_output import ContactFields
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle.contact_output import ContactFields
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.shapes import Sphere
+from fem_snh.mesh import mesh
 
 E, NU, R = 2e4, 0.3, 50.0
 #: E / (1 - nu^2): the plane is rigid.

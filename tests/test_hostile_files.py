@@ -16,17 +16,17 @@ from gmsh_files import BOX, write_msh
 
 from fem_snh import child_process
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.bones import joint_motion, read_bvh
-from fem_snh.fem.obstacles.motion_rows import read_rows
-from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.geometry.bones import joint_motion, read_bvh
+from fem_snh.geometry.motions.motion_rows import read_rows
+from fem_snh.geometry.shapes import ClosedSurface
+from fem_snh.mesh import mesh
 from fem_snh.references import load_reference
-from fem_snh.render import read_record
-from fem_snh.render.worker import run_elsewhere
 from fem_snh.runs import checkpoint
 from fem_snh.runs.scene_identity import _digest
 from fem_snh.scenes import load
 from fem_snh.studies.processes import environment, program
+from fem_snh.viewing.render import read_record
+from fem_snh.viewing.render.worker import run_elsewhere
 
 # Node -1 does not exist: gmsh 4.8 reads beyond the end of its table of nodes, and crashes.
 INVALID_NODE = """$MeshFormat
@@ -240,5 +240,5 @@ def test_no_process_imports_from_the_working_directory(
     done = subprocess.run(command, env=environment(), capture_output=True, text=True)
     assert done.stdout.startswith("fem-snh "), done.stderr
     with pytest.raises(BadInput):
-        run_elsewhere({}, "fem_snh.render.drawing")
+        run_elsewhere({}, "fem_snh.viewing.render.drawing")
     assert not Path("executed").exists()

@@ -7,8 +7,8 @@ import pytest
 from contact_problems import constant, contact_problem, march, plane
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.terms.contact import Contact
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.mesh import mesh
 
 G = 9.81
 

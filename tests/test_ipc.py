@@ -10,7 +10,7 @@ from barrier_problems import GAP, intersects, needs_ipctk, points, pressed, step
 from bodies import Hold, norm, set_values
 
 from fem_snh import solver
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.solver.newton import ProjectedNewton
 
 pytestmark = needs_ipctk

@@ -14,12 +14,12 @@ from scipy.sparse import random as random_matrix
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.contact.barrier.ipc_matrix import SurfaceMatrix
+from fem_snh.contact.barrier.ipc_surface import CollisionSurface
+from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface
 from fem_snh.errors import BadInput
-from fem_snh.export.states import States
-from fem_snh.fem.contact.embedded_surface import EmbeddedSurface
-from fem_snh.fem.self_contact.ipc_matrix import SurfaceMatrix
-from fem_snh.fem.self_contact.ipc_surface import CollisionSurface
 from fem_snh.scenes import Scene, validate
+from fem_snh.viewing.export.states import States
 
 #: A clip whose arms are pressed together: one body that touches itself.
 CLIP = {

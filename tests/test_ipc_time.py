@@ -10,8 +10,8 @@ from barrier_problems import GAP, intersects, needs_ipctk, pressed
 from interrupted_runs import cut, record, solve
 
 from fem_snh import _dolfinx, solver
-from fem_snh.fem.ghosted_vectors import add_ghosts, writable_values
-from fem_snh.fem.motion.dynamics import Dynamics
+from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.scenes import validate
 
 pytestmark = needs_ipctk

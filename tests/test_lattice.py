@@ -12,13 +12,13 @@ from bodies import set_values
 from running import solve
 
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import lattice, mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.regions import Filling
-from fem_snh.fem.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
-from fem_snh.kernels.pointwise import material
+from fem_snh.geometry.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
+from fem_snh.mesh import lattice, mesh
+from fem_snh.problem.create_problem import create_problem
 
 COMM = MPI.COMM_WORLD
 HEXAHEDRA = [name for name, element in ELEMENTS.items() if element.cell == "hexahedron"]

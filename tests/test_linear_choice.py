@@ -11,7 +11,7 @@ import pytest
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.fem.regime import section_nodes
+from fem_snh.problem.regime import section_nodes
 
 
 @pytest.mark.parametrize("degree", [1, 2])

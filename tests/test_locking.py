@@ -13,13 +13,13 @@ from running import solve
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.fem.boundary_conditions import DirichletConditions
-from fem_snh.fem.elements import element
-from fem_snh.fem.mesh import generate
-from fem_snh.fem.pressure_oscillation import may_lock, pressure_oscillation
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import whole_body
-from fem_snh.fem.unknowns import create_unknowns
+from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.assembly.boundary_conditions import DirichletConditions
+from fem_snh.assembly.elements import element
+from fem_snh.assembly.regions import whole_body
+from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.mesh.mesh import generate
+from fem_snh.problem.problem import Problem
 
 mpi = pytest.mark.mpi
 

@@ -9,7 +9,7 @@ import pytest
 from gmsh_files import BOX, write_msh
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh, mesh_checks
+from fem_snh.mesh import mesh, mesh_checks
 
 pytestmark = pytest.mark.mpi
 CELLS = ["hexahedron", "tetrahedron"]

@@ -19,8 +19,8 @@ import fem_snh
 from benchmarks.fuzz.meshes import write_mesh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.mesh_checks import check_geometry, scaled_jacobian
+from fem_snh.mesh import mesh
+from fem_snh.mesh.mesh_checks import check_geometry, scaled_jacobian
 from fem_snh.scenes import Scene
 
 pytestmark = pytest.mark.mpi

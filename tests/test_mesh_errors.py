@@ -6,7 +6,7 @@ import pytest
 from gmsh_files import BOX, write_msh
 
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
+from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
 CELLS = ["hexahedron", "tetrahedron"]

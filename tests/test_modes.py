@@ -12,12 +12,12 @@ from scipy.optimize import brentq
 
 import fem_snh
 from fem_snh import _dolfinx
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.dynamics import eigenproblem, modes
 from fem_snh.errors import BadInput
-from fem_snh.fem import eigenproblem, modes
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.mesh import generate
-from fem_snh.fem.terms import mass_matrix
+from fem_snh.mesh.mesh import generate
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.terms import mass_matrix
 
 mpi = pytest.mark.mpi
 

@@ -9,9 +9,9 @@ import pytest
 from bodies import Hold, cube, dense, problem
 
 import fem_snh
-from fem_snh.fem import modes
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.dynamics import modes
+from fem_snh.problem.create_problem import create_problem
 from fem_snh.scenes import Geometry
 
 mpi = pytest.mark.mpi

@@ -11,11 +11,11 @@ import pytest
 from bodies import Condition, Hold
 from motions import advance, displacement, equal_steps, moving, run
 
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS, MASSES
-from fem_snh.fem import mesh
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.regions import Filling
-from fem_snh.kernels.pointwise import material
+from fem_snh.constitutive.material import material
+from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi
 G, STEP, STEPS = 9.81, 0.01, 20

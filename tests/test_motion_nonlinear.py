@@ -11,9 +11,9 @@ from motions import SECOND_ORDER, advance, displacement, equal_steps, moving, ru
 from one_cell import CORNERS, OneCell
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS
-from fem_snh.fem.regions import Filling
-from fem_snh.kernels.pointwise import material
+from fem_snh.constitutive.material import material
 
 mpi = pytest.mark.mpi
 TURNS = 10

@@ -12,15 +12,21 @@ from motions import advance, equal_steps, moving, run
 from scipy.spatial.transform import Rotation
 
 from fem_snh import _dolfinx
+from fem_snh.assembly import nodal_mass
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import Filling, cell_constant, regions_of_groups
 from fem_snh.choices import INTEGRATORS, MASSES
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh, nodal_mass
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.ghosted_vectors import add_ghosts, local_values, update_ghosts, writable_values
-from fem_snh.fem.nodal_mass import NodalMass
-from fem_snh.fem.regions import Filling, cell_constant, regions_of_groups
-from fem_snh.fem.terms import mass_matrix
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.terms import mass_matrix
 
 pytestmark = pytest.mark.mpi
 MATERIAL = material("stable_neo_hookean", E=1.0, nu=0.45)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from picture_runs import bad, write_run
 
-from fem_snh import render
-from fem_snh.render import frames, interpolation, movie
+from fem_snh.viewing import render
+from fem_snh.viewing.render import frames, interpolation, movie
 
 SECONDS = 0.2
 LOADS = (0.0, 0.5, 1.0)

@@ -19,7 +19,7 @@ from bodies import (
     set_values,
 )
 
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

@@ -15,9 +15,9 @@ from running import record, rows, solve
 from test_locking import cube
 
 import fem_snh
+from fem_snh.accuracy.state_notes import inversion_note
 from fem_snh.cli import main
 from fem_snh.errors import ResultNote
-from fem_snh.fem.state_notes import inversion_note
 
 mpi = pytest.mark.mpi
 

@@ -13,8 +13,8 @@ from contact_scenes import slide
 from interrupted_runs import cut
 from running import solve
 
-from fem_snh.fem.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
-from fem_snh.fem.shapes.triangles import surface_triangles
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
+from fem_snh.geometry.shapes.triangles import surface_triangles
 
 ENDS: Any = ((0.1, 0.2, 0.3), (0.9, 0.5, 0.6))
 LENGTH = np.linalg.norm(np.subtract(*ENDS))

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import BadInput
-from fem_snh.fem.obstacles import Obstacle, read_motion
-from fem_snh.fem.obstacles.moving import DisplacementMotion, Pose
-from fem_snh.fem.shapes import Box
+from fem_snh.geometry.motions import Obstacle, read_motion
+from fem_snh.geometry.motions.moving import DisplacementMotion, Pose
+from fem_snh.geometry.shapes import Box
 
 BOX = Box((0.1, 0.2, -0.1), (1.0, 0.6, 0.8))
 TURN, SHIFT = np.array([0.4, -0.3, 0.7]), np.array([0.3, -1.0, 2.0])

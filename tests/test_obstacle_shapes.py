@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import BadInput
-from fem_snh.fem.shapes import Box, Capsule, Cylinder, Plane, Sphere
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere
 
 A, B = (0.1, -0.2, 0.3), (0.9, 0.5, 0.6)
 TURN = (0.3, -0.5, 0.8)

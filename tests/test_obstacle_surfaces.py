@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_snh.errors import BadInput
-from fem_snh.fem.shapes import Box, ClosedSurface, Sphere
+from fem_snh.geometry.shapes import Box, ClosedSurface, Sphere
 
 pyvista = pytest.importorskip("pyvista")
 

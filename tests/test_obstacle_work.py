@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 from two_bodies import ROLLERS
 
 import fem_snh
-from fem_snh.fem.obstacles import Obstacle
-from fem_snh.fem.obstacles.moving import DisplacementMotion
-from fem_snh.fem.shapes import Cylinder
-from fem_snh.fem.terms.contact import Contact
-from fem_snh.fem.terms.obstacle_work import PointForces, obstacle_work
+from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle.obstacle_work import PointForces, obstacle_work
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.shapes import Cylinder
 
 pytestmark = pytest.mark.mpi
 G = 9.81

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from bodies import cube, problem
 
+from fem_snh.assembly import matrix_layout
 from fem_snh.errors import BadInput
-from fem_snh.fem import matrix_layout, nodal_schur
 from fem_snh.linalg import halo
 from fem_snh.linalg.ssor_system import SSORSystem
+from fem_snh.mixed import nodal_schur
 
 pytestmark = pytest.mark.mpi
 

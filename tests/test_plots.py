@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from picture_runs import bad, record, write_record
 
-from fem_snh import plots
-from fem_snh.plots.runs import run_figure
-from fem_snh.plots.sweeps import read_sweep, sweep_figure
+from fem_snh.viewing import plots
+from fem_snh.viewing.plots.runs import run_figure
+from fem_snh.viewing.plots.sweeps import read_sweep, sweep_figure
 
 HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
 ROWS = """\
@@ -113,7 +113,7 @@ def test_plot_bad_arguments(tmp_path):
 
 
 def test_pictures_do_not_need_the_solver():
-    code = "import fem_snh.plots, fem_snh.render, sys; print(*sys.modules)"
+    code = "import fem_snh.viewing.plots, fem_snh.viewing.render, sys; print(*sys.modules)"
     output = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

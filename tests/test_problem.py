@@ -20,10 +20,10 @@ from bodies import (
 )
 
 from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.kernels.pointwise import material
+from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

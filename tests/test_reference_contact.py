@@ -13,15 +13,15 @@ from bodies import Condition, Hold, dense
 
 import fem_snh
 from fem_snh import scenes, solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.contact.reference.pressure import SelfContactPressure
+from fem_snh.contact.reference.reference import ReferenceContact
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.self_contact.pressure import SelfContactPressure
-from fem_snh.fem.self_contact.reference import ReferenceContact
-from fem_snh.kernels.pointwise import material
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
 
 COMM = MPI.COMM_WORLD
 mpi = pytest.mark.mpi

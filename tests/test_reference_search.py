@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from test_dolfinx_shim import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.contact.embedded_surface import embedded_surface
-from fem_snh.fem.contact.triangles import closest_points, triangle_normals
-from fem_snh.fem.self_contact.approaching import approaching
-from fem_snh.fem.self_contact.closer_targets import CloserTargets
-from fem_snh.fem.self_contact.deformed_cells import DeformedCells
-from fem_snh.fem.self_contact.neighbourhood import Neighbourhood, body_numbers
-from fem_snh.fem.self_contact.reference_surface import ReferenceSurface
+from fem_snh.contact.reference.approaching import approaching
+from fem_snh.contact.reference.closer_targets import CloserTargets
+from fem_snh.contact.reference.deformed_cells import DeformedCells
+from fem_snh.contact.reference.neighbourhood import Neighbourhood, body_numbers
+from fem_snh.contact.reference.reference_surface import ReferenceSurface
+from fem_snh.contact.surfaces.embedded_surface import embedded_surface
+from fem_snh.geometry.closest_points import closest_points, triangle_normals
+from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
 each_element = pytest.mark.parametrize("cell, degree", ELEMENTS, ids=["Q1", "P1", "Q2", "P2"])

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from bodies import dense, norm, set_values, wave
 
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.regions import Filling
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling
+from fem_snh.constitutive.material import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Scene
 

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from picture_runs import CELLS, bad, record, write_record, write_run
 
-from fem_snh import _dolfinx, plots, render
+from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
-from fem_snh.render import drawing, modes, surfaces, worker
+from fem_snh.viewing import plots, render
+from fem_snh.viewing.render import drawing, modes, surfaces, worker
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 from picture_runs import bad
 from running import solve
 
-from fem_snh import render
-from fem_snh.render import drawing, surfaces
-from fem_snh.render.fields import label, written_fields
+from fem_snh.viewing import render
+from fem_snh.viewing.render import drawing, surfaces
+from fem_snh.viewing.render.fields import label, written_fields
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import pytest
 from picture_runs import bad, record, write_record, write_run
 from scipy.spatial.transform import Rotation
 
-from fem_snh import render
-from fem_snh.fem.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
-from fem_snh.render.obstacles import Obstacles, triangles
-from fem_snh.render.records import obstacle_poses
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
+from fem_snh.viewing import render
+from fem_snh.viewing.render.obstacles import Obstacles, triangles
+from fem_snh.viewing.render.records import obstacle_poses
 
 ENDS: dict[str, Any] = {"from": [0.1, 0.2, 0.3], "to": [0.9, 0.5, 0.6], "radius": 0.4}
 TURN = [0.3, -0.5, 0.8]

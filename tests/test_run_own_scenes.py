@@ -11,7 +11,7 @@ import fem_snh
 from fem_snh import solver
 from fem_snh.choices import GLOBALIZATIONS
 from fem_snh.errors import on_root
-from fem_snh.fem import gmsh_input, gmsh_model
+from fem_snh.mesh import gmsh_input, gmsh_model
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Rotate, Scene
 
 mpi = pytest.mark.mpi

@@ -11,7 +11,7 @@ from scene_file import TOML
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem.shapes import Box, Capsule, Cylinder, Plane, Sphere
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere
 
 BALL: dict[str, Any] = {"sphere": {"center": [0, 0, -1], "radius": 0.5}}
 ENDS: dict[str, Any] = {"from": [0, 0, 0], "to": [0, 0, 1], "radius": 0.5}

@@ -36,8 +36,8 @@ COARSE = {"elbow": 12, "biceps": 12}
 
 @pytest.mark.parametrize("name, element", MESHES)
 def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -> None:
-    from fem_snh.fem.elements import ELEMENTS
-    from fem_snh.fem.mesh import generate
+    from fem_snh.assembly.elements import ELEMENTS
+    from fem_snh.mesh.mesh import generate
 
     scene = scenes.load(name, cells=COARSE.get(name, 4), element=element)
     assert isinstance(scene.mesh, scenes.Geometry)
@@ -51,9 +51,9 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
 @pytest.mark.parametrize("name", ON_GEOMETRY)
 def test_probes_of_a_scene_are_in_its_mesh(name: str, comm: Any) -> None:
     from fem_snh import _dolfinx
-    from fem_snh.fem.elements import ELEMENTS
-    from fem_snh.fem.mesh import generate
-    from fem_snh.fem.probes import Probes
+    from fem_snh.assembly.elements import ELEMENTS
+    from fem_snh.mesh.mesh import generate
+    from fem_snh.problem.probes import Probes
 
     scene = scenes.load(name, cells=COARSE.get(name, 4))
     assert isinstance(scene.mesh, scenes.Geometry)

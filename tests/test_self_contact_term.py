@@ -17,9 +17,9 @@ from test_reference_contact import CLIP
 
 import fem_snh
 from fem_snh import _dolfinx, scenes
+from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.boundary_conditions import group_nodes
+from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi
 MATERIAL = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
@@ -62,7 +62,7 @@ def test_a_program_has_the_self_contact_of_a_scene(comm, method):
 
 
 def test_pairs_that_do_not_settle_are_a_divergence(comm, monkeypatch):
-    monkeypatch.setattr("fem_snh.fem.term_history.MAX_SOLVES", 1)
+    monkeypatch.setattr("fem_snh.terms.history.MAX_SOLVES", 1)
     problem, close = clip(comm, fem_snh.NonlinearProblem, terms=[fem_snh.SelfContact()])
     close(1.0)
     problem.solve()

@@ -14,12 +14,12 @@ import pytest
 from running import solve
 
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Filling, Region, check_partition
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.regions import Filling, Region, check_partition
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
 
 COMM = MPI.COMM_WORLD
 FILE = """

@@ -73,7 +73,7 @@ def test_rigs_start_at_rest_and_move_rigidly(scene):
 
 @RIGS
 def test_bones_are_within_the_flesh(scene):
-    from fem_snh.fem.shapes import from_record
+    from fem_snh.geometry.shapes import from_record
 
     body = from_record(scene.flesh())
     for bone in scene.rig()[1]:

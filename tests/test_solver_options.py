@@ -16,7 +16,7 @@ from solver_problems import (
 
 from fem_snh import solver
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
+from fem_snh.mesh import mesh
 from fem_snh.solver.options import OPTIONS
 
 mpi = pytest.mark.mpi

@@ -13,8 +13,8 @@ from solver_problems import (
 )
 
 from fem_snh import solver
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import PREDICTORS
-from fem_snh.fem.elements import ELEMENTS
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

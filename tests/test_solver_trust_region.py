@@ -15,11 +15,11 @@ from solver_problems import (
 )
 
 from fem_snh import solver
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.kernels.pointwise import material
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.solver.trust_region import TrustRegion
 

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.squash import distance
 from fem_snh import _dolfinx
+from fem_snh.contact.obstacle.contact_pair import ContactPair
+from fem_snh.contact.surfaces.search import NearFacets
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import BadInput
-from fem_snh.fem import mesh as meshes
-from fem_snh.fem import mesh_checks
-from fem_snh.fem.contact.search import NearFacets
-from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.fem.terms.contact_pair import ContactPair
+from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh import mesh_checks
 
 mpi = pytest.mark.mpi
 

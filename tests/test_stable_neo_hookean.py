@@ -9,12 +9,12 @@ import pytest
 import sympy
 
 from fem_snh import materials
-from fem_snh.kernels.pointwise import Material, material
+from fem_snh.constitutive import stability
+from fem_snh.constitutive.evaluate import stress
+from fem_snh.constitutive.material import Material, material
+from fem_snh.constitutive.minima import minima
+from fem_snh.constitutive.report import Report
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.reports import stability
-from fem_snh.reports.evaluate import stress
-from fem_snh.reports.minima import minima
-from fem_snh.reports.report import Report
 
 every_name = pytest.mark.parametrize("name", materials.names())
 

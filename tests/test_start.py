@@ -12,9 +12,9 @@ from bodies import Hold, cube, problem
 
 import fem_snh
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.initial_state import set_initial_state
+from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.scenes import Start
 
 mpi = pytest.mark.mpi

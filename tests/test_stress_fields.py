@@ -22,13 +22,13 @@ from stress_states import (
 )
 
 from fem_snh import _dolfinx
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.field_values import FieldValues
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Region
-from fem_snh.fem.unknowns import create_unknowns
-from fem_snh.kernels.point_fields import POINT_FIELDS
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.regions import Region
+from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.constitutive.material import material
+from fem_snh.output.field_values import FieldValues
+from fem_snh.output.point_fields import POINT_FIELDS
+from fem_snh.problem.problem import Problem
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)

@@ -11,8 +11,8 @@ import pytest
 from bodies import dense, wave
 from two_bodies import TwoBlocks
 
-from fem_snh.fem.contact.closest_facets import ClosestFacets
-from fem_snh.fem.contact.gaps import measure_gaps
+from fem_snh.contact.surfaces.closest_facets import ClosestFacets
+from fem_snh.contact.surfaces.gaps import measure_gaps
 
 #: A displacement that bends the surfaces, in the height of a block.
 BEND = 0.05

@@ -9,10 +9,10 @@ from bodies import cube, dense, wave
 from test_dolfinx_shim import ELEMENTS, linear, quadratic
 
 from fem_snh import _dolfinx
-from fem_snh.fem import mesh
-from fem_snh.fem.assembled_matrix import create_matrix
-from fem_snh.fem.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.fem.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.assembled_matrix import create_matrix
+from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi
 

@@ -17,9 +17,9 @@ from volume_energies import (
 )
 
 from fem_snh import _dolfinx
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.problem.create_problem import create_problem
 
 # --- Taylor-Hood, derived by UFL -----------------------------------------------------------------
 

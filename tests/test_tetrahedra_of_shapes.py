@@ -11,8 +11,8 @@ from running import solve
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem import lattice, mesh, mesh_checks
-from fem_snh.fem.shapes import Capsule, Plane, SmoothUnion, Sphere
+from fem_snh.geometry.shapes import Capsule, Plane, SmoothUnion, Sphere
+from fem_snh.mesh import lattice, mesh, mesh_checks
 
 COMM = MPI.COMM_WORLD
 BALL = Sphere((0.1, 0.2, 0.3), 0.5)

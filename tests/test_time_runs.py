@@ -10,9 +10,9 @@ from running import record, rows, solve
 from time_scenes import DOWN, SOFT, SPIN, SWING, TURN, in_time
 
 from fem_snh.choices import INTEGRATORS
-from fem_snh.render.surfaces import read_grid
 from fem_snh.scenes import Hold, Move, Start
 from fem_snh.solver import ProjectedNewton
+from fem_snh.viewing.render.surfaces import read_grid
 
 mpi = pytest.mark.mpi
 G = 9.81

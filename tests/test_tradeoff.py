@@ -12,16 +12,17 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from fem_snh import plots, scenes
+from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.fem import gmsh_input
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.mesh import gmsh_input
 from fem_snh.studies.processes import environment
 from fem_snh.studies.tradeoff import advice
 from fem_snh.studies.tradeoff.grid import Plan, changed_knobs, middle_resolution, resolutions
 from fem_snh.studies.tradeoff.knobs import SOLVERS, Choice, knob_values
 from fem_snh.studies.tradeoff.study import tradeoff
+from fem_snh.viewing import plots
 
 
 def plan(scene: str = "cook", **more: Any) -> Plan:

@@ -15,9 +15,9 @@ from tradeoff_rows import OF, assessed, by_hand, row
 
 from benchmarks import tradeoff_tables
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.tradeoff import accuracy, advice, errors
 from fem_snh.studies.tradeoff.knobs import Choice
 

@@ -11,7 +11,7 @@ from bodies import cube, dense, wave
 
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput
-from fem_snh.fem.terms.ufl_term import UFLTerm
+from fem_snh.terms.ufl_term import UFLTerm
 
 mpi = pytest.mark.mpi
 

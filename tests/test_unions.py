@@ -7,7 +7,7 @@ import pytest
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
-from fem_snh.fem.shapes import Box, Capsule, Cylinder, Plane, SmoothUnion, Sphere, Union
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, SmoothUnion, Sphere, Union
 from fem_snh.scenes._shapes import ShapeChoice
 
 PARTS = (

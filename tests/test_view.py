@@ -13,7 +13,7 @@ import pytest
 from browser import console_errors, network_requests, open_page, picture, wait_for
 from picture_runs import bad, write_run
 
-from fem_snh import view
+from fem_snh.viewing import view
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from volume_energies import (
 )
 
 from fem_snh import _dolfinx
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 
 # --- cell by cell --------------------------------------------------------------------------------
 

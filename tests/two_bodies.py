@@ -10,15 +10,15 @@ import numpy as np
 from bodies import Condition, Hold
 
 from fem_snh import _dolfinx, solver
-from fem_snh.fem import mesh
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.terms.body_contact import BodyContact
-from fem_snh.fem.terms.surface_pair import BodyPair
-from fem_snh.kernels.pointwise import material
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.constitutive.material import material
+from fem_snh.contact.pair.body_contact import BodyContact
+from fem_snh.contact.pair.surface_pair import BodyPair
+from fem_snh.mesh import mesh
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
 
 #: The constants of LLNL's contact patch test, and its displacement.
 K, G, PRESS = 10.0, 0.25, 0.01

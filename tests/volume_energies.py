@@ -11,9 +11,9 @@ import ufl
 from bodies import Hold, cube, wave
 
 from fem_snh import _dolfinx
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.elements import ELEMENTS, with_cell_pressures
-from fem_snh.kernels.pointwise import material
+from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
+from fem_snh.constitutive.material import material
+from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi
 MIXED = [name for name, e in ELEMENTS.items() if e.volume != "pointwise"]

@@ -154,4 +154,4 @@ def make_mesh(random: Random, folder: Path) -> list[str]:
     return ["run", "scene.toml", "--out", "out", "--quiet"]
 
 
-FAMILIES = {"mesh": Family(make_mesh, preload=("fem_snh.runs", "fem_snh.fem.mesh"))}
+FAMILIES = {"mesh": Family(make_mesh, preload=("fem_snh.runs", "fem_snh.mesh.mesh"))}

@@ -38,9 +38,9 @@ def make_table(random: Random, folder: Path) -> list[str]:
 
 def _read_table(arguments: list[str]) -> int:
     """Read a table and evaluate its motions."""
-    from fem_snh.fem.bones import bone_motion
-    from fem_snh.fem.obstacles import read_motion
-    from fem_snh.fem.obstacles.motion_rows import read_rows
+    from fem_snh.geometry.bones import bone_motion
+    from fem_snh.geometry.motions import read_motion
+    from fem_snh.geometry.motions.motion_rows import read_rows
 
     kind, duration, rigid = arguments
     end = float(duration) if duration else None
@@ -105,7 +105,7 @@ def make_skeleton(random: Random, folder: Path) -> list[str]:
 
 def _read_skeleton(arguments: list[str]) -> int:
     """Read a skeleton and evaluate the motion of a joint."""
-    from fem_snh.fem.bones import joint_motion, read_bvh
+    from fem_snh.geometry.bones import joint_motion, read_bvh
 
     joint, rest, duration = arguments
     end = float(duration) if duration else None
@@ -116,8 +116,8 @@ def _read_skeleton(arguments: list[str]) -> int:
 
 
 _PRELOAD = (
-    "fem_snh.fem.bones",
-    "fem_snh.fem.obstacles",
+    "fem_snh.geometry.bones",
+    "fem_snh.geometry.motions",
     "scipy.spatial.transform",
     "scipy.interpolate",
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.fuzz.family import Family
 from benchmarks.fuzz.mutations import mutate
-from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.geometry.shapes import ClosedSurface
 
 #: Corners and triangles of a box.
 _CORNERS = [(x, y, z) for x in (0.0, 1.0) for y in (0.0, 0.7) for z in (0.0, 0.4)]
@@ -50,7 +50,7 @@ def make_surface(random: Random, folder: Path) -> list[str]:
 
 def _read(arguments: list[str]) -> int:
     """Read a surface, evaluate it and put it into a lattice."""
-    from fem_snh.fem.lattice.create import lattice
+    from fem_snh.mesh.lattice.create import lattice
 
     surface = ClosedSurface.read(arguments[0])
     low, high = surface.bounds
@@ -63,4 +63,4 @@ def _read(arguments: list[str]) -> int:
     return 0
 
 
-FAMILIES = {"surface": Family(make_surface, _read, ("fem_snh.fem.lattice.create",))}
+FAMILIES = {"surface": Family(make_surface, _read, ("fem_snh.mesh.lattice.create",))}

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from benchmarks import Row
 from benchmarks.references.compare import compare, solve
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 
 SOURCE = "Schröder et al. 2021, table 3.{}"

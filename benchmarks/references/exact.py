@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from benchmarks import Row
 from benchmarks.references.compare import TIGHT, compare, solve
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Probe, Rotate, Scene, Traction
 
 #: Planes of symmetry of the unit cube.

@@ -39,7 +39,7 @@ def export(argv: list[str]) -> int:
     """Write a run's states in another format, with a progress bar. Return 0."""
     args = export_parser().parse(argv)
 
-    from fem_snh.export import main
+    from fem_snh.viewing.export import main
 
     with progress_bar("writing") as report:
         paths = main(args.folder, args.out, args.frames, report, args.field)

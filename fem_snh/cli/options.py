@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.atomic_files import output_path
 from fem_snh.choices import (
     ASSEMBLIES,
@@ -19,7 +20,6 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.errors import BadInput, unknown_name
-from fem_snh.fem.elements import ELEMENTS
 
 #: Scene keys with an option of their own: key, placeholder, help.
 SCENE_OPTIONS = (

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fem_snh.cli.doctor import check
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, output, split_petsc, value
-from fem_snh.doctor import check
 from fem_snh.errors import BadInput, on_root
 
 

@@ -24,7 +24,7 @@ def plot(argv: list[str]) -> int:
     parser = plot_parser()
     args = parser.parse(argv)
 
-    from fem_snh.plots import main
+    from fem_snh.viewing.plots import main
 
     print(main(args.paths, args.out, args.newton))
     return 0
@@ -76,7 +76,7 @@ def render(argv: list[str]) -> int:
     loads = _numbers("--loads", args.loads, "numbers, e.g. 0.5,1", (int, float))
     modes = _numbers("--modes", args.modes or None, "mode numbers from 1 on, e.g. 1,2,3", (int,))
 
-    from fem_snh.render import main
+    from fem_snh.viewing.render import main
 
     pictured = loads if args.modes is None else modes
     modal = args.modes is not None
@@ -90,7 +90,7 @@ def _movie(args: Namespace) -> int:
         if given is not None:
             raise BadInput(f"{option} and --movie: expected one of the two")
 
-    from fem_snh.render.movie import main
+    from fem_snh.viewing.render.movie import main
 
     with progress_bar("drawing") as report:
         path = main(args.folder, args.movie, args.field, args.seconds, report, args.opacity)
@@ -119,7 +119,7 @@ def view(argv: list[str]) -> int:
     """Write the HTML page of a run folder; return 0."""
     args = view_parser().parse(argv)
 
-    from fem_snh.view import main
+    from fem_snh.viewing.view import main
 
     print(main(args.folder, args.out, args.field))
     return 0
@@ -144,6 +144,6 @@ def doctor(argv: list[str]) -> int:
     """Check the installation; return 0 if it is complete, 2 if something is missing."""
     doctor_parser().parse(argv)
 
-    from fem_snh.doctor import main
+    from fem_snh.cli.doctor import main
 
     return main() or 0

@@ -1,6 +1,6 @@
 """Tabulate the element matrices of UFL forms with FFCx's kernels, and filter their eigenvalues.
 
-`fem_snh.fem.terms.ufl_term` calls it for the energies that users write in UFL.
+`fem_snh.terms.ufl_term` calls it for the energies that users write in UFL.
 """
 
 from __future__ import annotations

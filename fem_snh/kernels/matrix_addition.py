@@ -1,6 +1,6 @@
 """Add stored matrices to the value arrays of an AIJ matrix, in C.
 
-`fem_snh.fem.assembled_matrix` calls it for terms without compiled cell loops of their own.
+`fem_snh.assembly.assembled_matrix` calls it for terms without compiled cell loops of their own.
 """
 
 from __future__ import annotations

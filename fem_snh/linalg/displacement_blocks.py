@@ -1,9 +1,10 @@
 """Where an AIJ matrix stores the 3x3 blocks of the displacement.
 
 The matrix may be one of the displacement alone, or of displacement and pressure, of which every
-rank numbers its displacement first (`fem_snh.fem.numbering`). `part_of` makes the displacement's
-part of the latter a PETSc matrix that has no values of its own, so that a linear solver which
-copies the values anyway (`fem_snh.linalg.ssor_system`) needs no second copy of them in AIJ format.
+rank numbers its displacement first (`fem_snh.assembly.numbering`). `part_of` makes the
+displacement's part of the latter a PETSc matrix that has no values of its own, so that a linear
+solver which copies the values anyway (`fem_snh.linalg.ssor_system`) needs no second copy of them in
+AIJ format.
 """
 
 from __future__ import annotations

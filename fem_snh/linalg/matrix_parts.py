@@ -41,7 +41,7 @@ class Submatrix:
     ----------
     A : PETSc.Mat
         An AIJ matrix whose rows begin with those of the displacement on every rank
-        (`fem_snh.fem.numbering`). Its pattern is read here, its values by `update`.
+        (`fem_snh.assembly.numbering`). Its pattern is read here, its values by `update`.
     index_sets : dict of PETSc.IS
         {"u": IS, "p": IS}, the unknowns of each field.
     rows, columns : str

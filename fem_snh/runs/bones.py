@@ -10,9 +10,9 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh.errors import on_every
-from fem_snh.fem.bone_nodes import BoneNodes, place_bones
-from fem_snh.fem.mesh import Mesh
-from fem_snh.fem.problem import Problem
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.problem.bone_nodes import BoneNodes, place_bones
+from fem_snh.problem.problem import Problem
 from fem_snh.runs.obstacle_records import surface_name
 from fem_snh.scenes import Scene
 from fem_snh.scenes.bone_files import read_bones
@@ -47,7 +47,7 @@ class BoneRecords:
 
     def blend(self) -> Callable[[PETSc.Vec, float, float], None]:
         """Return the function that moves the flesh with the bones. Collective."""
-        from fem_snh.fem.bone_blend import BoneBlend
+        from fem_snh.problem.bone_blend import BoneBlend
 
         return BoneBlend(self._problem.V, self._bones).move
 

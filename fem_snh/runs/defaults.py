@@ -7,10 +7,10 @@ from typing import Any
 from petsc4py import PETSc
 
 from fem_snh import solver
-from fem_snh.fem.elements import Element
-from fem_snh.fem.problem import Problem
-from fem_snh.runs.condensation import Condensation
+from fem_snh.assembly.elements import Element
+from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene
+from fem_snh.steps.condensation import Condensation
 
 #: Why a Hessian is ``adaptive`` (docs/results/which_hessian.md).
 _HESSIAN = (

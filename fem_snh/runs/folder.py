@@ -17,18 +17,18 @@ from petsc4py import PETSc
 import numpy as np
 
 from fem_snh import _dolfinx, solver
+from fem_snh.assembly.regions import Region
 from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Region
 from fem_snh.notes import Note
+from fem_snh.output.tables import flat, table_text
+from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
-from fem_snh.runs.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
 
 if TYPE_CHECKING:
-    from fem_snh.runs.time_steps import TimeSteps
+    from fem_snh.steps.time_steps import TimeSteps
 
 #: Columns of steps.csv that every run has.
 COLUMNS = (

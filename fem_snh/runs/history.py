@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.fem.problem import Problem
-from fem_snh.runs.nodal_values import gather_rows, match_nodes, scatter_rows
+from fem_snh.output.nodal_values import gather_rows, match_nodes, scatter_rows
+from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_snh.fem.motion.dynamics import Dynamics
+    from fem_snh.dynamics.dynamics import Dynamics
 
 Array = npt.NDArray[Any]
 #: Names of the arrays of a term's history.

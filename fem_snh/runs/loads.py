@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.errors import bad_value
-from fem_snh.fem.boundary_conditions import Dirichlet
-from fem_snh.fem.mesh import Mesh, volume
-from fem_snh.fem.regions import Region, reference_modulus
-from fem_snh.fem.terms import Term
-from fem_snh.fem.terms.traction import surface_facets
+from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.scenes import Scene
+from fem_snh.terms import Term
+from fem_snh.terms.traction import surface_facets
 
 if TYPE_CHECKING:
-    from fem_snh.fem.nodal_mass import NodalMass
+    from fem_snh.assembly.nodal_mass import NodalMass
 
 #: Default stiffness of a fluid, in E over the body's volume: a pressure of E then compresses it by
 #: a hundredth of the body's volume. A stiffer fluid shortens Newton's steps, as the volume is
@@ -57,27 +57,27 @@ def load_terms(
     """
     V, terms = u.function_space, list[Term]()
     if scene.traction:
-        from fem_snh.fem.terms.traction import Traction
+        from fem_snh.terms.traction import Traction
 
         terms.append(Traction(V, mesh, scene.traction, scene.amplitudes(scene.traction)))
     if scene.gravity:
-        from fem_snh.fem.terms.gravity import Gravity
+        from fem_snh.terms.gravity import Gravity
 
         amplitude = scene.amplitudes([scene.gravity])[0]
         terms.append(Gravity(V, regions, scene.gravity.vector, amplitude, mass))
     if scene.pressure:
-        from fem_snh.fem.terms.pressure import Pressure
+        from fem_snh.terms.pressure import Pressure
 
         amplitudes = scene.amplitudes(scene.pressure)
         terms.append(Pressure(u, mesh, scene.pressure, amplitudes, dirichlet))
     if scene.spring:
-        from fem_snh.fem.terms.spring import Spring
+        from fem_snh.terms.spring import Spring
 
         constant = [None if s.table is None else scene.amplitudes([s])[0] for s in scene.spring]
         terms.append(Spring(u, mesh, scene.spring, constant))
     if scene.contact:
-        from fem_snh.fem.terms.body_contact import BodyContact
-        from fem_snh.fem.terms.surface_pair import BodyPair
+        from fem_snh.contact.pair.body_contact import BodyContact
+        from fem_snh.contact.pair.surface_pair import BodyPair
 
         pairs = []
         for contact in scene.contact:
@@ -88,7 +88,7 @@ def load_terms(
             pairs.append(BodyPair(name, first, second, k, *method))
         terms.append(BodyContact(V, regions, pairs))
     if scene.self_contact:
-        from fem_snh.fem.self_contact.choice import SelfContact
+        from fem_snh.contact.self_contact import SelfContact
 
         table = scene.self_contact
         choice = SelfContact(table.method, table.stiffness, table.distance, table.friction)
@@ -96,7 +96,7 @@ def load_terms(
     if scene.cavity:
         _check_cavities(mesh, [fluid.group for fluid in scene.cavity])
     for fluid in scene.cavity:
-        from fem_snh.fem.terms.cavity import Cavity
+        from fem_snh.terms.cavity import Cavity
 
         stiffness = fluid.stiffness
         if stiffness is None:

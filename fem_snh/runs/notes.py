@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from fem_snh.fem.elements import Element
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.state_notes import inversion_note, locking_note, penetration_note
+from fem_snh.accuracy.state_notes import inversion_note, locking_note, penetration_note
+from fem_snh.assembly.elements import Element
 from fem_snh.notes import Note
+from fem_snh.problem.problem import Problem
 
 #: Makes the run's problem with another element.
 Make = Callable[[Element], Problem]
@@ -34,7 +34,7 @@ def final_notes(
         return []
     stiffness = None
     if make:
-        from fem_snh.runs.stiffness import stiffness_factor
+        from fem_snh.accuracy.stiffness import stiffness_factor
 
         stiffness = partial(stiffness_factor, make=make)
     found = [

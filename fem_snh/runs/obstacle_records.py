@@ -8,7 +8,7 @@ from typing import Any
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import BoneChoice, Scene, obstacle_names
 

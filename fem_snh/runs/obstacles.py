@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fem_snh.assembly.regions import Region
+from fem_snh.contact.obstacle.contact import Contact, ObstacleContact
 from fem_snh.errors import on_every
-from fem_snh.fem.mesh import Mesh, volume
-from fem_snh.fem.regions import Region
-from fem_snh.fem.terms.contact import Contact, ObstacleContact
-from fem_snh.fem.terms.traction import surface_facets
+from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.scenes import Scene, obstacle_names, read_obstacles
+from fem_snh.terms.traction import surface_facets
 
 
 def obstacle_contact(

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
+from fem_snh.output.fields import Fields, write_modes
 from fem_snh.runs.checkpoint import Writer
-from fem_snh.runs.fields import Fields, write_modes
 from fem_snh.runs.folder import Folder
-from fem_snh.runs.jump import jump_note
-from fem_snh.runs.stepping import Stepper
+from fem_snh.steps.jump import jump_note
+from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.fem.modes import Modes
+    from fem_snh.dynamics.modes import Modes
 
 
 class Recorder:

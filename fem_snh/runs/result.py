@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.fem.problem import Problem
+from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_snh.fem.field_values import FieldValues
-    from fem_snh.fem.motion.dynamics import Dynamics
+    from fem_snh.dynamics.dynamics import Dynamics
+    from fem_snh.output.field_values import FieldValues
 
 
 @dataclass
@@ -92,7 +92,7 @@ class Result:
 
     @cached_property
     def _fields(self) -> FieldValues:
-        from fem_snh.fem.field_values import FieldValues
+        from fem_snh.output.field_values import FieldValues
 
         return FieldValues(self.problem)
 

@@ -14,31 +14,27 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
+from fem_snh.assembly import elements
+from fem_snh.assembly.regions import Filling
+from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
-from fem_snh.fem import elements
-from fem_snh.fem import mesh as meshes
-from fem_snh.fem.create_problem import create_problem
-from fem_snh.fem.initial_state import set_initial_state
-from fem_snh.fem.probes import Probes
-from fem_snh.fem.problem import Problem
-from fem_snh.fem.regions import Filling
-from fem_snh.kernels.pointwise import material
-from fem_snh.runs.condensation import (
-    Condensation,
-    choose_condensation,
-    chosen_for_condensed,
-)
+from fem_snh.mesh import mesh as meshes
+from fem_snh.problem.create_problem import create_problem
+from fem_snh.problem.initial_state import set_initial_state
+from fem_snh.problem.probes import Probes
+from fem_snh.problem.problem import Problem
 from fem_snh.runs.loads import load_terms
-from fem_snh.runs.poisson_continuation import PoissonContinuation
 from fem_snh.runs.result import Result
-from fem_snh.runs.step_solver import StepSolver
-from fem_snh.runs.stepping import Stepper
+from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
+from fem_snh.steps.poisson_continuation import PoissonContinuation
+from fem_snh.steps.step_solver import StepSolver
+from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.fem.bone_nodes import BoneNodes
-    from fem_snh.fem.motion.dynamics import Dynamics
-    from fem_snh.fem.terms import Term
+    from fem_snh.dynamics.dynamics import Dynamics
+    from fem_snh.problem.bone_nodes import BoneNodes
     from fem_snh.runs.bones import BoneRecords
+    from fem_snh.terms import Term
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
-        from fem_snh.fem import modes
+        from fem_snh.dynamics import modes
 
         modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization
@@ -118,7 +114,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
     motion = None
     if motions and scene.time:
-        from fem_snh.runs.time_steps import start_motion
+        from fem_snh.steps.time_steps import start_motion
 
         motion = start_motion(problem, motions[0], scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
@@ -169,11 +165,11 @@ def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) ->
     if isinstance(scene.mesh, Path):
         return meshes.read(comm, scene.mesh)
     if isinstance(scene.mesh, scenes.Tetrahedra):
-        from fem_snh.fem import lattice
+        from fem_snh.mesh import lattice
 
         return lattice.create_tetrahedra(comm, scene.mesh.body, scene.mesh.size)
     if isinstance(scene.mesh, scenes.Lattice):
-        from fem_snh.fem import lattice
+        from fem_snh.mesh import lattice
 
         chosen = scene.mesh
         choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
@@ -198,7 +194,7 @@ def make_problem(
     def terms(mesh: meshes.Mesh, u: Any, regions: Any, dirichlet: Any) -> list[Term]:
         if not scene.time or motions is None:
             return load_terms(scene, mesh, u, regions, dirichlet)
-        from fem_snh.runs.time_steps import create_dynamics
+        from fem_snh.steps.time_steps import create_dynamics
 
         motions.append(create_dynamics(scene.time, u, regions, dirichlet))
         loads = load_terms(scene, mesh, u, regions, dirichlet, motions[-1].mass)

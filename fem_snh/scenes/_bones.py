@@ -27,7 +27,7 @@ from fem_snh.scenes._types import (
 from fem_snh.scenes._validation import Expect, Table, Whole
 
 if TYPE_CHECKING:
-    from fem_snh.fem.bones import Clip, RigidMotion
+    from fem_snh.geometry.bones import Clip, RigidMotion
 
 
 def _check_path(path: Path) -> Path:
@@ -88,7 +88,7 @@ class SkeletonMotion(Table):
 
     def motion(self, clip: Clip, duration: float | None) -> tuple[RigidMotion, Vector]:
         """Return the bone's motion and the joint's reference position."""
-        from fem_snh.fem.bones import Placement, joint_motion
+        from fem_snh.geometry.bones import Placement, joint_motion
 
         placement = Placement(self.scale, self.rotation, self.translation)
         motion, p = joint_motion(clip, self.joint, self.rest, self.frames, placement, duration)

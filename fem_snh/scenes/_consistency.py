@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.fem.elements import ELEMENTS, element
 from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import choose
-from fem_snh.fem.shapes import ClosedSurface, Shape
+from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.scenes._shapes import ShapeChoice
 from fem_snh.scenes._types import Positive
 from fem_snh.scenes._validation import Expect, Table, Whole

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.fem.obstacles import Motion, Obstacle, read_motion
-from fem_snh.fem.obstacles.moving import DisplacementMotion
-from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.geometry.motions import Motion, Obstacle, read_motion
+from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._conditions import Rotate, rigid_displacement
 from fem_snh.scenes._contact_method import ContactTable
 from fem_snh.scenes._shapes import ShapeChoice

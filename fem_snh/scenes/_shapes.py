@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from fem_snh.errors import BadInput
-from fem_snh.fem.shapes import Shape, from_record
+from fem_snh.geometry.shapes import Shape, from_record
 from fem_snh.scenes._types import Positive, Vector
 from fem_snh.scenes._validation import BoundedPositive, Expect, Table
 
@@ -19,7 +19,7 @@ Size = Annotated[
 
 
 class _ShapeTable(Table):
-    """The table of a shape, whose values are those of a class of `fem_snh.fem.shapes`."""
+    """The table of a shape, whose values are those of a class of `fem_snh.geometry.shapes`."""
 
     kind: ClassVar[str]
 

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from fem_snh.assembly.elements import MAX_QUADRATURE_DEGREE
 from fem_snh.errors import bad_value
-from fem_snh.fem.elements import MAX_QUADRATURE_DEGREE
 from fem_snh.scenes._validation import Bounded, BoundedPositive, Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.

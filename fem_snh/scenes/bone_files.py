@@ -5,18 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.errors import BadInput, unknown_name
-from fem_snh.fem.bones import (
-    Bone,
-    Clip,
-    Motion,
-    Noise,
-    RigidMotion,
-    bone_motion,
-    read_bvh,
-)
-from fem_snh.fem.obstacles.motion_rows import MotionRows, read_rows
-from fem_snh.fem.obstacles.moving import DisplacementMotion
-from fem_snh.fem.shapes import ClosedSurface
+from fem_snh.geometry.bones import Bone, Clip, Motion, Noise, RigidMotion, bone_motion, read_bvh
+from fem_snh.geometry.motions.motion_rows import MotionRows, read_rows
+from fem_snh.geometry.motions.moving import DisplacementMotion
+from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._bones import BoneChoice, Function, SkeletonMotion
 from fem_snh.scenes._obstacles import ScaledMotion
 from fem_snh.scenes._types import Vector

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
@@ -20,7 +21,6 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.errors import choose
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motions
 from fem_snh.scenes._consistency import check_consistency

@@ -1,6 +1,6 @@
 """Predict the solution at the next load: the first guess of Newton's method.
 
-`fem_snh.runs.step_solver` calls ``predict`` before each solve.
+`fem_snh.steps.step_solver` calls ``predict`` before each solve.
 """
 
 from __future__ import annotations

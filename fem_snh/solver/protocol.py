@@ -1,4 +1,4 @@
-"""Protocols of the problems that the solver accepts; `fem_snh.fem.problem.Problem` is one."""
+"""Protocols of the problems that the solver accepts; `fem_snh.problem.problem.Problem` is one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Regime(Protocol):
-    """Size, shape and Poisson's ratio of a body: see `fem_snh.fem.regime.Regime`."""
+    """Size, shape and Poisson's ratio of a body: see `fem_snh.problem.regime.Regime`."""
 
     @property
     def nodes(self) -> int:

@@ -1,7 +1,7 @@
 """Solve a step, again while the terms' lagged quantities change.
 
 Scenes, programs and time steps have this one loop. The terms update multipliers, lagged friction
-and pairs of surfaces after each solve (`fem_snh.fem.term_history.TermHistory`).
+and pairs of surfaces after each solve (`fem_snh.terms.history.TermHistory`).
 """
 
 from __future__ import annotations

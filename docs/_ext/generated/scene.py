@@ -73,7 +73,7 @@ def _row(model: type[BaseModel], key: str, field: FieldInfo) -> tuple[str, str, 
 def _accepted(key: str, field: FieldInfo) -> str:
     """Return what error messages say that a key accepts, else the kind of its values."""
     from fem_snh import choices
-    from fem_snh.fem.elements import ELEMENTS
+    from fem_snh.assembly.elements import ELEMENTS
 
     words = {
         "element": ELEMENTS,

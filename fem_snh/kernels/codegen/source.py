@@ -1,7 +1,7 @@
 """Assemble the C source of a material's kernels from headers and generated functions.
 
-`fem_snh.kernels.pointwise`, `fem_snh.kernels.cell_loops` and ``fem-snh materials NAME --source``
-call it.
+`fem_snh.constitutive.material`, `fem_snh.assembly.cell_loops` and ``fem-snh materials NAME
+--source`` call it.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from fem_snh import render
 from fem_snh.errors import BadInput
+from fem_snh.viewing import render
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from fem_snh.fem.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.studies.markdown import markdown_table
 from fem_snh.studies.tradeoff.errors import error_bound
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC

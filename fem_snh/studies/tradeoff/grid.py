@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.sweep import folder_name
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice, knob_values

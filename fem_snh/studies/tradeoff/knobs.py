@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import EIGENSOLVERS, HESSIANS
 from fem_snh.errors import BadInput, choose
-from fem_snh.fem.elements import ELEMENTS
 
 #: Incomplete Cholesky factors of the diagonal block of each rank.
 ICC = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
@@ -62,7 +62,7 @@ class Choice:
     Parameters
     ----------
     element : str
-        A name of `fem_snh.fem.elements`.
+        A name of `fem_snh.assembly.elements`.
     cells : int, optional
         Cells of a built-in geometry; None for a mesh file.
     mesh : str

@@ -19,10 +19,10 @@ from typing import Any
 import pandas as pd
 
 from fem_snh import scenes
+from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.atomic_files import replace_file
 from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
-from fem_snh.fem.elements import ELEMENTS
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.processes import environment, program
@@ -187,7 +187,7 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
     files = [mesh for mesh in meshes if isinstance(mesh, str)]
     if not files and not isinstance(own.mesh, Path):
         return list(ELEMENTS)
-    from fem_snh.fem import gmsh_input
+    from fem_snh.mesh import gmsh_input
 
     path = files[0] if files else str(own.mesh)
     try:

@@ -1,0 +1,1 @@
+"""What a result is worth: indicators of locking and inversion, and their notes."""

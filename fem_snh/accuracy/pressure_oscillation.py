@@ -1,0 +1,95 @@
+r"""How much the pressure of a nearly incompressible body oscillates: a sign of locking.
+
+An element with the volume term at every quadrature point has the pressure
+:math:`p = \lambda (J - 1)` there. Where it can only deform with a change of volume, J - 1 changes
+from point to point or from cell to cell, and p by :math:`\lambda/\mu` times as much as the shear
+stress. The indicator is
+
+.. math::
+
+    \rho = \frac{\lambda\, \lVert J - \Pi J \rVert}{2 \mu\, \lVert \operatorname{dev} E \rVert},
+
+with the L2 norms over a material's cells, E the Green-Lagrange strain, and :math:`\Pi J` the
+continuous function of degree 1 whose nodal values are the means of J weighted with the nodes' basis
+functions. It is zero for homogeneous states and of the order of the cell size where the pressure
+is resolved, whatever :math:`\nu` is (docs/theory/locking.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    nodal_vectors,
+    set_to_zero,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.assembly.point_volumes import PointVolumes, point_volumes
+from fem_snh.problem.problem import Problem
+from fem_snh.terms.elastic import Part
+
+#: Ratio lambda/mu from which an element can lock: nu = 0.4. For what is below, elements of mean
+#: dilatation keep the volume term at the points too (`fem_snh.materials.volume_split`).
+_LEAST_RATIO = 4.0
+#: Force of the mean strain over the residual below which the state is rounding, as after a return
+#: to rest.
+_RESOLVED = 100.0
+#: Part of the whole strain below which its deviator is rounding: a uniform change of volume.
+_ROUNDING = 1e-3
+
+
+def may_lock(problem: Problem) -> list[Part]:
+    """Return the materials that can lock: nearly incompressible, with a pointwise volume term."""
+    if problem.element.volume != "pointwise":
+        return []
+    moduli = [(part, *part.region.material.lame) for part in problem.elastic.parts]
+    return [part for part, mu, lam in moduli if lam >= _LEAST_RATIO * mu]
+
+
+def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
+    """Return the largest rho of some materials at the problem's state. Collective.
+
+    It is 0 for a state that is not distinguished from rest by the solver's tolerance.
+    """
+    if not parts:
+        return 0.0
+    residual = problem.x.duplicate()
+    problem.residual(problem.x, residual)
+    least = _RESOLVED * residual.norm() / problem.force_scale
+    u = nodal_vectors(problem.split(problem.x)[0])
+    Q = _dolfinx.function_space(problem.domain, 1)
+    points, _ = _dolfinx.quadrature(problem.element.cell, problem.element.quadrature)
+    basis, nodes = _dolfinx.tabulate_values(Q, points), _dolfinx.node_dofs(Q)
+    found = []
+    for part in parts:
+        state = point_volumes(part.loops.tables, u)
+        rough = _distance_to_nodal_means(Q, nodes[part.region.cells], basis, state)
+        integrals = np.array([rough, state.shear, state.strain, state.weights.sum()])
+        integrals = problem.comm.allreduce(integrals)
+        distance, shear, strain, size = (sqrt(max(0.0, square)) for square in integrals)
+        mu, lam = part.region.material.lame
+        scale = 2 * mu * (shear + _ROUNDING * strain)
+        found.append(lam * distance / scale if strain > least * size else 0.0)
+    return max(found)
+
+
+def _distance_to_nodal_means(Q: Any, nodes: Any, basis: Any, state: PointVolumes) -> float:
+    """Return this rank's part of the squared norm of J - Pi J [m^3]. Collective."""
+    sums, masses = (_dolfinx.create_vector(Q) for _ in range(2))
+    for vector, values in ((sums, state.weights * state.growth), (masses, state.weights)):
+        set_to_zero(vector)
+        np.add.at(writable_values(vector), nodes, values @ basis)
+        add_ghosts(vector)
+        update_ghosts(vector)
+    mass = local_values(masses)
+    means = np.divide(local_values(sums), mass, out=np.zeros_like(mass), where=mass != 0)
+    rough = state.growth - means[nodes] @ basis.T
+    return float((state.weights * rough**2).sum())

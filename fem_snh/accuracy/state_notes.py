@@ -1,0 +1,153 @@
+"""Notes on a converged state: an element that locks, inverted points, contact that is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fem_snh.accuracy.inverted_points import inverted_points
+from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
+from fem_snh.notes import Note
+from fem_snh.problem.problem import Problem
+
+#: The element without locking on the same cells with which each element is compared.
+REPLACEMENTS = {"P1": "P2P0", "P2": "P2P0", "Q1": "Q1P0", "Q2": "Q2Q1"}
+#: `pressure_oscillation` from which the stiffness is compared, from which an unknown stiffness is
+#: reported, and from which one that is right is (docs/results/locking.md).
+_SUSPECT, _ROUGH, _VERY_ROUGH = 0.7, 1.0, 2.0
+#: Factor of the stiffness from which it is reported.
+_TOO_STIFF = 1.2
+
+#: Returns how many times stiffer than its replacement the element is; None if that is unknown.
+Stiffness = Callable[[Problem], float | None]
+
+
+def locking_note(
+    problem: Problem, stiffness: Stiffness | None = None, step: int | None = None
+) -> Note | None:
+    """Return a note if the element locks in the problem's state. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution.
+    stiffness : callable, optional
+        Compares the stiffness with that of the element in `REPLACEMENTS`.
+    step : int, optional
+        Number of the step.
+    """
+    parts = may_lock(problem)
+    roughness = pressure_oscillation(problem, parts)
+    if roughness < _SUSPECT:
+        return None
+    factor = stiffness(problem) if stiffness else None
+    name, nu = problem.element.name, max(part.region.material.numbers.nu for part in parts)
+    other = REPLACEMENTS[name]
+    stresses = f"its pressure oscillates by {roughness:.2g} times the shear stress"
+    if factor is not None and factor >= _TOO_STIFF:
+        text = f"locks at nu = {nu:g}: {factor:.2g} times as stiff as '{other}' on this mesh; "
+        text += f"{stresses}, so neither forces nor stresses are right"
+    elif factor is not None and roughness >= _VERY_ROUGH:
+        text = f"at nu = {nu:g}: {stresses}, so stresses are wrong; the stiffness is {factor:.2f} "
+        text += f"times that of '{other}' on this mesh"
+    elif factor is None and roughness >= _ROUGH:
+        text = (
+            f"locks at nu = {nu:g}: {stresses}, so stresses are wrong, and the body is too stiff "
+        )
+        text += "by an unknown factor"
+    else:
+        return None
+    degree = " and a displacement of degree 2" if name == "P1" else ""
+    values = {"oscillation": roughness, "stiffness": factor, "replacement": other}
+    advice = f"take element = '{other}'{degree}"
+    return Note("locking", f"element = '{name}' {text}: {advice}", step, values)
+
+
+def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
+    """Return a note if quadrature points are inverted in the problem's state. Collective."""
+    if not problem.elastic.parts:
+        return None
+    fields, comm = problem.cell_fields(problem.x), problem.comm
+    if comm.allreduce(float(fields["min_J"].min(initial=np.inf)), op=MPI.MIN) > 0:
+        return None
+    means = fields["deformed_volume"] / fields["volume"]
+    lowest = comm.allreduce(float(means.min(initial=np.inf)), op=MPI.MIN)
+    highest = comm.allreduce(float(means.max(initial=-np.inf)), op=MPI.MAX)
+    found = inverted_points(problem)
+    where = ", ".join(f"{x:.4g}" for x in found.position)
+    inside = ""
+    if len(problem.regions) > 1:
+        inside = f" in material {found.material} ({problem.regions[found.material].material.name})"
+    text = (
+        f"{found.points:,} of {found.of:,} quadrature points are inverted, in {found.cells:,} "
+        f"cells: smallest J = {found.min_J:.3g} at ({where}){inside}; the means over cells, which "
+        f"fields and pictures show as J, are {lowest:.3g} to {highest:.3g}: refine the mesh there, "
+        "or load less"
+    )
+    values = {
+        "points": found.points,
+        "cells": found.cells,
+        "min_J": found.min_J,
+        "min_cell_J": lowest,
+        "position": found.position,
+    }
+    return Note("inverted", text, step, values)
+
+
+def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the obstacles and pairs in which the body is deeper than contact sees, deepest first.
+
+    Parameters
+    ----------
+    row : mapping
+        A step's row of run.json, or what the terms add to it.
+
+    Returns
+    -------
+    list of (str, mapping)
+        Each one's kind and name, "obstacle 'plate'", and its row.
+    """
+    kinds = {"obstacle": row.get("obstacles", {}), "contact": row.get("contacts", {})}
+    found = [
+        (f"{kind} '{name}'", about)
+        for kind, rows in kinds.items()
+        for name, about in rows.items()
+        if "deepest_at" in about
+    ]
+    return sorted(found, key=lambda pair: -float(pair[1]["deepest"]))
+
+
+def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:
+    """Return a note if the body is deeper in an obstacle or surface than contact sees.
+
+    Parameters
+    ----------
+    steps : mapping
+        The rows of run.json of steps that converged, by number.
+    """
+    unseen = {number: found for number in steps if (found := unseen_penetrations(steps[number]))}
+    if not unseen:
+        return None
+    step = max(unseen, key=lambda number: float(unseen[number][0][1]["deepest"]))
+    found, row = unseen[step], steps[step]
+    name, about = found[0]
+    depth, seen, position = (about[key] for key in ("deepest", "penetration", "deepest_at"))
+    where = ", ".join(f"{x:.4g}" for x in position)
+    others = f" (and {', '.join(other for other, _ in found[1:])})" if found[1:] else ""
+    text = (
+        f"{name}{others}: in {len(unseen)} of {len(steps)} steps a surface is deep between the "
+        f"points at which contact acts: {depth:.3g} m at ({where}) at load {row['load']:.6g}, the "
+        f"points {seen:.3g} m; a force is missing there: refine the mesh, or round the corner"
+    )
+    values = {
+        "name": name,
+        "deepest": depth,
+        "penetration": seen,
+        "position": position,
+        "steps": list(unseen),
+    }
+    return Note("penetration", text, step, values)

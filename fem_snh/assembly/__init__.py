@@ -1,0 +1,1 @@
+"""Unknowns and matrices: elements, numbering, matrix layout, loops over cells, conditions."""

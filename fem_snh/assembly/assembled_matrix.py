@@ -1,0 +1,249 @@
+"""An AIJ matrix into whose value arrays the terms of a problem add element matrices directly.
+
+``MatSetValues`` searches the row of every value for its column, in every assembly. The sparsity
+pattern of a mesh's cells never changes, so `BlockMatrix` looks up once where each block of
+each element matrix is stored in PETSc's value arrays. The compiled cell loops then add to these
+addresses, without a search and without storing element matrices (as ``MatSetValuesCOO`` needs).
+``python -m benchmarks assembly`` compares the time per cell with dolfinx's assembly by
+``MatSetValues``, ``python -m benchmarks coo_assembly`` with ``MatSetValuesCOO``.
+
+Contributions to rows of another rank are summed in an array apart and sent to its owner once per
+assembly (`fem_snh.assembly.sent_rows`). The blocks between nodes that share no cell, which change
+from step to step, are left to ``MatSetValues`` (`fem_snh.assembly.couplings`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh._petsc import aij_blocks
+from fem_snh.assembly.couplings import Couplings
+from fem_snh.assembly.matrix_layout import MatrixLayout
+from fem_snh.assembly.numbering import MixedDofMap, dof_map
+from fem_snh.assembly.sent_rows import SentRows
+from fem_snh.kernels.matrix_addition import MatrixAddition
+
+Array = npt.NDArray[Any]
+
+
+class BlockMatrix:
+    """An AIJ matrix with the sparsity pattern of a dof map's cells. Collective.
+
+    Terms add to it inside of `adding`. Rows and columns that belong to constrained dofs are zero
+    but for one positive number on the diagonal, the same for all: the mean of the free diagonal
+    entries of the displacement in the first assembly.
+
+    Parameters
+    ----------
+    dof_map : MixedDofMap
+        The numbering of the unknowns, the displacement's before others.
+    constrained : (local nodes, 3) bool, optional
+        Constrained components of the displacement, ghost nodes included. Default: none.
+    layout : MatrixLayout, optional
+        The layout of another matrix of the dof map, to share.
+
+    Attributes
+    ----------
+    mat : PETSc.Mat
+        The matrix.
+    layout : MatrixLayout
+        Its sparsity pattern; another object after `couple` has changed it.
+    constrained_dofs : (n,) int
+        The constrained dofs that this rank owns, as indices into a vector's local array.
+    block_positions : (cells, n, n) int32
+        Where the blocks of each cell are stored: see `fem_snh.assembly.matrix_layout.MatrixLayout`.
+        Another array after `couple` has changed the pattern.
+    row_strides : list of three (local blocks,) int32
+        See `MatrixLayout`.
+    free : (local nodes, 3) float64
+        0 for constrained components of the displacement, else 1.
+    is_constrained : (cells,) uint8
+        1 for each cell with a constrained component, else 0.
+    addresses : list of int
+        Inside of `adding` the addresses of the three value arrays; 0 for one that does not exist.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if one has more values than a 32-bit offset can address.
+    """
+
+    def __init__(
+        self,
+        dof_map: MixedDofMap,
+        constrained: Array | None = None,
+        layout: MatrixLayout | None = None,
+    ) -> None:
+        self._dof_map = dof_map
+        self._set_layout(layout or MatrixLayout(dof_map))
+        if layout is not None:
+            self.mat = layout.mat.duplicate()
+        self._couplings: Couplings | None = None
+        self.addresses: list[int] = []
+
+        if constrained is None:
+            constrained = np.zeros((dof_map.num_blocks[0], 3), dtype=bool)
+        num_nodes = dof_map.num_owned_blocks[0]
+        self._num_u = 3 * num_nodes
+        self.constrained_dofs = np.flatnonzero(constrained[:num_nodes])
+        self.free = np.where(constrained, 0.0, 1.0)
+        nodes = dof_map.cell_blocks[:, : dof_map.num_cell_blocks[0]]
+        self.is_constrained: Array = np.any(constrained[nodes], axis=(1, 2)).astype(np.uint8)
+        self._constrained_diagonal: float | None = None
+        self._diagonal_vec: PETSc.Vec | None = None
+
+    @contextmanager
+    def adding(self) -> Iterator[None]:
+        """Zero the matrix, let terms add to it inside of the context, and assemble it. Collective.
+
+        Terms may add in any order; ranks need not add the same number of element matrices.
+        """
+        self.mat.zeroEntries()
+        self._sent_rows.values[:] = 0
+        with aij_blocks(self.mat) as blocks:
+            addresses = [block.values for block in blocks]
+            missing = [0] * (2 - len(addresses))
+            self.addresses = [*addresses, *missing, self._sent_rows.values.ctypes.data]
+            try:
+                yield
+            finally:
+                self.addresses = []
+            self._sent_rows.add_to([block.array() for block in blocks])
+        if self._couplings:
+            self._couplings.set_values(self.mat)
+        self.mat.assemble()
+        # Preconditioners compare this counter; writing to the arrays does not increase it.
+        self.mat.stateIncrease()
+        self._add_constrained_diagonal()
+
+    def add_matrices(self, cells: Array, matrices: Array) -> None:
+        """Add element matrices, inside of `adding`. Not collective.
+
+        Rows and columns of constrained dofs are left out.
+
+        Parameters
+        ----------
+        cells : (n,) int32
+            Cells of this rank; a cell may occur several times, as with several facets.
+        matrices : (n, k, k)
+            Their element matrices [N/m]. Rows and columns are numbered node by node, with the 3
+            components of each, then the pressures: all of a cell's dofs, or those of the
+            displacement alone.
+        """
+        self._addition.add(self.addresses, cells, matrices)
+
+    def couple(self, pairs: Sequence[Array]) -> None:
+        """Extend the sparsity pattern, if it lacks one of these pairs of nodes. Collective.
+
+        The matrix is then zero. `mat` is the same object with another pattern: its nonzero state
+        tells PETSc's preconditioners and `fem_snh.linalg` to set up again.
+
+        Parameters
+        ----------
+        pairs : sequence of (n, 2) int64
+            Row and column of 3x3 blocks as global nodes of the displacement's space. Each rank
+            gives all pairs of the rows that it owns; those of other rows are left out.
+        """
+        if self._couplings is None:
+            self._couplings = Couplings(self._dof_map, self.constrained_dofs)
+        if self._couplings.require(pairs):
+            self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
+
+    def add_couplings(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
+        """Add matrices of nodes that share no cell, inside of `adding`. Not collective.
+
+        Rows and columns of constrained dofs are left out. The pattern must have the blocks: those
+        of a cell are there, others need `couple`.
+
+        Parameters
+        ----------
+        nodes : (n, k) int64
+            Global nodes of the displacement's space. Each rank gives all matrices with a row that
+            it owns; the rows of other ranks are left out.
+        matrices : (n, 3 k, 3 l)
+            Their matrices [N/m], numbered node by node.
+        others : (n, l) int64, optional
+            The nodes of the columns. Default: those of the rows.
+        """
+        if self._couplings is None:
+            raise ValueError("add_couplings: expected after couple")
+        self._couplings.add(nodes, matrices, others)
+
+    def _set_layout(self, layout: MatrixLayout) -> None:
+        self.layout, self.mat = layout, layout.mat
+        self.block_positions, self.row_strides = layout.block_positions, layout.row_strides
+        for name in ("_addition", "_sent_rows"):
+            self.__dict__.pop(name, None)  # of the former pattern
+
+    def without_constraints(self) -> BlockMatrix:
+        """Return a zero matrix of the same layout that has all rows and columns. Collective."""
+        return BlockMatrix(self._dof_map, layout=self.layout)
+
+    def add_node_pairs(
+        self, pattern: tuple[Array, Array], positions: Array, factor: float, values: Array
+    ) -> None:
+        """Add multiples of the 3x3 identity at pairs of nodes, inside of `adding`. Not collective.
+
+        See `MatrixAddition.add_node_pairs`; the positions are those in ``block_positions``.
+        """
+        self._addition.add_node_pairs(self.addresses, pattern, positions, factor, values)
+
+    @cached_property
+    def _sent_rows(self) -> SentRows:
+        return SentRows(self._dof_map, self.layout)
+
+    @cached_property
+    def _addition(self) -> MatrixAddition:
+        """The compiled loop of `add_matrices`, which only terms without cell loops need."""
+        blocks, sizes = self._dof_map.cell_blocks, self._dof_map.cell_block_sizes
+        return MatrixAddition(blocks, sizes, self.block_positions, self.row_strides, self.free)
+
+    @property
+    def constrained_diagonal(self) -> float | None:
+        """The diagonal entry of constrained dofs [N/m]; None before the first assembly."""
+        return self._constrained_diagonal
+
+    def set_constrained_diagonal(self, value: float | None) -> None:
+        """Set the diagonal entry of constrained dofs [N/m] from the next assembly on.
+
+        With None the next assembly determines it.
+        """
+        self._constrained_diagonal, self._diagonal_vec = value, None
+
+    def _add_constrained_diagonal(self) -> None:
+        """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
+        if self._diagonal_vec is None:
+            self._diagonal_vec = self.mat.getDiagonal()
+            values = self._diagonal_vec.array
+            if self._constrained_diagonal is None:
+                free = np.delete(values[: self._num_u], self.constrained_dofs)
+                local = np.array([np.abs(free).sum(), len(free)])
+                total, count = self._dof_map.comm.allreduce(local)
+                self._constrained_diagonal = float(total / max(count, 1)) or 1.0
+            values[:] = 0.0
+            values[self.constrained_dofs] = self._constrained_diagonal
+        self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
+
+
+def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> BlockMatrix:
+    """Return a zero matrix of a displacement and a pressure space. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    Q : dolfinx function space, optional
+        The space of an unknown pressure.
+    constrained : (local nodes, 3) bool, optional
+        As for `BlockMatrix`.
+    """
+    spaces = [dof_map(V, 3)] if Q is None else [dof_map(V, 3), dof_map(Q, 1)]
+    return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained)

@@ -1,0 +1,189 @@
+"""Dirichlet conditions: which displacement components are constrained, and their values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.errors import bad_value
+from fem_snh.mesh.mesh import Mesh
+
+Array = npt.NDArray[Any]
+
+AXES = ("x", "y", "z")
+#: Loads at which the values of two conditions are compared, and their largest difference, relative
+#: to the values, that is rounding.
+_LOADS, _ROUNDING = (0.25, 0.5, 1.0), 1e-9
+
+
+class Constraint(Protocol):
+    """Components of the displacement on a physical group that are zero."""
+
+    @property
+    def group(self) -> str | int:
+        """Name or number of the physical group."""
+
+    @property
+    def components(self) -> Sequence[str]:
+        """The constrained components, among "x", "y" and "z"."""
+
+
+class Motion(Constraint, Protocol):
+    """Components of the displacement on a physical group that follow the load."""
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
+
+
+class NodalMotion(Protocol):
+    """The displacement of some nodes, in all components, as a function of the load."""
+
+    @property
+    def nodes(self) -> Array:
+        """The local nodes, ghosts included."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the displacement is not zero."""
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
+
+
+class Dirichlet(Protocol):
+    """The constrained dofs of a displacement space and their values.
+
+    Attributes
+    ----------
+    constrained : (local nodes, 3) bool
+        Which components of which nodes, ghosts included, are constrained.
+    dofs : (n,) int
+        The constrained dofs this rank owns, as indices into a vector's local array.
+    depends_on_load : bool
+        Whether any value depends on the load.
+    """
+
+    constrained: Array
+    dofs: Array
+    depends_on_load: bool
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to their values at this load."""
+
+
+class DirichletConditions:
+    """Dirichlet conditions on physical groups, with the attributes of `Dirichlet`. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space, 3 components.
+    mesh : Mesh
+        The mesh whose physical groups the conditions name.
+    hold : sequence of Constraint
+        Zero displacement.
+    move : sequence of Motion
+        Displacement that follows the load. At nodes that groups have in common, as on the edge of
+        two faces, a later condition overrides an earlier one, and any of ``move`` overrides
+        ``hold``.
+    bones : sequence of NodalMotion, optional
+        Displacements of nodes, different ones, which override all others.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown physical group, and for a condition that a later one with
+        other values overrides at all of its nodes.
+    """
+
+    def __init__(
+        self,
+        V: Any,
+        mesh: Mesh,
+        hold: Sequence[Constraint],
+        move: Sequence[Motion],
+        bones: Sequence[NodalMotion] = (),
+    ) -> None:
+        owned, ghosts = _dolfinx.num_nodes(V)
+        self.constrained: Array = np.zeros((owned + ghosts, 3), dtype=bool)
+        self.bones = list(bones)
+        self._moved: list[tuple[Array, list[int], Motion | NodalMotion, Array]] = []
+        for condition in hold:
+            self._constrain(V, mesh, condition)
+        coordinates = V.tabulate_dof_coordinates()
+        for motion in move:
+            nodes, axes = self._constrain(V, mesh, motion)
+            nodes = nodes[nodes < owned]
+            self._moved.append((nodes, axes, motion, coordinates[nodes]))
+        self._check_overrides(V, mesh, hold, move)
+        for bone in bones:
+            self.constrained[bone.nodes] = True
+            nodes = bone.nodes[bone.nodes < owned]
+            self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
+        self.dofs: Array = np.flatnonzero(self.constrained[:owned])
+        self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
+
+    def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
+        """Mark a condition's components as constrained; return its local nodes and components."""
+        nodes = group_nodes(V, mesh, condition.group)
+        axes = [AXES.index(c) for c in condition.components]
+        self.constrained[nodes[:, None], axes] = True
+        return nodes, axes
+
+    def _check_overrides(
+        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[Motion]
+    ) -> None:
+        """Raise BadInput if a motion overrides an earlier condition at all nodes. Collective."""
+        coordinates = V.tabulate_dof_coordinates()
+        owned = _dolfinx.num_nodes(V)[0]
+        earlier: list[tuple[str, Constraint, Array, list[int]]] = []
+        for condition in hold if self._moved else ():
+            nodes = group_nodes(V, mesh, condition.group)
+            axes = [AXES.index(c) for c in condition.components]
+            earlier.append(("hold", condition, nodes[nodes < owned], axes))
+        for (nodes, axes, _, _), motion in zip(self._moved, move, strict=True):
+            for table, other, others, other_axes in earlier:
+                both = [axis for axis in axes if axis in other_axes]
+                shared = np.intersect1d(nodes, others)
+                X, different = coordinates[shared], False
+                for load in _LOADS if both else ():
+                    u = motion.displacement(X, load)[:, both]
+                    before = _displacement(other, X, load)[:, both]
+                    size = max(abs(u).max(initial=0.0), abs(before).max(initial=0.0))
+                    different |= bool((abs(u - before) > _ROUNDING * size).any())
+                found = [len(shared), len(others), int(different)]
+                total, all_of_it, differs = V.mesh.comm.allreduce(np.array(found))
+                if differs and total == all_of_it:
+                    listed = ", ".join(AXES[axis] for axis in both)
+                    accepted = f"components other than {listed}, which [[{table}]] constrains at "
+                    accepted += f"the same nodes by the group {other.group!r}"
+                    raise bad_value("move.group", motion.group, accepted)
+            earlier.append(("move", motion, nodes, axes))
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to their values at this load."""
+        values = x.array
+        values[self.dofs] = 0.0
+        for nodes, axes, motion, points in self._moved:
+            displacement = motion.displacement(points, load)
+            values[3 * nodes[:, None] + axes] = displacement[:, axes]
+
+
+def _displacement(condition: Any, X: Array, load: float) -> Array:
+    """Return the (n, 3) displacements of a condition at a load; of a `Constraint` they are zero."""
+    if hasattr(condition, "displacement"):
+        found: Array = condition.displacement(X, load)
+        return found
+    return np.zeros_like(X)
+
+
+def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:
+    """Return the local nodes of V, ghosts included, on a physical group. Collective."""
+    group = mesh.group(key)
+    return _dolfinx.locate_dofs(V, group.dim, group.entities)

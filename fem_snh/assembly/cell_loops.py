@@ -1,0 +1,203 @@
+"""The cell loops of one material on one element: energy, residual, Jacobian and fields.
+
+`fem_snh.terms.elastic` calls them at each evaluation of a Newton step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.constitutive.compiled import Compiled, compile_kernel
+from fem_snh.constitutive.material import Material
+from fem_snh.kernels import build
+from fem_snh.kernels.headers import header
+
+#: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
+FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")
+
+#: The header of each volume treatment (`fem_snh.assembly.elements`). Cell pressures are evaluated
+#: as continuous ones are, with one basis function in each cell.
+_VOLUME_HEADERS = {
+    "pointwise": "volume_pointwise.h",
+    "mean": "volume_mean.h",
+    "cell_pressure": "volume_pressure.h",
+    "pressure": "volume_pressure.h",
+}
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ElementTables:
+    """Basis, quadrature and node numbers of an element on one rank's cells.
+
+    Attributes
+    ----------
+    nodes : (cells, NODES) int32
+        Displacement nodes.
+    geometry : (cells, GEOMETRY_NODES) int32
+        Geometry nodes.
+    x : (geometry nodes, 3)
+        Reference coordinates [m].
+    gradients : (POINTS, NODES, 3)
+        Gradients of the basis on the reference cell.
+    geometry_gradients : (POINTS, GEOMETRY_NODES, 3)
+        Gradients of the geometry's basis.
+    weights : (POINTS,)
+        Quadrature weights.
+    volume : str
+        Volume treatment, one of `fem_snh.assembly.elements`.
+    pressure_nodes : (cells, PRESSURE_NODES) int32
+        Pressure nodes; empty without an unknown pressure.
+    pressure_basis : (POINTS, PRESSURE_NODES)
+        Values of the pressure's basis.
+    fractions : (cells,), optional
+        Factor of each cell's weights: the fraction of the cell that the body fills; without, 1.
+    """
+
+    nodes: Array
+    geometry: Array
+    x: Array
+    gradients: Array
+    geometry_gradients: Array
+    weights: Array
+    volume: str = "pointwise"
+    pressure_nodes: Array = field(default_factory=lambda: np.empty((0, 0), np.int32))
+    pressure_basis: Array = field(default_factory=lambda: np.empty((0, 0)))
+    fractions: Array | None = None
+
+    @property
+    def sizes(self) -> list[str]:
+        """Return the element's sizes as C definitions."""
+        points, nodes, _ = self.gradients.shape
+        return [
+            f"#define POINTS {points}",
+            f"#define NODES {nodes}",
+            f"#define GEOMETRY_NODES {self.geometry_gradients.shape[1]}",
+            f"#define PRESSURE_NODES {self.pressure_basis.shape[1]}",
+        ]
+
+
+def compile_cell_loops(
+    material: Material, tables: ElementTables, loops: Sequence[str] = ("cell_loops.h",)
+) -> Compiled:
+    """Compile loops over an element's cells, files of ``include/``. Not collective."""
+    volume = _VOLUME_HEADERS[tables.volume]
+    after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
+    return compile_kernel(material, tables.volume, tables.sizes, after)
+
+
+class CellLoops:
+    """Energy, residual, Jacobian and fields over one rank's cells.
+
+    Arrays hold the values of this rank's nodes, ghosts included: displacements ``u``
+    (3 nodes,) [m] and, for an element with an unknown pressure, ``pressure`` (pressure nodes,).
+
+    Parameters
+    ----------
+    compiled : Compiled
+        The library from `compile_cell_loops`.
+    tables : ElementTables
+        The element's tables.
+
+    Attributes
+    ----------
+    constants : ElementConstants
+        The numbers of the energy.
+    tables : ElementTables
+        The element's tables.
+    num_cells : int
+        Number of cells.
+    """
+
+    def __init__(self, compiled: Compiled, tables: ElementTables) -> None:
+        self.constants, self.tables = compiled.constants, tables
+        self._ffi, self._lib = build.load(compiled.path, header("cell_api.h"))
+        self.num_cells = len(tables.nodes)
+        arrays = {
+            name: np.ascontiguousarray(getattr(tables, name), dtype=kind)
+            for kind, names in (
+                (np.int32, ("nodes", "geometry", "pressure_nodes")),
+                (np.float64, ("x", "gradients", "geometry_gradients", "weights", "pressure_basis")),
+            )
+            for name in names
+        }
+        if tables.fractions is not None:
+            arrays["fractions"] = np.ascontiguousarray(tables.fractions, dtype=np.float64)
+        arrays["constants"] = np.array(compiled.constants.values, dtype=np.float64)
+        self._arrays = arrays  # the struct holds pointers: the arrays must live as long
+        pointers = {name: self.pointer(array) for name, array in arrays.items()}
+        self._cells = self._ffi.new("Cells *", {"cells": self.num_cells, **pointers})
+
+    def pointer(self, array: Array | None) -> Any:
+        """Return a C pointer to the memory of ``array``, which the caller keeps alive."""
+        if array is None:
+            return self._ffi.NULL
+        kind = {"float64": "double *", "int32": "int *", "uint8": "unsigned char *"}
+        return self._ffi.cast(kind[array.dtype.name], array.ctypes.data)
+
+    def target(
+        self, strides: Sequence[Array], position: Array, free: Array, constrained: Array
+    ) -> Any:
+        """Return a MatrixTarget (cell_api.h) for `jacobian`.
+
+        The caller sets ``values`` before each use, and ``rotation`` if it is used, and keeps the
+        arrays alive.
+        """
+        target = self._ffi.new("MatrixTarget *")
+        target.stride = [self.pointer(stride) for stride in strides]
+        target.position = self.pointer(position)
+        target.free = self.pointer(free)
+        target.constrained = self.pointer(constrained)
+        return target
+
+    @property
+    def cells_address(self) -> int:
+        """Return the address of the struct Cells (cell_api.h), valid as long as this object."""
+        return int(self._ffi.cast("uintptr_t", self._cells))
+
+    def address(self, number: int) -> Any:
+        """Return a C pointer to doubles at this address."""
+        return self._ffi.cast("double *", number)
+
+    def energy(self, u: Array, pressure: Array | None = None) -> float:
+        """Return the energy [J] of this rank's cells; +inf outside the energy's domain."""
+        return float(self._lib.energy_cells(self._cells, *map(self.pointer, (u, pressure))))
+
+    def residual(
+        self, u: Array, r: Array, pressure: Array | None = None, r_pressure: Array | None = None
+    ) -> None:
+        """Add the energy's derivatives to ``r`` and ``r_pressure``, at ghost nodes too."""
+        arrays = map(self.pointer, (u, pressure, r, r_pressure))
+        self._lib.residual_cells(self._cells, *arrays)
+
+    def jacobian(
+        self, u: Array, filter: int, eigensolver: int, target: Any, pressure: Array | None = None
+    ) -> int:
+        """Add the filtered second derivative of the energy to ``target``.
+
+        Parameters
+        ----------
+        filter, eigensolver : int
+            Positions in `fem_snh.choices.POINT_FILTERS` and `EIGENSOLVERS`.
+        target : MatrixTarget
+            From `target`.
+
+        Returns
+        -------
+        int
+            Number of quadrature points where the exact material Hessian has a negative eigenvalue.
+        """
+        arrays = map(self.pointer, (u, pressure))
+        return int(self._lib.jacobian_cells(self._cells, *arrays, filter, eigensolver, target))
+
+    def fields(self, u: Array, pressure: Array | None = None) -> dict[str, Array]:
+        """Return FIELDS, one value per cell: volumes [m^3], J, energy [J], eigenvalue [Pa]."""
+        out = np.empty((self.num_cells, len(FIELDS)))
+        self._lib.fields_cells(self._cells, *map(self.pointer, (u, pressure, out)))
+        return dict(zip(FIELDS, out.T, strict=True))

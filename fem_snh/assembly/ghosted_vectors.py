@@ -1,0 +1,54 @@
+"""Ghosted PETSc vectors: their local values, and the exchange of ghosts between ranks.
+
+`fem_snh.assembly.unknowns`, the energy terms and the output's fields call it. PETSc's own
+operations, ``Vec.set`` among them, leave the ghosts as they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+
+def local_values(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to read, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array_r)
+
+
+def nodal_vectors(u: PETSc.Vec) -> Array:
+    """Return the nodal displacements of a ghosted vector, (local nodes, 3)."""
+    return np.asarray(local_values(u).reshape(-1, 3))
+
+
+def writable_values(vector: PETSc.Vec) -> Array:
+    """Return a ghosted vector's local values to write, ghosts included."""
+    with vector.localForm() as local:
+        return np.asarray(local.array)
+
+
+def copy_to_function(vector: PETSc.Vec, function: Any) -> None:
+    """Set a dolfinx function to a ghosted vector of its space, ghosts included."""
+    function.x.array[:] = local_values(vector)
+
+
+def set_to_zero(vector: PETSc.Vec) -> None:
+    """Set a ghosted vector to zero, ghosts included."""
+    with vector.localForm() as local:
+        local.set(0.0)
+
+
+def update_ghosts(vector: PETSc.Vec) -> None:
+    """Copy owned values to the ghosts of other ranks. Collective."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+
+
+def add_ghosts(vector: PETSc.Vec) -> None:
+    """Add ghost values to those of the ranks that own them. Collective."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

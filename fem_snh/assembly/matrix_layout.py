@@ -1,0 +1,231 @@
+"""Where each block of each element matrix is stored in the value arrays of an AIJ matrix.
+
+A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from all others
+(off-diagonal block). Contributions to rows of another rank are summed in a third array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh._petsc import set_pattern
+from fem_snh.assembly.block_sparsity import BlockSparsity
+from fem_snh.assembly.numbering import MixedDofMap
+from fem_snh.errors import BadInput
+from fem_snh.kernels.block_pattern import BlockPattern, unknown_columns
+
+Array = npt.NDArray[Any]
+
+#: Which value array a block is in, as cell_api.h encodes it: 4 * offset + one of these.
+_DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
+#: Largest of these numbers: the compiled loops read them as 32-bit integers.
+_LARGEST = int(np.iinfo(np.int32).max)
+#: Pairs of blocks of cells that are expanded at the same time: a bound of memory.
+_PAIRS_AT_ONCE = 2**22
+
+
+class Received(NamedTuple):
+    """Blocks of this rank's rows that another rank sends, row by row.
+
+    Attributes
+    ----------
+    rows, columns : (n,) int64
+        Their global rows and columns.
+    positions : (n,) int64
+        Where they are stored: see `MatrixLayout`.
+    """
+
+    rows: Array
+    columns: Array
+    positions: Array
+
+
+class MatrixLayout:
+    """The sparsity pattern of a dof map's cells, and where their blocks are stored. Collective.
+
+    Parameters
+    ----------
+    dof_map : MixedDofMap
+        The numbering of the unknowns.
+    pairs : (n, 2) int64, optional
+        Row and column of further blocks, as global blocks; this rank owns the rows.
+    mat : PETSc.Mat, optional
+        A matrix of another pattern, which becomes ``mat``. Default: a new one.
+
+    Attributes
+    ----------
+    mat : PETSc.Mat
+        A zero AIJ matrix with this pattern.
+    block_positions : (cells, n, n) int32
+        For each pair of blocks of each cell 4 * offset + k: the offset of the pair's first value in
+        value array k (0 diagonal block, 1 off-diagonal block, 2 sent rows).
+    row_strides : list of three (local blocks,) int32
+        For each of the three arrays, the values in a row of each local block.
+    num_values : tuple of int
+        Values in the diagonal and in the off-diagonal block.
+    ghosts : (ghost blocks,) int64
+        Global numbers of the ghost blocks.
+    sent : BlockSparsity
+        Pattern of the rows of the ghost blocks, which are sent to their owners.
+    received : list of Received
+        The blocks received from each rank.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if one has more values than a 32-bit offset can address.
+    """
+
+    def __init__(
+        self,
+        dof_map: MixedDofMap,
+        pairs: Array | None = None,
+        mat: PETSc.Mat | None = None,
+    ) -> None:
+        self._dof_map = dof_map
+        sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
+        first, last = dof_map.owned_range
+        pairs_of_cells = _pairs_of_cells(dof_map)
+        rows, columns = pairs_of_cells.rows(), pairs_of_cells.indices
+        sent = ~owned[rows]
+
+        ghost = np.cumsum(~owned) - 1  # index of a ghost block among the ghosts
+        self.ghosts = numbers[~owned]
+        self.sent = BlockSparsity(ghost[rows[sent]], columns[sent], sizes[~owned], sizes)
+        own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
+        received = self._send_to_owners()
+        diagonal, off_diagonal, others = self._owned_rows(own, received, pairs)
+        self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
+
+        def owned_positions(rows: Array, columns: Array) -> Array:
+            row, found = rows - first, np.empty(len(rows), np.int64)
+            inside = (columns >= first) & (columns < last)
+            offsets = diagonal.offsets(row[inside], columns[inside] - first)
+            found[inside] = 4 * offsets + _DIAGONAL
+            dense = np.searchsorted(others, columns[~inside])
+            found[~inside] = 4 * off_diagonal.offsets(row[~inside], dense) + _OFF_DIAGONAL
+            return found
+
+        positions = np.empty(len(rows), np.int64)
+        positions[~sent] = owned_positions(*own)
+        del own
+        self.received = [Received(r, c, owned_positions(r, c)) for r, c in received]
+        positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
+        too_many = bool(positions.max(initial=0) > _LARGEST)
+        if dof_map.comm.allreduce(too_many, op=MPI.LOR):
+            raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
+        shape = (*dof_map.cell_blocks.shape, dof_map.cell_blocks.shape[1])
+        self.block_positions = np.empty(shape, np.int32)
+        for cells, row, column in _cell_pairs(dof_map.cell_blocks):
+            found = positions[pairs_of_cells.find(row, column)]
+            self.block_positions[cells] = found.reshape(-1, *shape[1:])
+        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
+        for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
+            strides[owned] = sparsity.row_lengths[numbers[owned] - first]
+        self.row_strides[_SENT][~owned] = self.sent.row_lengths
+        del rows, columns, sent, positions, pairs_of_cells
+        self.mat = self._create(diagonal, off_diagonal, others, mat)
+
+    def _owned_rows(
+        self, own: Array, received: Sequence[Array], pairs: Array | None
+    ) -> tuple[BlockSparsity, BlockSparsity, Array]:
+        """Return the pattern of the rows of this rank: of the blocks in its columns and of others.
+
+        Parameters
+        ----------
+        own : (2, n)
+            Global row and column of the blocks of this rank's cells in these rows.
+        received : sequence of (2, n)
+            Those of other ranks' cells.
+        pairs : (n, 2), optional
+            Of further blocks.
+
+        Returns
+        -------
+        diagonal, off_diagonal : BlockSparsity
+            The columns of the second are numbered densely, in ascending order, as PETSc does.
+        others : (n,)
+            Their global numbers.
+        """
+        dof_map = self._dof_map
+        first, last = dof_map.owned_range
+        more = [] if pairs is None else [pairs.T]
+        rows, columns = np.concatenate([own, *received, *more], axis=1)
+        rows -= first
+        inside = (columns >= first) & (columns < last)
+        others = np.unique(columns[~inside])
+        sizes = dof_map.global_dofs(np.arange(first, last))[1]
+        diagonal = BlockSparsity(rows[inside], columns[inside] - first, sizes, sizes)
+        off_diagonal = BlockSparsity(
+            rows[~inside],
+            np.searchsorted(others, columns[~inside]),
+            sizes,
+            dof_map.global_dofs(others)[1],
+        )
+        return diagonal, off_diagonal, others
+
+    def _send_to_owners(self) -> list[Array]:
+        """Send the pairs of `sent` to the ranks that own the rows; return (2, n) of each rank."""
+        comm, dof_map = self._dof_map.comm, self._dof_map
+        rows = self.ghosts[self.sent.block_rows()]
+        owner = dof_map.owner_ranks(rows)
+        pairs = np.stack([rows, dof_map.local_to_global[self.sent.indices]])
+        received: list[Array] = comm.alltoall([pairs[:, owner == r] for r in range(comm.size)])
+        return received
+
+    def _create(
+        self,
+        diagonal: BlockSparsity,
+        off_diagonal: BlockSparsity,
+        others: Array,
+        mat: PETSc.Mat | None,
+    ) -> PETSc.Mat:
+        """Return a zero AIJ matrix; ``others`` are the off-diagonal block's global columns."""
+        dof_map, row_sizes = self._dof_map, diagonal.row_sizes
+        lengths = diagonal.row_lengths + off_diagonal.row_lengths
+        indptr = np.concatenate([[0], np.cumsum(np.repeat(lengths, row_sizes))])
+        first, last = dof_map.owned_range
+        own, rest = (
+            (part.indptr, part.indices, *dof_map.global_dofs(blocks))
+            for part, blocks in ((diagonal, np.arange(first, last)), (off_diagonal, others))
+        )
+        before = int(np.searchsorted(others, first))
+        columns = unknown_columns(row_sizes, own, rest, before, int(indptr[-1]))
+        csr = indptr.astype(PETSc.IntType), columns
+        if mat is not None:
+            set_pattern(mat, csr)
+            return mat
+        return PETSc.Mat().createAIJ(
+            ((dof_map.num_owned_dofs, None),) * 2,
+            bsize=dof_map.block_size,
+            csr=csr,
+            comm=dof_map.comm,
+        )
+
+
+def _cell_pairs(cell_blocks: Array) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield slices of cells, and row and column of the pairs of blocks of each cell in them."""
+    n = cell_blocks.shape[1]
+    step = max(1, _PAIRS_AT_ONCE // n**2)
+    for first in range(0, len(cell_blocks), step):
+        cells = slice(first, first + step)
+        chosen = cell_blocks[cells]
+        yield cells, np.repeat(chosen, n, axis=1).ravel(), np.tile(chosen, (1, n)).ravel()
+
+
+def _pairs_of_cells(dof_map: MixedDofMap) -> BlockPattern:
+    """Return the pattern of the local blocks, ghosts included, of this rank's cells."""
+    size = len(dof_map.local_to_global)
+    found = [np.empty((2, 0), np.int32)]
+    for _, rows, columns in _cell_pairs(dof_map.cell_blocks):
+        part = BlockPattern(rows, columns, size, size)
+        found.append(np.stack([part.rows(), part.indices]))
+    rows, columns = np.concatenate(found, axis=1)
+    return BlockPattern(rows, columns, size, size)

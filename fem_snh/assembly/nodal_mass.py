@@ -1,0 +1,200 @@
+r"""The mass matrix of a displacement space, as one number for each pair of nodes.
+
+The three components of the displacement have the same basis functions, so that the mass matrix is
+:math:`m_{ab} I_3` for each pair of nodes a, b,
+
+.. math:: m_{ab} = \int_\Omega \rho N_a N_b \, \mathrm{d}V .
+
+A rank keeps the sum over its own cells, rows of ghost nodes included: a product with a ghosted
+vector needs no message, and the sum over ranks is that of the other terms' residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_matrix
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.matrix_layout import MatrixLayout
+from fem_snh.assembly.regions import Region, density_of
+from fem_snh.choices import MASSES
+from fem_snh.errors import BadInput, choose
+from fem_snh.mesh.mesh import point_volumes
+
+Array = npt.NDArray[Any]
+
+#: Relative tolerance of the mass matrix's linear solver, close to rounding.
+_RTOL = 1e-13
+#: Largest relative residual of its solution. In the norm of the residual alone nodes of a small
+#: mass count less than in that of the solver.
+_LARGEST_RESIDUAL = 1e-9
+
+
+class NodalMass:
+    r"""The mass matrix of a body. Collective.
+
+    ==============  ================================================================================
+    ``consistent``  :math:`m_{ab}` as above
+    ``lumped``      diagonal. Degree 1: the sums of its rows. Degree 2: the diagonal of each cell's
+                    matrix, scaled to the cell's mass, as sums of rows of tetrahedra are negative at
+                    corners (Hinton, Rock & Zienkiewicz 1976)
+    ==============  ================================================================================
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    regions : sequence of Region
+        The cells and their densities rho [kg/m^3].
+    kind : {"consistent", "lumped"}, optional
+        Which mass matrix.
+
+    Attributes
+    ----------
+    matrix : (local nodes, local nodes) scipy CSR matrix
+        This rank's part of m [kg], ghost nodes included.
+    num_owned : int
+        Displacement dofs this rank owns.
+    total : float
+        The body's mass [kg].
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown kind or a material without a density.
+    """
+
+    def __init__(self, V: Any, regions: Sequence[Region], kind: str = MASSES[0]) -> None:
+        lumped = choose("time.mass", kind, MASSES) == "lumped"
+        self._comm: MPI.Comm = V.mesh.comm
+        self.num_owned = 3 * _dolfinx.num_nodes(V)[0]
+        nodes, m = _dolfinx.node_dofs(V), _element_matrices(V, regions)
+        count, n = sum(_dolfinx.num_nodes(V)), nodes.shape[1]
+        pair: Array = np.arange(nodes.size * n).reshape(len(nodes), n, n)
+        if lumped:
+            m, pair = _lumped(m, _dolfinx.degree(V)), np.diagonal(pair, axis1=1, axis2=2)
+            rows = columns = nodes
+        else:
+            rows, columns = np.repeat(nodes, n, axis=1), np.tile(nodes, (1, n))
+        keys = rows.ravel().astype(np.int64) * count + columns.ravel()
+        keys, first, slots = np.unique(keys, return_index=True, return_inverse=True)
+        values = np.bincount(slots.ravel(), weights=m.ravel(), minlength=len(keys))
+        starts = np.searchsorted(keys, count * np.arange(count + 1, dtype=np.int64))
+        pattern = (keys % count).astype(np.int32), starts.astype(np.int32)
+        self.matrix = csr_matrix((values, *pattern), shape=(count, count))
+        #: Of each pair of nodes, where it first occurs among all cells' pairs.
+        self._first, self._cell_nodes = pair.ravel()[first], n
+        self._positions: tuple[MatrixLayout, Array] | None = None
+        self.total = float(self._comm.allreduce(values.sum(), op=MPI.SUM))
+
+    def apply(self, values: Array) -> Array:
+        """Return this rank's part of m times nodal values.
+
+        Parameters
+        ----------
+        values : (3 local nodes,)
+            Values with current ghosts.
+
+        Returns
+        -------
+        (3 local nodes,)
+            To be summed over the ranks, as `add_ghosts` does.
+        """
+        return np.asarray(self.matrix @ values.reshape(-1, 3)).ravel()
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Return a . m b of values with current ghosts, (3 local nodes,). Collective."""
+        return float(self._comm.allreduce(float(a @ self.apply(b)), op=MPI.SUM))
+
+    def add_to(self, target: BlockMatrix, factor: float) -> None:
+        """Add ``factor`` times the matrix, inside of `BlockMatrix.adding`.
+
+        Rows and columns of constrained dofs are left out.
+        """
+        if self._positions is None or self._positions[0] is not target.layout:
+            n = self._cell_nodes
+            positions = np.ascontiguousarray(target.block_positions[:, :n, :n]).ravel()
+            self._positions = target.layout, positions[self._first]
+        pattern = self.matrix.indptr, self.matrix.indices
+        target.add_node_pairs(pattern, self._positions[1], factor, self.matrix.data)
+
+    def solve(self, matrix: BlockMatrix, constrained: Array, force: Array) -> Array:
+        """Return the solution of m a = force over the free dofs, zero at constrained ones.
+
+        Collective.
+
+        Parameters
+        ----------
+        matrix : BlockMatrix
+            A problem's matrix, which is overwritten.
+        constrained : (n,) int
+            The constrained dofs this rank owns.
+        force : (3 owned nodes,)
+            The right-hand side.
+
+        Returns
+        -------
+        (3 owned nodes,)
+
+        Raises
+        ------
+        BadInput
+            If the linear solver leaves a large residual.
+        """
+        kept = matrix.constrained_diagonal
+        matrix.set_constrained_diagonal(None)
+        with matrix.adding():
+            self.add_to(matrix, 1.0)
+        matrix.set_constrained_diagonal(kept)
+        ksp = PETSc.KSP().create(self._comm)
+        ksp.setOperators(matrix.mat)
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+        ksp.setTolerances(rtol=_RTOL, atol=0.0)
+        a, b = matrix.mat.createVecs()
+        b.set(0.0)
+        b.array[: self.num_owned] = force
+        b.array[constrained] = 0.0
+        ksp.solve(b, a)
+        # The solution is used as it is, so its residual decides, not what the KSP reports of it.
+        residual = b - matrix.mat * a
+        if not residual.norm() <= _LARGEST_RESIDUAL * b.norm():
+            size = residual.norm() / b.norm()
+            raise BadInput(
+                f"mass matrix: PETSc's CG left a relative residual of {size:.2g} "
+                f"(reason {ksp.getConvergedReason()})"
+            )
+        return np.array(a.array_r[: self.num_owned])
+
+
+def _element_matrices(V: Any, regions: Sequence[Region]) -> Array:
+    """Return the consistent mass matrices of this rank's cells, (cells, nodes, nodes)."""
+    domain = V.mesh
+    rho = np.zeros(len(_dolfinx.node_dofs(V)))
+    for region in regions:
+        rho[region.cells] = region.filled(density_of(region, "the mass"))
+    # det(dx/dX) has degree 3 (g - 1) on tetrahedra and 3 g - 1 in each direction on hexahedra.
+    g = _dolfinx.geometry_degree(domain)
+    affine = _dolfinx.cell_name(domain) == "tetrahedron"
+    degree = 2 * _dolfinx.degree(V) + (3 * (g - 1) if affine else 3 * g - 1)
+    points, _ = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
+    weights = rho[:, None] * point_volumes(domain, degree)
+    N = _dolfinx.tabulate_values(V, points)
+    products = (N[:, :, None] * N[:, None, :]).reshape(len(N), -1)
+    return np.asarray(weights @ products).reshape(-1, N.shape[1], N.shape[1])
+
+
+def _lumped(m: Array, degree: int) -> Array:
+    """Return the diagonals of lumped element matrices, (cells, nodes)."""
+    if degree == 1:
+        return np.asarray(m.sum(axis=2))
+    diagonal = np.diagonal(m, axis1=1, axis2=2)
+    return np.asarray(diagonal * (m.sum(axis=(1, 2)) / diagonal.sum(axis=1))[:, None])

@@ -1,0 +1,215 @@
+"""The parts of a body: which cells are filled by which material."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.constitutive.material import Material
+from fem_snh.errors import BadInput, bad_value, check_number
+from fem_snh.mesh.mesh import Mesh, cell_volumes
+
+Array = npt.NDArray[Any]
+
+
+class Region(NamedTuple):
+    """A part of the body that one material fills.
+
+    Attributes
+    ----------
+    material : Material
+        The material.
+    cells : (n,) int32
+        The region's cells among those that this rank owns, sorted.
+    density : float or None
+        Mass per reference volume [kg/m^3].
+    fractions : (n,) array or None
+        The part of each cell's volume that the body fills; None: all of it.
+    """
+
+    material: Material
+    cells: Array
+    density: float | None = None
+    fractions: Array | None = None
+
+    def filled(self, value: float) -> float | Array:
+        """Return a quantity per volume of the body as one per volume of the cells, (n,)."""
+        return value if self.fractions is None else value * self.fractions
+
+
+def density_of(region: Region, purpose: str) -> float:
+    """Return a region's density [kg/m^3].
+
+    Raises
+    ------
+    BadInput
+        If it has none, and the message says for which purpose one is needed; or no positive one.
+    """
+    if region.density is None:
+        name, accepted = region.material.name, f"expected a number > 0, for {purpose}"
+        raise BadInput(f"missing key 'material.density' of {name}: {accepted}")
+    check_number("material.density", region.density, 0.0, exclusive=True)
+    return region.density
+
+
+class Filling(NamedTuple):
+    """A material and the physical group that it fills.
+
+    Attributes
+    ----------
+    material : Material
+        The material.
+    group : str, int or None
+        A physical group of volumes; None for all cells that no other material fills.
+    density : float or None
+        Mass per reference volume [kg/m^3].
+    """
+
+    material: Material
+    group: str | int | None = None
+    density: float | None = None
+
+
+def whole_body(domain: Any, material: Material, density: float | None = None) -> list[Region]:
+    """Return the region of a body of one material on a dolfinx mesh."""
+    cells = np.arange(_dolfinx.num_owned(domain, 3), dtype=np.int32)
+    return [Region(material, cells, density)]
+
+
+def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
+    """Return the regions of a mesh whose physical groups are filled by materials. Collective.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    fillings : sequence of Filling
+        The materials with their groups; at most one is without a group.
+
+    Raises
+    ------
+    BadInput
+        On every rank: an unknown group, a group that is not one of volumes, groups that overlap,
+        cells without a material, or a material without cells.
+    """
+    num_cells = _dolfinx.num_owned(mesh.domain, 3)
+    owner = np.full(num_cells, -1, dtype=np.int32)  # which of `fillings` fills each cell
+    for number, filling in enumerate(fillings):
+        if filling.group is None:
+            continue
+        group = mesh.group(filling.group)
+        if group.dim != 3:
+            accepted = f"a group of volumes, not a {group.label}"
+            raise bad_value("material.group", filling.group, accepted)
+        cells = group.entities[group.entities < num_cells]
+        _check_overlap(mesh, fillings, owner[cells], filling.group)
+        owner[cells] = number
+    rest = [number for number, filling in enumerate(fillings) if filling.group is None]
+    missing = mesh.domain.comm.allreduce(int((owner < 0).sum()))
+    if missing and not rest:
+        raise BadInput(
+            f"material: {missing} of {mesh.num_cells} cells are in none of the groups "
+            f"{_listed(fillings)}: expected a material without a group, which fills the rest"
+        )
+    if rest and not missing:
+        raise BadInput(
+            f"material.group: the groups {_listed(fillings)} fill the whole body: expected no "
+            "material without a group"
+        )
+    owner[owner < 0] = rest[0] if rest else -1
+    found = []
+    for number, filling in enumerate(fillings):
+        cells = np.flatnonzero(owner == number).astype(np.int32)
+        fractions = None if mesh.fractions is None else mesh.fractions[cells]
+        found.append(Region(filling.material, cells, filling.density, fractions))
+    return found
+
+
+def _check_overlap(
+    mesh: Mesh, fillings: Sequence[Filling], owners: Array, group: str | int
+) -> None:
+    """Raise BadInput on every rank if a group's cells are in an earlier material. Collective."""
+    counts = np.bincount(owners[owners >= 0], minlength=len(fillings))
+    counts = mesh.domain.comm.allreduce(counts)
+    if counts.any():
+        other, shared = fillings[int(counts.argmax())].group, int(counts.max())
+        accepted = f"a group that shares no cell with '{other}'; they share {shared}"
+        raise bad_value("material.group", group, accepted)
+
+
+def _listed(fillings: Sequence[Filling]) -> str:
+    """Return the names of the groups as text."""
+    return ", ".join(f"'{f.group}'" for f in fillings if f.group is not None)
+
+
+def check_partition(domain: Any, regions: Sequence[Region]) -> None:
+    """Check that every cell of a dolfinx mesh is in one region. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank: cells in two regions, or in none.
+    """
+    num_cells = _dolfinx.num_owned(domain, 3)
+    times = np.zeros(num_cells, dtype=np.int64)
+    for region in regions:
+        np.add.at(times, region.cells, 1)
+    local = np.array([(times > 1).sum(), (times == 0).sum(), num_cells])
+    twice, never, total = domain.comm.allreduce(local)
+    if twice or never:
+        raise BadInput(
+            f"materials: {twice} of {total} cells are in two regions and {never} in none: "
+            "expected one material for each cell"
+        )
+
+
+def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
+    """Return the Young's modulus by which forces and pressures of a body are scaled. Collective.
+
+    With several materials it is the harmonic mean over the volume, the modulus of a stack of
+    layers (Reuss 1929): a tolerance relative to it is not looser than the softest layers bear,
+    however stiff the others are.
+
+    Parameters
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    regions : sequence of Region
+        The materials.
+
+    Returns
+    -------
+    float
+        Modulus [Pa]; with one material its own, without materials 1.
+    """
+    moduli = [region.material.numbers.E for region in regions]
+    if len(set(moduli)) <= 1:
+        return moduli[0] if moduli else 1.0
+    return 1 / volume_mean(domain, regions, [1 / modulus for modulus in moduli])
+
+
+def volume_mean(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> float:
+    """Return the mean over the volume of a quantity with one value in each region. Collective."""
+    if len(set(values)) == 1:
+        return values[0]
+    volume = cell_volumes(domain)
+    local = [(volume[region.cells] * region.filled(1.0)).sum() for region in regions]
+    volumes = domain.comm.allreduce(np.array(local))
+    return float(volumes @ np.array(values) / volumes.sum())
+
+
+def cell_constant(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> Any:
+    """Return the dolfinx Function, constant in each cell, with one value in each region.
+
+    In cells that the body fills in part, the value is multiplied by the filled fraction.
+    """
+    constant = _dolfinx.function_space(domain, 0, family="DG")
+    function = _dolfinx.function(constant, "coefficient")
+    dofs = _dolfinx.node_dofs(constant)[:, 0]
+    for region, value in zip(regions, values, strict=True):
+        function.x.array[dofs[region.cells]] = region.filled(value)
+    return function

@@ -1,0 +1,147 @@
+"""The unknowns of a problem: the displacement alone, or displacement and pressure.
+
+Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's (3 per
+node), and convert between vectors of that kind and the ghosted vectors of the separate fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.elements import Element
+from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, update_ghosts
+
+#: Weight of the volume errors of cells beside strains. A larger one saves Newton iterations, and
+#: costs linear ones (docs/results/elements_cell_pressures.md).
+_VOLUME_WEIGHT = 3.0
+
+
+class Displacement:
+    """The displacement is the only unknown: ``x`` is the ghosted vector of the function ``u``.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m], of a Lagrange space with 3 components.
+
+    Attributes
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    x : PETSc.Vec
+        The solver's vector.
+    num_owned_nodes : int
+        Displacement nodes this rank owns.
+    Q : dolfinx function space or None
+        The pressure's space.
+    """
+
+    Q: Any = None
+
+    def __init__(self, u: Any) -> None:
+        self.u, self.V = u, u.function_space
+        self.x = _dolfinx.petsc_vec(u)
+        self.num_owned_nodes = _dolfinx.num_nodes(self.V)[0]
+
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
+        update_ghosts(x)
+        return x, None
+
+    @contextmanager
+    def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        """Provide zero ghosted vectors (dE/du, dE/dp or None) to add to, and sum them into ``r``.
+
+        Contributions to ghost entries go to the ranks that own them. Collective.
+        """
+        set_to_zero(r)
+        yield r, None
+        add_ghosts(r)
+
+
+class DisplacementPressure(Displacement):
+    """Displacement and pressure are unknown (Taylor-Hood, or one pressure in each cell).
+
+    The unknown in ``x`` is the pressure divided by a unit [Pa/m], such as E/L: a length, like the
+    displacement, so that both parts of the residual are forces.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    pressure_degree : int
+        Degree of the pressure's Lagrange space; 0: constant in each cell, discontinuous.
+
+    Attributes
+    ----------
+    pressure : PETSc.Vec
+        Ghosted pressure vector [m], of the vector that was split last.
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the global dofs of each field on this rank.
+    """
+
+    def __init__(self, u: Any, pressure_degree: int) -> None:
+        super().__init__(u)
+        domain = self.V.mesh
+        family = "Lagrange" if pressure_degree else "DG"
+        self.Q = _dolfinx.function_space(domain, pressure_degree, family=family)
+        self.p = _dolfinx.function(self.Q, "pressure")
+        self.pressure = _dolfinx.petsc_vec(self.p)
+        self._r_u, self._r_p = (_dolfinx.create_vector(space) for space in (self.V, self.Q))
+        self._num_u = 3 * self.num_owned_nodes
+        num_p = _dolfinx.num_nodes(self.Q)[0]
+        comm = domain.comm
+        self.x = PETSc.Vec().createMPI((self._num_u + num_p, None), comm=comm)
+        first = self.x.getOwnershipRange()[0]
+        u = PETSc.IS().createStride(self._num_u, first, 1, comm=comm)
+        u.setBlockSize(3)
+        p = PETSc.IS().createStride(num_p, first + self._num_u, 1, comm=comm)
+        self.index_sets = {"u": u, "p": p}
+
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        values, u = x.array_r, _dolfinx.petsc_vec(self.u)
+        u.array[:] = values[: self._num_u]
+        self.pressure.array[:] = values[self._num_u :]
+        for vector in (u, self.pressure):
+            update_ghosts(vector)
+        return u, self.pressure
+
+    @contextmanager
+    def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
+        for vector in (self._r_p, self._r_u):
+            set_to_zero(vector)
+        yield self._r_u, self._r_p
+        for vector in (self._r_u, self._r_p):
+            add_ghosts(vector)
+        r.array[: self._num_u] = self._r_u.array_r
+        r.array[self._num_u :] = self._r_p.array_r
+
+    def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
+        """Return a view of the pressure dofs [m] that this rank owns in ``x``."""
+        return np.asarray(x.array[self._num_u :])
+
+
+def pressure_unit(element: Element, num_cells: int) -> float:
+    """Return the unit of an unknown pressure as a multiple of E/L.
+
+    It weighs the residual of the pressure against that of the displacement. The unit of cell
+    pressures depends on the size h of a cell: the forces of a strain are E h^2, and the residual of
+    a volume error is the unit times h^3.
+    """
+    if element.volume != "cell_pressure":
+        return 1.0
+    return float(_VOLUME_WEIGHT * num_cells ** (1 / 3))
+
+
+def create_unknowns(u: Any, element: Element) -> Displacement:
+    """Return the unknowns of an element: the displacement ``u``, and a pressure if it has one."""
+    if not element.has_pressure:
+        return Displacement(u)
+    return DisplacementPressure(u, element.pressure_degree)

@@ -1,0 +1,1 @@
+"""A material at a point: energy, stress, filtered Hessian, UFL form, and its report."""

@@ -1,0 +1,153 @@
+"""Stress against stretch in four standard tests, beside linear elasticity.
+
+Linear elasticity is the PK1-linearisation of every material, the corotational energy (Chen &
+Barbic, theorem 3.1). It is invariant under rotations, so its curve is a straight line in all tests
+but the shear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from fem_snh.constitutive.evaluate import Array, stress
+from fem_snh.constitutive.material import Material
+from fem_snh.kernels.svd_eigen import svd
+
+#: A test: the function of (prescribed, free stretch) that returns three stretches, and the index of
+#: the free one.
+Test = tuple[Callable[[Array, Array], Array], int]
+
+UNIAXIAL: Test = (lambda s, t: np.stack([s, t, t], axis=-1), 2)
+EQUIBIAXIAL: Test = (lambda s, t: np.stack([s, s, t], axis=-1), 2)
+
+#: Grid on which free stretches are searched.
+_FREE = np.geomspace(0.02, 50, 241)
+#: Largest ratio of consecutive free stretches on one branch of solutions.
+_JUMP = 1.6
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One test of a material.
+
+    Attributes
+    ----------
+    name : str
+        The test.
+    x : numpy.ndarray
+        Stretch, or amount of shear (n,).
+    stress : numpy.ndarray
+        PK1 [Pa] in the direction of the test (n,); NaN where there is no solution.
+    linear : numpy.ndarray
+        PK1 [Pa] of linear elasticity (n,).
+    stretches : numpy.ndarray or None
+        Principal stretches (n, 3); None for the shear.
+    """
+
+    name: str
+    x: Array
+    stress: Array
+    linear: Array
+    stretches: Array | None = None
+
+
+def around_rest(low: float, high: float) -> Array:
+    """Return 121 stretches from ``low`` to ``high``; the 61st is exactly 1."""
+    return np.concatenate([np.geomspace(low, 1, 61)[:-1], np.geomspace(1, high, 61)])
+
+
+def curves(m: Material) -> tuple[Curve, Curve, Curve, Curve]:
+    """Return the four tests over their default ranges."""
+    return uniaxial(m), equibiaxial(m), shear(m), volumetric(m)
+
+
+def uniaxial(m: Material, x: Array | None = None) -> Curve:
+    """Return the curve of P_00 against s_0 for uniaxial stress."""
+    x = around_rest(0.25, 4) if x is None else np.asarray(x, dtype=float)
+    s = _with_free_sides(m, UNIAXIAL, x)
+    return Curve("uniaxial", x, stress(m, s)[:, 0], _young(m)[0] * (x - 1), s)
+
+
+def equibiaxial(m: Material, x: Array | None = None) -> Curve:
+    """Return the curve of P_00 against s_0 = s_1 for equibiaxial stress."""
+    x = around_rest(0.4, 3) if x is None else np.asarray(x, dtype=float)
+    s = _with_free_sides(m, EQUIBIAXIAL, x)
+    E, nu = _young(m)
+    return Curve("equibiaxial", x, stress(m, s)[:, 0], E / (1 - nu) * (x - 1), s)
+
+
+def volumetric(m: Material, x: Array | None = None) -> Curve:
+    """Return the curve of P_00 against a stretch that is equal in all directions."""
+    x = around_rest(0.3, 2) if x is None else np.asarray(x, dtype=float)
+    s = np.repeat(x[:, None], 3, axis=1)
+    mu, lam = m.lame
+    return Curve("volumetric", x, stress(m, s)[:, 0], (2 * mu + 3 * lam) * (x - 1), s)
+
+
+def shear(m: Material, x: Array | None = None) -> Curve:
+    """Return the curve of P_01 against x for simple shear F = I + x e_0 e_1^T."""
+    x = np.linspace(0, 3, 121) if x is None else np.asarray(x, dtype=float)
+    F = np.tile(np.eye(3), (len(x), 1, 1))
+    F[:, 0, 1] = x
+    U, s, V = svd(F)
+    finite = np.isfinite(stress(m, s)[:, 0])
+    mu, lam = m.lame
+    p = 2 * mu * (s - 1) + lam * (s.sum(axis=-1, keepdims=True) - 3)
+    linear = np.einsum("ni,ni,ni->n", U[:, 0], p, V[:, 1])
+    return Curve("simple shear", x, np.where(finite, m.pk1(F)[:, 0, 1], np.nan), linear)
+
+
+def free_stretch(m: Material, test: Test, s: float, guess: float) -> float:
+    """Return the stretch near ``guess`` for which the free direction has no stress, or NaN."""
+    for factor in (1.02, 1.1, 1.4):
+        low, high = guess / factor, guess * factor
+        if _across(low, m, test, s) < 0 < _across(high, m, test, s):
+            return _root(m, test, s, low, high)
+    return float("nan")
+
+
+def _with_free_sides(m: Material, test: Test, x: Array) -> Array:
+    """Return stretches (n, 3) along the branch of solutions from the rest state; NaN at its end.
+
+    All sign changes of the lateral stress are found on a grid. From the rest state outwards, the
+    one that continues the branch is refined. Solutions whose lateral stress decreases with the
+    lateral stretch are unstable and left out.
+    """
+    stretches, free = test
+    across = stress(m, stretches(*np.meshgrid(x, _FREE, indexing="ij")))[..., free]
+    with np.errstate(invalid="ignore"):
+        rising = (across[:, :-1] <= 0) & (across[:, 1:] > 0)
+    t = np.full(len(x), np.nan)
+    start = int(np.argmin(np.abs(x - 1)))
+    for order in (range(start, len(x)), range(start, -1, -1)):
+        previous = 1.0
+        for n in order:
+            found = np.flatnonzero(rising[n])
+            middle = np.sqrt(_FREE[found] * _FREE[found + 1])
+            near = np.exp(np.abs(np.log(middle / previous)))
+            if not len(found) or (n != start and near.min() > _JUMP):
+                break
+            k = found[int(near.argmin())]
+            t[n] = previous = _root(m, test, x[n], _FREE[k], _FREE[k + 1])
+    return stretches(x, t)
+
+
+def _across(t: float, m: Material, test: Test, s: float) -> float:
+    """Return the stress [Pa] in the free direction at its stretch ``t``."""
+    stretches, free = test
+    return float(stress(m, stretches(np.array(s), np.array(t)))[free])
+
+
+def _root(m: Material, test: Test, s: float, low: float, high: float) -> float:
+    """Return the free stretch between ``low`` and ``high`` that has no stress."""
+    return float(brentq(_across, low, high, args=(m, test, s), xtol=1e-15, rtol=1e-14))
+
+
+def _young(m: Material) -> tuple[float, float]:
+    """Return (E [Pa], nu) of the material's small-strain constants (Chen & Barbic, eq. 14)."""
+    mu, lam = m.lame
+    return mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))

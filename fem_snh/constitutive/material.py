@@ -1,0 +1,244 @@
+"""Evaluate a material at given deformation gradients, with the kernels of the assembly.
+
+`Material` and `material` are public: ``fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import materials
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
+from fem_snh.constitutive.compiled import compile_kernel
+from fem_snh.errors import BadInput, choose
+from fem_snh.kernels import build
+from fem_snh.kernels.headers import POINTWISE, header
+from fem_snh.kernels.svd_eigen import stored_by_columns
+from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
+from fem_snh.materials.parameters import check_constants
+
+if TYPE_CHECKING:
+    from fem_snh.constitutive.report import Report
+    from fem_snh.materials.energy import Energy
+
+Array = npt.NDArray[np.float64]
+
+
+class Material:
+    """A hyperelastic material with numerical constants.
+
+    Every F is an array (..., 3, 3); the methods are vectorised over the leading axes.
+
+    Parameters
+    ----------
+    numbers : Numbers
+        The numbers of its energy.
+    make_expression : callable
+        Returns the energy as an expression; it is called when the expression is needed.
+
+    Attributes
+    ----------
+    numbers : Numbers
+        The numbers of its energy: E, nu, constants and shape parameters.
+    constants : (n,)
+        The constants that the kernels use [Pa].
+    """
+
+    def __init__(self, numbers: Numbers, make_expression: Callable[[], Energy]) -> None:
+        self.numbers, self._make_expression = numbers, make_expression
+        self.constants = np.array(numbers.values)
+
+    @classmethod
+    def of(cls, energy: Energy, key: str | None = None) -> Material:
+        """Return the material of an energy; ``key`` is that of its numbers in the cache."""
+        return cls(numbers_of(energy, key), lambda: energy)
+
+    def __repr__(self) -> str:
+        n = self.numbers
+        values = ", ".join(f"{c}={v:g}" for c, v in zip(n.constants, n.values, strict=True))
+        return f"<{n.name}: E={n.E:g}, nu={n.nu:g}; {values}>"
+
+    @cached_property
+    def expression(self) -> Energy:
+        """The normalised energy, a sympy expression with its constants."""
+        return self._make_expression()
+
+    @property
+    def name(self) -> str:
+        """The material's name."""
+        return self.numbers.name
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the stress is the gradient of an energy."""
+        return self.numbers.has_energy
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """(mu_lame, lambda_lame) [Pa], linearised from the energy (Chen & Barbic, eq. 3 and 4)."""
+        return self.numbers.lame
+
+    @cached_property
+    def _kernel(self) -> tuple[Any, Any]:
+        """Return the compiled kernels; raise BadInput at nu = 0.5."""
+        path = compile_kernel(self, after=POINTWISE).path
+        return build.load(path, header("pointwise_api.h"))
+
+    def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
+        """Call the C function ``name`` at every F; return an array (..., size) for each size."""
+        F = np.asarray(F, dtype=np.float64)
+        if F.shape[-2:] != (3, 3):
+            raise ValueError(f"F has shape {F.shape}; it must end in (3, 3)")
+        shape, n = F.shape[:-2], int(np.prod(F.shape[:-2]))
+        columns = stored_by_columns(F)
+        out = [np.empty((n, size)) for size in sizes]
+        ffi, lib = self._kernel
+
+        def pointer(a: Array) -> Any:
+            return ffi.cast("double *", a.ctypes.data)
+
+        if n:
+            getattr(lib, name)(
+                pointer(self.constants), n, pointer(columns), *arguments, *map(pointer, out)
+            )
+        return [a.reshape(*shape, a.shape[1]) for a in out]
+
+    def energy(self, F: npt.ArrayLike) -> Array:
+        """Return the energy density psi(F) [Pa], (...); +inf outside the energy's domain.
+
+        Raises
+        ------
+        BadInput
+            If the material is defined by a stress and has no energy.
+        """
+        if not self.has_energy:
+            raise BadInput(f"material '{self.name}' has no energy, only a stress")
+        return self._call("energy_points", F, sizes=(1,))[0][..., 0]
+
+    def pk1(self, F: npt.ArrayLike) -> Array:
+        """Return the first Piola-Kirchhoff stress dpsi/dF [Pa], (..., 3, 3); 0 where psi is inf."""
+        P = self._call("stress_points", F, sizes=(9,))[0]
+        return np.swapaxes(P.reshape(*P.shape[:-1], 3, 3), -1, -2)
+
+    def hessian(
+        self, F: npt.ArrayLike, filter: str = "exact", eigensolver: str = EIGENSOLVERS[0]
+    ) -> Array:
+        """Return the Hessian d2psi/dF2 [Pa] on vec(F) by columns (Smith et al. 2018, eq. 17, 20).
+
+        Parameters
+        ----------
+        F : (..., 3, 3)
+            Deformation gradients.
+        filter : str
+            What to do with negative eigenvalues: "exact" keeps them, "clamp" replaces them by 0
+            (Smith et al. 2018), "abs" by their absolute values; "objective" clamps, and then
+            projects out the spins W F with a skew-symmetric W.
+        eigensolver : str
+            Solver for the 3x3 scaling block: "cubic" (Smith et al. 2018, eq. 42) or "jacobi".
+
+        Returns
+        -------
+        (..., 9, 9)
+        """
+        which = POINT_FILTERS.index(choose("filter", filter, POINT_FILTERS))
+        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        C = self._call("hessian_points", F, which, solver, sizes=(81,))[0]
+        return C.reshape(*C.shape[:-1], 9, 9)
+
+    def eigensystem(
+        self, F: npt.ArrayLike, eigensolver: str = EIGENSOLVERS[0]
+    ) -> tuple[Array, Array]:
+        """Return eigenvalues and eigenvectors of the exact Hessian in closed form.
+
+        Parameters
+        ----------
+        F : (..., 3, 3)
+            Deformation gradients.
+        eigensolver : str
+            As for `hessian`.
+
+        Returns
+        -------
+        values : (..., 9)
+            Eigenvalues [Pa]: scaling 0-2 (descending), twist 3-5, flip 6-8 (Smith et al. 2018,
+            eq. 45-48).
+        vectors : (..., 9, 9)
+            Eigenvectors in columns, on vec(F) by columns (Smith et al. 2018, eq. 39 and 62).
+        """
+        solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        values, vectors = self._call("eigensystem_points", F, solver, sizes=(9, 81))
+        return values, np.swapaxes(vectors.reshape(*values.shape, 9), -1, -2)
+
+    def ufl(self, F: Any) -> Any:
+        """Return psi(F) [Pa] as a UFL expression of the deformation gradient ``F``.
+
+        Parameters
+        ----------
+        F : ufl.core.expr.Expr
+            Deformation gradient, shape (3, 3); `ufl.variable` to differentiate by it.
+
+        Raises
+        ------
+        BadInput
+            If the material is defined by a stress and has no energy.
+
+        Notes
+        -----
+        UFL's first and second derivative are those of `pk1` and `hessian`, also at equal stretches
+        and for an inverted F. An energy of the principal stretches has the form of
+        `fem_snh.constitutive.ufl_stretches`: a relative accuracy of 1e-12 while no stretch is more
+        than 30 times another, wrong third derivatives, and a size that only compilers of forms can
+        handle: evaluate it by ``dolfinx.fem.Expression``, not by UFL's ``psi(point)``. Outside the
+        energy's domain the value is NaN. Where the energy has no Hessian (`arap`, `corotational`
+        and `fixed_corotational` where two signed stretches sum to zero), neither has the
+        expression.
+        """
+        from fem_snh.constitutive.ufl_forms import energy_density  # imports UFL
+
+        return energy_density(self.expression, F)
+
+    def report(self) -> Report:
+        """Return the stress curves, the stability and the admissible region of this material."""
+        from fem_snh.constitutive.report import report  # imports scipy
+
+        return report(self)
+
+
+def material(
+    name: str | Callable[..., Any], E: float = 1.0, nu: float = 0.49, **shape: Any
+) -> Material:
+    """Return a material, normalised to (E, nu).
+
+    Parameters
+    ----------
+    name : str or callable
+        A name of `fem_snh.materials()`, a reference ``FILE.py:FUNCTION``, or a function of the
+        user's own (see `fem_snh.materials`).
+    E : float
+        Young's modulus [Pa].
+    nu : float
+        Poisson's ratio, in (-1, 0.5].
+    **shape : Any
+        Shape parameters of the material and the keywords of every material
+        (`fem_snh.materials.keywords.TUNING`).
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or parameter, or a function that does not define a material.
+    """
+
+    def make() -> Energy:
+        return materials.make_energy(name, E, nu, **shape)  # imports sympy
+
+    E, nu = check_constants(E, nu)
+    if numbers := stored(name, E, nu, **shape):
+        return Material(numbers, make)
+    made = Material.of(make(), stored_key(name, E, nu, shape))
+    store(made.numbers)
+    return made

@@ -1,0 +1,181 @@
+"""The report of one material, and its printed form: ``Material.report`` and the command line."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fem_snh.constitutive import collapse, curves, drucker, minima, stability
+from fem_snh.constitutive.collapse import Collapse
+from fem_snh.constitutive.curves import Curve
+from fem_snh.constitutive.drucker import Interval, Region
+from fem_snh.constitutive.material import Material
+from fem_snh.constitutive.minima import Minima
+from fem_snh.constitutive.stability import Stability
+
+
+@dataclass(frozen=True)
+class Report:
+    """Stability, admissible region and stress curves of a material; printable.
+
+    Attributes
+    ----------
+    name : str
+        The material.
+    E, nu, shape : float, float, dict
+        The given Young's modulus [Pa], Poisson's ratio and shape parameters.
+    constants : dict
+        The material's own constants [Pa], fitted to E and nu.
+    mu_lame, lambda_lame : float
+        Small-strain constants [Pa], by differentiation of the energy at rest.
+    rest_stress : float
+        Principal PK1 stress at F = I [Pa].
+    has_energy : bool
+        True if the stress is the gradient of an energy.
+    domain : tuple of str
+        Expressions that must be positive; the energy is +inf elsewhere.
+    needs_stretches : bool
+        True if energy and stress need the singular values of F.
+    inversion, reflection, rest, degeneracy : Stability
+        The four stability properties of Smith et al. 2018.
+    unique_minimum, minima : Stability, Minima
+        Whether the rest state is the only minimum, and all minima that were found.
+    curves : tuple of Curve
+        Uniaxial, equibiaxial, simple shear and volumetric stress curves.
+    drucker, regions : tuple of Interval, tuple of Region
+        Where the exact tangent is positive semidefinite.
+    collapse : tuple of Collapse
+        Energy and stress as J -> 0 and under inversion.
+    """
+
+    name: str
+    E: float
+    nu: float
+    shape: dict[str, Any]
+    constants: dict[str, float]
+    mu_lame: float
+    lambda_lame: float
+    rest_stress: float
+    has_energy: bool
+    domain: tuple[str, ...]
+    needs_stretches: bool
+    inversion: Stability
+    reflection: Stability
+    rest: Stability
+    degeneracy: Stability
+    unique_minimum: Stability
+    minima: Minima
+    curves: tuple[Curve, ...]
+    drucker: tuple[Interval, ...]
+    regions: tuple[Region, ...]
+    collapse: tuple[Collapse, ...]
+
+    @property
+    def stabilities(self) -> tuple[Stability, Stability, Stability, Stability]:
+        """Return the four stability properties, in the order of Smith et al. 2018."""
+        return self.inversion, self.reflection, self.rest, self.degeneracy
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the report into the picture ``path``; raise BadInput if it cannot be written."""
+        from fem_snh.viewing.plots.materials import main
+
+        return main(self, Path(path))
+
+    def __str__(self) -> str:
+        return "\n".join(_lines(self))
+
+
+def report(m: Material) -> Report:
+    """Return the report of a material; it takes half a second once the kernel is compiled."""
+    found = minima.minima(m)
+    tests = curves.curves(m)
+    return Report(
+        name=m.name,
+        E=m.expression.E,
+        nu=m.expression.nu,
+        shape=dict(m.expression.shape),
+        constants={
+            str(c): v for c, v in zip(m.expression.constants, m.expression.values, strict=True)
+        },
+        mu_lame=m.lame[0],
+        lambda_lame=m.lame[1],
+        rest_stress=m.expression.rest_stress,
+        has_energy=m.expression.has_energy,
+        domain=tuple(map(str, m.expression.domain)),
+        needs_stretches=m.expression.needs_stretches,
+        inversion=stability.inversion(m, found),
+        reflection=stability.reflection(m),
+        rest=stability.rest(m),
+        degeneracy=stability.degeneracy(m),
+        unique_minimum=stability.unique_minimum(found),
+        minima=found,
+        curves=tests,
+        drucker=drucker.intervals(m, tests),
+        regions=drucker.regions(m),
+        collapse=collapse.collapses(m),
+    )
+
+
+def _lines(r: Report) -> list[str]:
+    own = ", ".join(f"{k} = {v}" for k, v in r.shape.items() if v is not None)
+    constants = ", ".join(f"{k} = {v:.6g}" for k, v in r.constants.items())
+    where = domain(r.domain)
+    lines = [
+        f"{r.name}: E = {r.E:g} Pa, nu = {r.nu:g}" + (f", {own}" if own else ""),
+        "",
+        f"constants        {constants} [Pa]",
+        f"Lame constants   mu = {r.mu_lame:.6g}, lambda = {r.lambda_lame:.6g} [Pa], derived",
+        f"stress at rest   {r.rest_stress:.6g} Pa",
+        f"energy           {'finite for ' + where if r.has_energy else 'none, only a stress'}",
+        "computed from    "
+        + ("the stretches (an SVD for energy and stress)" if r.needs_stretches else "I_C, II_C, J"),
+        "",
+        "Stability (numbers in units of E):",
+    ]
+    for s in (*r.stabilities, r.unique_minimum):
+        lines.append(f"  {s.name:<13}  {s}")
+        numbers = ", ".join(f"{k} {_short(v)}" for k, v in s.numbers.items())
+        lines += [f"  {'':<13}  {numbers}"] if numbers else []
+    lines += [
+        "",
+        "Tangent positive (stretches around rest)     all eigenvalues  scaling eigenvalues",
+    ]
+    for i in r.drucker:
+        both = (_span(x, i.searched) for x in (i.tangent, i.scaling))
+        lines.append(f"  {i.path:<38}" + "".join(f"   {text:<16}" for text in both).rstrip())
+    lines += ["", "Collapse: energy and stress along the last stretch as it tends to 0 [E]"]
+    for c in r.collapse:
+        psi = _short(c.at_zero / r.E) if r.has_energy else "none"
+        lines.append(f"  {c.path:<22} energy {psi:<10} stress {_short(c.stress_at_zero / r.E)}")
+    return lines
+
+
+def domain(positive: tuple[str, ...]) -> str:
+    """Return the condition for a finite energy as text."""
+    left = set(positive)
+    products = {d for d in left if re.fullmatch(r"[s\d*/()]+", d)}  # and powers, of the stretches
+    if {"s0", "s1", "s2"} <= left:
+        left = left - products | {"s"}
+    elif "s0*s1*s2" in left:
+        left = {d for d in left if d not in products or not {"s0", "s1", "s2"} <= _stretches(d)}
+        left |= {"J"}
+    return ", ".join(f"{d} > 0" for d in sorted(left)) or "every F"
+
+
+def _stretches(product: str) -> set[str]:
+    return set(re.findall(r"s\d", product))
+
+
+def _short(x: float) -> str:
+    return "0" if abs(x) < 1e-12 else f"{x:.3g}"
+
+
+def _span(found: tuple[float, float] | None, searched: tuple[float, float]) -> str:
+    """Return an interval as text; '<' or '>' marks an end of the searched range."""
+    if found is None:
+        return "nowhere"
+    low = f"< {searched[0]:.3g}" if found[0] == searched[0] else f"{found[0]:.4g}"
+    high = f"> {searched[1]:.3g}" if found[1] == searched[1] else f"{found[1]:.4g}"
+    return f"{low} to {high}"

@@ -1,0 +1,244 @@
+"""Evaluate the four stability properties of Smith et al. 2018, section 3.
+
+inversion
+    finite energy, stress and Hessian at every F, and a force that restores J > 0
+reflection
+    energy, stress and Hessian do not depend on which stretch carries the sign
+rest
+    no energy and no stress at rest, and Hooke's law as tangent
+degeneracy
+    collapsed to a plane: a force along its normal; to a line: no force and a direction
+    of negative curvature; to a point: no force and no stable minimum
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement, permutations
+
+import numpy as np
+
+from fem_snh.constitutive.evaluate import Array, diagonal, eigenvalues, inside, stress
+from fem_snh.constitutive.material import Material
+from fem_snh.constitutive.minima import Minima
+from fem_snh.constitutive.signed_stretches import Signed
+from fem_snh.materials.normalise import lame
+
+#: The verdicts on a property.
+PASSED, FAILED, NOT_APPLICABLE = "passed", "failed", "not applicable"
+
+#: The two other stretches of an element whose third stretch passes through 0.
+PLANES = tuple(combinations_with_replacement((0.5, 1.0, 2.0), 2))
+#: One, two, three negative stretches, and zero ones.
+INVERTED = ((1.2, 0.9, -0.5), (1.2, -0.9, -0.5), (-1.2, -0.9, -0.5))
+DEGENERATE = ((1.2, 0.9, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 0.0))
+#: Two stretches of opposite sign, where the polar rotation is discontinuous.
+OPPOSITE = (1.2, 0.5, -0.5)
+#: An inverted F = U diag(s) V^T with det U = det V = 1 can be written with four choices of signs.
+FLIPS = np.array([[1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]], dtype=float)
+
+#: Forces, curvatures and differences below this [E] count as zero.
+_SMALL = 1e-9
+#: Negative stretches above -_INVERTED are rounding errors of the search for minima.
+_INVERTED = 1e-6
+#: Distances from a singular state at which eigenvalues are compared, and the largest accepted
+#: growth from the first to the second: a pole 1/d grows by 1e4.
+_DISTANCES, _MOST_GROWTH = (1e-2, 1e-6), 1e3
+#: Samples of a path of stretches from -0.99 s1 to 0, whose largest stress is sought.
+_SAMPLES = 60
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The verdict on one stability property.
+
+    Attributes
+    ----------
+    name : str
+        The property.
+    verdict : str
+        "passed", "failed" or "not applicable".
+    reason : str
+        The reason of a verdict that is not "passed"; for the minima, what was found.
+    numbers : dict
+        The numbers behind the verdict; stresses in units of E.
+    """
+
+    name: str
+    verdict: str
+    reason: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.verdict + (f": {self.reason}" if self.reason else "")
+
+
+def _verdict(name: str, faults: list[str], numbers: dict[str, float]) -> Stability:
+    return Stability(name, FAILED if faults else PASSED, "; ".join(faults), numbers)
+
+
+def inversion(m: Material, minima: Minima) -> Stability:
+    """Evaluate inversion stability: psi is finite for every F and drives inverted elements back.
+
+    The Hessian has to be bounded and no inverted state may be a minimum. Numbers: ``finite``, the
+    share of the six kinds of inverted and degenerate states; ``growth`` of the largest
+    ``|eigenvalue|`` from 1e-2 to 1e-6 away from singular states; ``force``, the largest stress
+    along a stretch that is moved through 0, which must be negative; ``inverted minima``.
+    """
+    F = diagonal(np.array(INVERTED + DEGENERATE))
+    finite = inside(m, F)
+    for values in (m.pk1(F), m.hessian(F)):
+        finite &= np.isfinite(values).all(axis=(-1, -2))
+    numbers = {"finite": float(finite.mean())}
+    if not finite.all():
+        turned = [0, 2, 3, 4, 5]  # two negative stretches are a rotation
+        where = "some inverted states" if finite[turned].any() else "J <= 0"
+        return Stability("inversion", FAILED, f"infinite for {where}", numbers)
+    force, inverted = largest_stress(m), sum(s[2] < -_INVERTED for s in minima.stretches)
+    numbers |= {
+        "growth": growth(m), "force": force / m.expression.E, "inverted minima": float(inverted)
+    }  # fmt: skip
+    faults = []
+    if numbers["growth"] > _MOST_GROWTH:
+        faults.append("Hessian unbounded")
+    if force >= 0:
+        faults.append("not driven back")
+    if inverted:
+        faults.append("inverted minimum")
+    return _verdict("inversion", faults, numbers)
+
+
+def largest_stress(m: Material) -> float:
+    """Return the largest dpsi/ds2 [Pa] from s2 = -0.99 s1 to s2 = 0, over `PLANES` of (s0, s1).
+
+    If it is negative, the energy decreases from every inverted state to the plane.
+    """
+    worst = -np.inf
+    for s1, s0 in PLANES:
+        s2 = s1 * np.linspace(-0.99, 0, _SAMPLES)
+        s = np.stack([np.full_like(s2, s0), np.full_like(s2, s1), s2], axis=-1)
+        worst = max(worst, float(np.nanmax(stress(m, s)[:, 2])))
+    return worst
+
+
+def growth(m: Material) -> float:
+    """Return the largest ``|eigenvalue|`` at 1e-6 from singular states over that at 1e-2."""
+    sizes = []
+    for d in _DISTANCES:
+        near = [np.add(s, d * np.array([0.3, 1.0, -0.7])) for s in (*DEGENERATE, OPPOSITE)]
+        sizes.append(np.abs(eigenvalues(m, np.array(near))).max(axis=-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = sizes[1] / np.maximum(sizes[0], _SMALL * m.expression.E)
+    return float(ratio.max()) if np.isfinite(ratio).all() else float("inf")
+
+
+def unique_minimum(found: Minima) -> Stability:
+    """Evaluate whether the rest state is the only minimum.
+
+    Numbers: ``spurious`` minima, ``collapsed`` and ``lost`` starts of the search.
+    """
+    numbers = {
+        "spurious": float(len(found.spurious)),
+        "collapsed": float(found.collapsed),
+        "lost": float(found.lost),
+    }
+    others = len(found.spurious) or found.collapsed or found.lost > found.starts // 50
+    passed = found.rest and not others
+    return Stability("minima", PASSED if passed else FAILED, str(found), numbers)
+
+
+def reflection(m: Material) -> Stability:
+    """Evaluate reflection stability: any choice of the negative stretch gives the same values.
+
+    Numbers: the largest relative differences between the four choices of signs of an inverted
+    element: ``energy``, ``stress``, ``eigenvalues``; and ``order``, between the six orders of the
+    stretches of one choice.
+    """
+    signed = Signed(m.expression)
+    sizes = np.random.default_rng(7).uniform(0.3, 2.0, (24, 3))
+    choices = sizes[:, None] * FLIPS
+    psi, p, e = signed.energy(choices), signed.stress(choices), signed.eigenvalues(choices)
+    if not (np.isfinite(psi).all() and np.isfinite(p).all() and np.isfinite(e).all()):
+        return Stability("reflection", NOT_APPLICABLE, "no inverted states in its domain")
+    orders = choices[:, 0][:, list(permutations(range(3)))]
+    scale = float(np.abs(e).mean())
+    numbers = {
+        "energy": float(np.ptp(psi, axis=1).max()) / scale,
+        # Two changed signs are a rotation of F, and the stress rotates with it.
+        "stress": float(np.ptp(p * FLIPS, axis=1).max()) / scale,
+        "eigenvalues": float(np.ptp(e, axis=1).max()) / scale,
+        "order": float(np.ptp(signed.energy(orders), axis=1).max()) / scale,
+    }
+    faults = [f"{what} differs" for what, size in numbers.items() if size > _SMALL]
+    return _verdict("reflection", faults[:1], numbers)
+
+
+def rest(m: Material) -> Stability:
+    """Evaluate rest stability: psi(I) = 0, P(I) = 0 and the Hessian at I is Hooke's law.
+
+    Numbers: ``energy`` and ``stress`` at rest, ``Hooke`` (difference of the Hessians relative to
+    Hooke's).
+    """
+    E, eye = m.expression.E, np.eye(3)
+    mu, lam = lame(E, m.expression.nu)
+    C = lam * np.einsum("ij,kl->ijkl", eye, eye)
+    C += mu * (np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye))
+    hooke = C.reshape(9, 9)
+    numbers = {
+        "energy": abs(float(m.energy(eye))) / E if m.expression.has_energy else 0.0,
+        "stress": float(np.abs(m.pk1(eye)).max()) / E,
+        "Hooke": float(np.abs(m.hessian(eye) - hooke).max() / np.abs(hooke).max()),
+    }
+    faults = []
+    if numbers["energy"] > _SMALL:
+        faults.append("energy at rest")
+    if numbers["stress"] > _SMALL * (mu + abs(lam)) / E:
+        faults.append(f"stress at rest {float(m.pk1(eye)[0, 0]) / E:.3g} E")
+    elif numbers["Hooke"] > _SMALL:
+        faults.append("not Hooke's law")
+    return _verdict("rest", faults, numbers)
+
+
+def degeneracy(m: Material) -> Stability:
+    """Evaluate whether elements collapsed to a plane, a line or a point recover (section 3.3).
+
+    Numbers: ``plane force`` (largest stress along the normal: it must be negative), ``line force``
+    and ``line curvature`` (smallest eigenvalue across, at length 1: it must be negative),
+    ``point force`` and ``point curvature`` (smallest eigenvalue at F = 0: positive would be a
+    stable minimum) with its ``point basin`` (the uniform stretch below which it attracts).
+    """
+    E = m.expression.E
+    crushed = diagonal(np.array([(1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]))
+    if not inside(m, crushed).all():
+        return Stability("degeneracy", NOT_APPLICABLE, "outside its domain")
+    plane = np.array([(b, a, 0.0) for a, b in PLANES])
+    line, point = m.pk1(crushed[1]), m.pk1(crushed[2])
+    across = [4, 5, 7, 8]  # of vec(F): the directions that leave the line
+    numbers = {
+        "plane force": float(stress(m, plane)[:, 2].max()) / E,
+        "line force": float(np.abs(line.reshape(9)[across]).max()) / E,
+        "line curvature": float(_lowest(m.hessian(crushed[1])[np.ix_(across, across)])) / E,
+        "point force": float(np.abs(point).max()) / E,
+        "point curvature": float(_lowest(m.hessian(crushed[2]))) / E,
+    }
+    faults = []
+    if numbers["plane force"] > -_SMALL:
+        faults.append("plane")
+    if numbers["line force"] > _SMALL or numbers["line curvature"] > -_SMALL:
+        faults.append("line")
+    if numbers["point force"] > _SMALL or numbers["point curvature"] > _SMALL:
+        faults.append("point")
+    if numbers["point force"] <= _SMALL < numbers["point curvature"]:
+        numbers["point basin"] = _basin(m)
+    return _verdict("degeneracy", [", ".join(faults)] if faults else [], numbers)
+
+
+def _lowest(H: Array) -> float:
+    return float(np.linalg.eigvalsh(H)[0])
+
+
+def _basin(m: Material) -> float:
+    """Return the uniform stretch below which a stable point attracts."""
+    s = np.geomspace(1e-6, 1, 2000)
+    pushed = stress(m, np.repeat(s[:, None], 3, axis=1))[:, 0]
+    return float(s[np.argmax(pushed < 0)]) if (pushed < 0).any() else 1.0

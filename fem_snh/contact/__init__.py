@@ -1,0 +1,1 @@
+"""Contact of a body with obstacles, with another body, and with itself."""

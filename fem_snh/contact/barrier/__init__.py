@@ -1,0 +1,1 @@
+"""Self-contact by the barrier of incremental potential contact (Li et al. 2020)."""

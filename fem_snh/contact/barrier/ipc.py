@@ -1,0 +1,249 @@
+"""Self-contact by a barrier: surfaces that never intersect (incremental potential contact)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.regions import Region, reference_modulus
+from fem_snh.choices import FILTERS
+from fem_snh.contact.barrier.ipc_energy import BarrierEnergy
+from fem_snh.contact.barrier.ipc_matrix import Blocks, SurfaceMatrix
+from fem_snh.contact.barrier.ipc_surface import CollisionSurface
+from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.errors import NotSettled, choose
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.terms.settling import LaggedChange
+
+Array = npt.NDArray[Any]
+
+#: Default stiffness in the materials' modulus: a contact pressure of E leaves about half of the
+#: activation distance.
+_STIFFNESS = 0.1
+
+
+class IPC:
+    """Self-contact by a barrier, with friction: the term of `BarrierEnergy`. Collective.
+
+    The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
+    first collision, so that the surface never intersects itself. Every rank evaluates the whole
+    surface and keeps its own rows.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        Its mesh, whose boundary or skin is the surface.
+    regions : sequence of Region
+        The materials, which the default stiffness depends on.
+    stiffness : float, optional
+        The barrier's stiffness kappa [Pa]. Default: a tenth of the materials' modulus.
+    distance : float, optional
+        The distance d at which contact begins [m]. Default: a tenth of the mean edge, at most 0.9
+        of the smallest distance in the mesh.
+    friction : float, optional
+        Coulomb's coefficient mu.
+
+    Attributes
+    ----------
+    surface : EmbeddedSurface
+        The surface, on every rank.
+    collision_surface : CollisionSurface
+        Its geometry.
+    stiffness, distance : float
+        See the parameters.
+    solves : int
+        How often the present step was solved.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if ipctk is missing, or if the mesh intersects or touches itself.
+    """
+
+    name, has_energy, depends_on_load = "self_contact", True, False
+
+    def __init__(
+        self,
+        V: Any,
+        mesh: Mesh,
+        regions: Sequence[Region],
+        stiffness: float | None = None,
+        distance: float | None = None,
+        friction: float = 0.0,
+    ) -> None:
+        self.surface: EmbeddedSurface = embedded_surface(V, mesh)
+        points = self.surface.points
+        surface = CollisionSurface(points, self.surface.triangles)
+        self.collision_surface, self._rank = surface, V.mesh.comm.rank
+        surface.check(points, "in the mesh")
+        modulus = reference_modulus(mesh.domain, regions)
+        self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
+        self.distance = surface.default_distance(points) if distance is None else distance
+        self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
+        self._matrix = SurfaceMatrix(self.surface)
+        self.solves, self._checked, self._ended, self._slides = 0, False, False, friction > 0
+        # Forces of friction at the end of the last step, and where the next one starts.
+        self._old: Array = np.zeros(self.surface.support.X.shape)
+        self._origin = np.zeros_like(self._old)
+        self._next: Array | None = None
+        self._blocks: tuple[Array, str, Blocks] | None = None
+
+    def set_load(self, load: float) -> None:
+        """Start friction in the step to this load, of which `begin_step` gave the start."""
+        if self._next is not None:
+            self._energy.lag(self._next)
+            self._next = self._blocks = None
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of the barrier and, within a step, of friction [J]. Collective."""
+        x = self._positions(u)
+        energy = self._energy.energy(x)
+        return energy if self._ended else energy + self._energy.friction.energy(x)
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
+        forces = self._matrix.nodal(self._energy.gradient(self._positions(u)))
+        if self._next is not None:
+            forces += self._old
+        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
+
+    def couplings(self, u: PETSc.Vec) -> Array:
+        """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
+        x = self._positions(u)
+        blocks = self._hessian(x, self._blocks[1] if self._blocks else "clamp")
+        if not self._matrix.contains(blocks):
+            pattern = self._matrix.blocks(self._energy.pattern(x))
+            self._matrix.replace(blocks, pattern)
+        return self._matrix.pairs
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the filtered Hessian; return the number of collisions, on rank 0. Collective.
+
+        Nearly every collision has a negative eigenvalue, that of a motion around its normal.
+        """
+        x = self._positions(u)
+        self._matrix.add(self._hessian(x, choose("filter", filter, FILTERS)), target)
+        return len(self._energy.collisions(x)) if self._rank == 0 else 0
+
+    def largest_step(self, u: Array, d: Array) -> float:
+        """Return the part of a step before its first collision: see `StepLimitingTerm`."""
+        x = np.asfortranarray(self.surface.positions(u))
+        moved = self.surface.interpolate(self.surface.support.gather(d))
+        return self.collision_surface.largest_step(x, moved)
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
+        """Return the row of run.json. Collective.
+
+        ``pairs`` in contact; ``distance`` [m], the smallest, or None without a pair; ``force`` [N],
+        half of the sum of the magnitudes of the points' forces; ``bodies``, the force [N] of
+        contact on each connected part of the surface, and ``friction``, its part of it;
+        ``stiffness`` [Pa]; ``activation`` [m], the distance at which contact begins; ``solves``,
+        how often the step was solved.
+        """
+        x = self._positions(u)
+        collisions, forces = self._energy.collisions(x), -self._energy.gradient(x)
+        smallest = self.collision_surface.smallest_distance(x, self.distance)
+        row = {
+            "pairs": len(collisions),
+            "distance": smallest if len(collisions) else None,
+            "force": float(np.linalg.norm(forces, axis=1).sum() / 2),
+            "bodies": self.collision_surface.sums(forces),
+            "stiffness": self.stiffness,
+            "activation": self.distance,
+            "solves": self.solves,
+        }
+        if self._energy.friction.acts:
+            row["friction"] = self.collision_surface.sums(-self._energy.friction.gradient(x))
+        return {"self_contact": row}
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Start a step from a state; the first one must not intersect itself. Collective.
+
+        Until `set_load` the forces of friction are those at the end of the last step: an integrator
+        that weights the forces of both ends of a step evaluates them here.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if the first state does.
+        """
+        x = self._positions(u)
+        if not self._checked:
+            self.collision_surface.check(x, "at the start")
+        self.solves, self._checked, self._ended = 0, True, False
+        self._energy.begin_step(x)
+        self._origin = self._nodal_displacement(u)
+        self._next, self._blocks = x, None
+
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update the normal forces of friction; return the change of its forces. Collective.
+
+        Raises
+        ------
+        NotSettled
+            On every rank, if the surface intersects itself after all.
+        """
+        x = self._positions(u)
+        self.solves += 1
+        if self.collision_surface.intersects(x):
+            raise NotSettled("the surface intersects itself")
+        ratio = self._energy.settle(x)
+        if not ratio <= 1:
+            self._blocks = None
+        return LaggedChange(ratio, "self_contact: the change of friction's forces")
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Keep the forces of friction, and leave its energy out: it is dissipated. Collective."""
+        self._ended = True
+        if self._slides:
+            self._old = self._friction_forces(u)
+
+    def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
+        """Return 0 and what friction dissipated in the step [J]: see `WorkingTerm`. Collective."""
+        if not self._slides:
+            return 0.0, 0.0
+        forces = end_weight * self._friction_forces(u) + (1 - end_weight) * self._old
+        return 0.0, float((forces * (self._nodal_displacement(u) - self._origin)).sum())
+
+    def history(self) -> tuple[Array, Array]:
+        """Return this rank's nodes (n, 3) and the forces of friction there (n, 3)."""
+        own = self.surface.support.is_own if self._slides else slice(0)
+        return self.surface.support.X[own], self._old[own]
+
+    def set_history(self, values: Array) -> None:
+        """Set the forces of friction, in the order of `history`. Collective."""
+        if self._slides:
+            parts = self.surface.support.comm.allgather(np.asarray(values).reshape(-1, 3))
+            self._old = np.concatenate(parts)
+
+    def _friction_forces(self, u: PETSc.Vec) -> Array:
+        """Return the derivative of friction's energy by the nodes, (m, 3). Collective."""
+        return self._matrix.nodal(self._energy.friction.gradient(self._positions(u)))
+
+    def _nodal_displacement(self, u: PETSc.Vec) -> Array:
+        """Return the displacement of the nodes, (m, 3). Collective."""
+        return self.surface.support.gather(local_values(u).reshape(-1, 3))
+
+    def _positions(self, u: PETSc.Vec) -> Array:
+        """Return the points of the surface (n, 3), in Fortran order. Collective."""
+        return np.asfortranarray(self.surface.positions(local_values(u).reshape(-1, 3)))
+
+    def _hessian(self, x: Array, filter: str) -> Blocks:
+        """Return the filtered Hessian's blocks, of the last call if it was for the same."""
+        last = self._blocks
+        if last is None or last[1] != filter or not np.array_equal(last[0], x):
+            last = self._blocks = x, filter, self._matrix.blocks(self._energy.hessian(x, filter))
+        return last[2]

@@ -1,0 +1,1 @@
+"""Contact with rigid obstacles: gap, normal force, friction, and their output."""

@@ -1,0 +1,246 @@
+"""Contact of a body's surface with rigid moving obstacles, with friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import nodal_vectors, writable_values
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import FILTERS
+from fem_snh.contact.augmentation import TOLERANCE, PenaltyGrowth, multiplier_change
+from fem_snh.contact.obstacle.contact_pair import ContactPair
+from fem_snh.contact.obstacle.friction import Friction
+from fem_snh.contact.obstacle.obstacle_work import ObstacleWork
+from fem_snh.contact.surfaces.stiffness import cell_heights, default_stiffness
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.errors import choose
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.terms.settling import LaggedChange, largest_change
+
+Array = npt.NDArray[Any]
+
+#: Degree of the quadrature on facets of hexahedra and of tetrahedra: 2 x 2 and 3 points. A constant
+#: pressure is integrated exactly for elements of degree 1 and 2. With more points than a facet can
+#: follow the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest of all
+#: points is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3.
+_DEGREE = (3, 2)
+#: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
+#: the friction coefficient times the penetration.
+_TANGENTIAL = 1.0
+#: Friction has settled when its lagged normal forces change by less than this in a solve.
+_SETTLED = 1e-3
+
+
+class Contact(NamedTuple):
+    """An obstacle, and how the body touches it.
+
+    Attributes
+    ----------
+    name : str
+        Name in run.json.
+    obstacle : Obstacle
+        Shape and motion.
+    friction : float
+        Coulomb's coefficient.
+    stiffness : float or None
+        Penalty stiffness [Pa/m]; None for the default.
+    tolerance : float or None
+        Largest penetration [m] with the augmented Lagrangian; None for the default.
+    augmented : bool
+        Whether multipliers reduce the penetration below the tolerance.
+    facets : (n,) int or None
+        Local numbers of the facets that may touch it; None for the whole boundary.
+    limits_force : bool
+        With the default tolerance, whether the change of the force is limited, too. In time it need
+        not be: what a step's force lacks, the next one has.
+    """
+
+    name: str
+    obstacle: Obstacle
+    friction: float = 0.0
+    stiffness: float | None = None
+    tolerance: float | None = None
+    augmented: bool = False
+    facets: Any = None
+    limits_force: bool = True
+
+
+class ObstacleContact:
+    r"""The energy of contact of a body's whole surface with rigid obstacles. Collective.
+
+    .. math:: E = \sum_q \frac{w_q}{2 k} \left(\langle \ell - k g(x_q)\rangle^2 - \ell^2\right)
+
+    `ContactPair` has the derivatives, `Friction` the energy of friction. Multipliers and the lagged
+    forces of friction are constant in a solve and updated after it: with an augmented Lagrangian
+    until no point in contact is farther from the obstacle than the tolerance, with friction until
+    the normal forces have settled.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    regions : sequence of Region
+        The materials, which the default stiffness depends on.
+    contacts : sequence of Contact
+        The obstacles.
+
+    Attributes
+    ----------
+    pairs, frictions : list
+        The `ContactPair` with each obstacle, and its `Friction` or None.
+    solves : int
+        How often the present step has been solved.
+    depends_on_load : bool
+        Whether an obstacle moves.
+    """
+
+    name, has_energy = "obstacle", True
+
+    def __init__(self, V: Any, regions: Sequence[Region], contacts: Sequence[Contact]) -> None:
+        self.comm, self.contacts = V.mesh.comm, list(contacts)
+        tetrahedra = _dolfinx.cell_name(V.mesh) == "tetrahedron"
+        self.surface = surface = SurfaceQuadrature(V, degree=_DEGREE[tetrahedra])
+        self.X = V.tabulate_dof_coordinates()
+        heights, default = cell_heights(surface, V), default_stiffness(surface, V, regions)
+        self.pairs, self.frictions = list[ContactPair](), list[Friction | None]()
+        self.tolerances = list[Array]()
+        for c in contacts:
+            k = default if c.stiffness is None else np.full(len(surface), c.stiffness)
+            ratio = self.comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
+            self.pairs.append(ContactPair(surface, self.X, c.obstacle, k, c.facets, ratio))
+            friction = Friction(surface, c.obstacle, c.friction, _TANGENTIAL * k)
+            self.frictions.append(friction if c.friction else None)
+            allowed = TOLERANCE * heights if c.tolerance is None else [c.tolerance] * len(surface)
+            self.tolerances.append(np.asarray(allowed))
+        self._kept = [np.zeros_like(pair.multipliers) for pair in self.pairs]
+        self._work = ObstacleWork(self.comm, self.pairs, self.frictions)
+        self.solves = 0
+        self.depends_on_load = any(c.obstacle.motion is not None for c in contacts)
+
+    def set_load(self, load: float) -> None:
+        """Move the obstacles to their positions at a load."""
+        for pair, friction in self._both():
+            pair.set_load(load)
+            if friction:
+                friction.set_load(load)
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of contact and friction [J]. Collective."""
+        values = nodal_vectors(u)
+        local = sum(
+            pair.energy(values) + (friction.energy(values) if friction else 0.0)
+            for pair, friction in self._both()
+        )
+        return float(self.comm.allreduce(local, op=MPI.SUM))
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included."""
+        values, r = nodal_vectors(u), writable_values(r_u).reshape(-1, 3)
+        for pair, friction in self._both():
+            pair.add_gradient(values, r)
+            if friction:
+                friction.add_gradient(values, r)
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the filtered Hessian; return how many points of this rank were filtered."""
+        choose("filter", filter, FILTERS)
+        values, count = nodal_vectors(u), 0
+        for pair, friction in self._both():
+            cells, matrices, filtered = pair.matrices(values, filter)
+            target.add_matrices(cells, matrices)
+            count += filtered
+            if friction:
+                target.add_matrices(*friction.matrices(values))
+        return count
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
+        """Return the rows of the obstacles for run.json: see `obstacle_rows`. Collective."""
+        from fem_snh.contact.obstacle.contact_output import obstacle_rows
+
+        return {"obstacles": obstacle_rows(self, nodal_vectors(u))}
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Reset multipliers and friction to those of the last accepted step."""
+        self.solves, values = 0, nodal_vectors(u)
+        for (pair, friction), kept in zip(self._both(), self._kept, strict=True):
+            pair.begin_step(values, kept)
+            if friction:
+                friction.begin_step(values, pair.load, pair.points(values))
+        self._work.begin_step(values)
+
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update multipliers and lagged forces; return their largest change. Collective."""
+        values, changes = nodal_vectors(u), list[LaggedChange]()
+        self.solves += 1
+        for c, (pair, friction), tolerance in zip(
+            self.contacts, self._both(), self.tolerances, strict=True
+        ):
+            at = pair.points(values)
+            if c.augmented:
+                gaps = np.abs(at.gap) / tolerance[at.which, None]
+                error = self.comm.allreduce(gaps[at.pressure > 0].max(initial=0.0), op=MPI.MAX)
+                found = [LaggedChange(error, f"obstacle '{c.name}': the gap")]
+                if c.tolerance is None and c.limits_force:
+                    change, force = self.comm.allreduce(np.array(pair.augmentation(at)))
+                    what = f"obstacle '{c.name}': the change of multipliers"
+                    found.append(LaggedChange(multiplier_change(change, force, error), what))
+                if not largest_change(found).settled:
+                    pair.augment(at, error)
+                changes += found
+            if friction:
+                ratio = friction.settle(at, self.comm, _SETTLED)
+                what = f"obstacle '{c.name}': the change of friction's normal forces"
+                changes.append(LaggedChange(ratio, what))
+        return largest_change(changes)
+
+    def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
+        """Return the work of moving obstacles in a step, and what friction dissipated [J]."""
+        return self._work.measure(nodal_vectors(u), end_weight)
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Keep multipliers, and the elastic part of the slip."""
+        for (pair, friction), kept in zip(self._both(), self._kept, strict=True):
+            kept[:] = pair.end_step(values := nodal_vectors(u))
+            if friction:
+                friction.keep(values)
+
+    def history(self) -> tuple[Array, Array]:
+        """Return this rank's points (n, 3) and what is kept there, (n, k)."""
+        columns = list[Array]()
+        for kept, growth in self._augmented():
+            columns += [kept.reshape(-1, 1), np.full((kept.size, 1), growth.kept)]
+        columns += [friction.slip.reshape(-1, 3) for friction in self.frictions if friction]
+        points = self.surface.X.reshape(-1, 3)
+        return (points, np.hstack(columns)) if columns else (points[:0], np.empty((0, 0)))
+
+    def set_history(self, values: Array) -> None:
+        """Set what is kept, in the order of `history`. Collective."""
+        first = 0
+        for kept, growth in self._augmented():
+            kept[:] = values[:, first].reshape(kept.shape)
+            growth.kept = self.comm.allreduce(values[:, first + 1].max(initial=1.0), op=MPI.MAX)
+            first += 2
+        for friction in filter(None, self.frictions):
+            friction.slip[:] = values[:, first : first + 3].reshape(friction.slip.shape)
+            first += 3
+
+    def _both(self) -> list[tuple[ContactPair, Friction | None]]:
+        return list(zip(self.pairs, self.frictions, strict=True))
+
+    def _augmented(self) -> list[tuple[Array, PenaltyGrowth]]:
+        """Return the kept multipliers of the obstacles that have some, with their stiffness."""
+        all_of = zip(self._kept, self.pairs, self.contacts, strict=True)
+        return [(kept, pair.growth) for kept, pair, contact in all_of if contact.augmented]

@@ -1,0 +1,132 @@
+"""What contact adds to a run's output: a row for each obstacle, and fields at the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    nodal_vectors,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.contact.obstacle.contact import ObstacleContact
+from fem_snh.contact.surfaces.deepest_point import DeepestPoint
+from fem_snh.contact.surfaces.stiffness import surface_mean
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.terms.term import Term
+
+Array = npt.NDArray[Any]
+
+
+def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
+    """Return what run.json has of each obstacle, by name. Collective.
+
+    Parameters
+    ----------
+    term : ObstacleContact
+        The contact.
+    u : (local nodes, 3)
+        Nodal displacements [m], ghosts included.
+
+    Returns
+    -------
+    dict
+        ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
+        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
+        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
+        one. With friction ``sliding``, how many of the points
+        slide; with friction or multipliers ``solves``, how often the step was solved.
+    """
+    rows, comm = {}, term.comm
+    for contact, pair, friction in zip(term.contacts, term.pairs, term.frictions, strict=True):
+        at = pair.points(u)
+        weighted = term.surface.weights[at.which] * at.pressure
+        force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
+        if friction:
+            force = force - friction.force(u)
+        slides = friction.sliding(u) if friction else 0
+        counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
+        depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
+        penetration = float(comm.allreduce(depth, op=MPI.MAX))
+        deepest = DeepestPoint.deepest(comm.allgather(pair.deepest(u)))
+        row: dict[str, Any] = {
+            "force": counts[:3].tolist(),
+            "contacts": int(counts[3]),
+            "penetration": penetration,
+            **deepest.row(penetration),
+            "pose": np.column_stack(contact.obstacle.pose(pair.load)).tolist(),
+            "stiffness": surface_mean(term.surface, pair.stiffness, comm),
+        }
+        if friction:
+            row["sliding"] = int(counts[4])
+        if friction or contact.augmented:
+            row["solves"] = term.solves
+        rows[contact.name] = row
+    return rows
+
+
+class ContactFields:
+    """The fields of `fem_snh.output_fields.AT_OBSTACLES` at the nodes. Collective.
+
+    ``gap`` is the signed distance of each node from the closest obstacle [m]. ``contact_pressure``
+    is the contact force per reference area [Pa]: at a vertex the mean over its facets, weighted by
+    the shape function of degree 1; elsewhere it is interpolated between the vertices of a cell.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    terms : sequence of Term
+        A problem's terms, of which one is an `ObstacleContact`.
+    """
+
+    def __init__(self, V: Any, terms: Sequence[Term]) -> None:
+        self._term = next(term for term in terms if isinstance(term, ObstacleContact))
+        self._space = Q = _dolfinx.function_space(V.mesh, 1)
+        self._surface = SurfaceQuadrature(Q, degree=self._term.surface.degree)
+        nodes = _dolfinx.reference_nodes(_dolfinx.cell_name(V.mesh), _dolfinx.degree(V))
+        self._table = _dolfinx.tabulate_values(Q, nodes)
+        self._nodes, self._num_nodes = _dolfinx.node_dofs(V), sum(_dolfinx.num_nodes(V))
+        everywhere = np.ones((len(self._surface), len(self._surface.points)))
+        self._areas = self._sums(np.arange(len(self._surface)), everywhere)
+
+    def evaluate(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a field at the displacement's nodes, ghosts included, (nodes,)."""
+        values = nodal_vectors(u)
+        if name == "contact_pressure":
+            return self._pressure(values)
+        x = self._term.X + values
+        return np.asarray(np.min([pair.distance(x) for pair in self._term.pairs], axis=0))
+
+    def _pressure(self, values: Array) -> Array:
+        """Return the contact pressure at nodal displacements (nodes, 3)."""
+        found = np.zeros_like(self._areas)
+        for pair in self._term.pairs:
+            points = pair.points(values)
+            found += self._sums(points.which, points.pressure)
+        found = np.divide(found, self._areas, out=found, where=self._areas > 0)
+        nodal = np.zeros(self._num_nodes)
+        nodal[self._nodes] = found[_dolfinx.node_dofs(self._space)] @ self._table.T
+        return nodal
+
+    def _sums(self, which: Array, values: Array) -> Array:
+        """Return the integral of point values times each shape function of degree 1. Collective."""
+        sums = np.zeros((self._surface.num_nodes, 3))
+        weighted = self._surface.weights[which] * values
+        self._surface.add_vectors(weighted[..., None] * [1.0, 0.0, 0.0], which, sums)
+        vector = _dolfinx.create_vector(self._space)
+        writable_values(vector)[:] = sums[:, 0]
+        add_ghosts(vector)
+        update_ghosts(vector)
+        return np.array(local_values(vector))

@@ -1,0 +1,262 @@
+"""Contact of a surface with one rigid obstacle, without friction: energy, force and Hessian."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.contact.augmentation import PenaltyGrowth
+from fem_snh.contact.surfaces.deepest_point import DeepestPoint, facet_grid
+from fem_snh.contact.surfaces.search import NearFacets
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.geometry.motions import Obstacle
+from fem_snh.kernels.svd_eigen import eigen3
+
+Array = npt.NDArray[Any]
+
+
+class ContactPoints(NamedTuple):
+    """The quadrature points of m facets of which each has a point in contact.
+
+    Attributes
+    ----------
+    which : (m,) int
+        The facets.
+    gap : (m, points)
+        Signed distance from the obstacle [m].
+    pressure : (m, points)
+        Contact force per reference area [Pa], 0 without contact.
+    normal : (m, points, 3)
+        Gradient of the gap: the obstacle's normal.
+    curvature : (m, points, 3, 3)
+        Hessian of the gap [1/m].
+    """
+
+    which: Array
+    gap: Array
+    pressure: Array
+    normal: Array
+    curvature: Array
+
+    @property
+    def acting(self) -> tuple[Array, Array, Array]:
+        """Facets, pressures and normals."""
+        return self.which, self.pressure, self.normal
+
+
+class ContactPair:
+    r"""A surface and an obstacle, with a penalty or with an augmented Lagrangian.
+
+    With the gap g of the quadrature points, their weights w_q, the stiffness k and multipliers
+    :math:`\ell`, which are zero with a penalty (Wriggers 2006, section 6.3):
+
+    .. math:: E = \sum_q \frac{w_q}{2 k} \left(p^2 - \ell^2\right), \qquad
+        p = \langle \ell - k g \rangle = \max(\ell - k g, 0)
+
+    .. math:: \frac{\partial E}{\partial x_q} = - w_q p \nabla g, \qquad
+        \frac{\partial^2 E}{\partial x_q^2} = w_q \left(k \nabla g \nabla g^T - p \nabla^2 g\right)
+        \quad (p > 0)
+
+    As :math:`|\nabla g| = 1`, the normal is an eigenvector of both parts: filtering the second one
+    filters their sum.
+
+    Parameters
+    ----------
+    surface : SurfaceQuadrature
+        The surface of the body.
+    X : (local nodes, 3)
+        Reference coordinates of the displacement's nodes [m].
+    obstacle : Obstacle
+        The obstacle.
+    stiffness : (facets,)
+        Penalty stiffness k [Pa/m] of each facet; augmentation may increase it within a step.
+    facets : (n,) int, optional
+        Local numbers of the facets that may touch the obstacle. Default: all of the surface.
+    ratio : float
+        The default stiffness over the given one: see `PenaltyGrowth`.
+
+    Attributes
+    ----------
+    growth : PenaltyGrowth
+        The factor of the stiffness.
+    multipliers : (facets, points)
+        The multipliers l [Pa].
+    load : float
+        The load at which the obstacle is.
+    linearised : bool
+        Whether steps are linearised at their start. Points in contact there then stay on the linear
+        branch :math:`p = \ell - k g` in the linearisation: where an obstacle recedes by more than
+        its penetration, the body follows it instead of expanding freely for a step.
+    """
+
+    def __init__(
+        self,
+        surface: SurfaceQuadrature,
+        X: Array,
+        obstacle: Obstacle,
+        stiffness: Array,
+        facets: Array | None = None,
+        ratio: float = 1.0,
+    ) -> None:
+        self.surface, self.obstacle, self._given = surface, obstacle, stiffness
+        self.stiffness, self.growth = stiffness, PenaltyGrowth(ratio)
+        self.load, self.linearised = 0.0, False
+        self.multipliers = np.zeros(surface.weights.shape)
+        self._near = NearFacets(surface, X, self.distance, facets, self._material)
+        #: Displacement at the start of a linearised step; its facets and points in contact.
+        self._start: tuple[Array, Array, Array] | None = None
+        #: The last displacement, and what `_evaluate` returned for it.
+        self._gaps: tuple[Array, tuple[Array, Array, Array, Array]] | None = None
+
+    def set_load(self, load: float) -> None:
+        """Move the obstacle to its position at a load."""
+        if load != self.load and self.obstacle.motion is not None:
+            self._gaps = None
+        self.load = load
+
+    def begin_step(self, u: Array, multipliers: Array) -> None:
+        """Begin a step at nodal displacements ``u`` (nodes, 3), with these multipliers."""
+        self.multipliers[:] = multipliers
+        self.growth.reset()
+        self.stiffness = self.growth.factor * self._given
+        self._start = None
+        if self.linearised:
+            at = self.points(u)
+            self._start, self._gaps = (u.copy(), at.which, at.pressure > 0), None
+
+    def end_step(self, u: Array) -> Array:
+        """End a step; return multipliers that give the same pressures with the next stiffness."""
+        self._start = None
+        if self.growth.keep():
+            at, stiffness = self.points(u), self.growth.factor * self._given
+            pressure = at.pressure + stiffness[at.which, None] * at.gap
+            self.multipliers[:] = 0.0
+            self.multipliers[at.which] = np.where(at.pressure > 0, pressure, 0.0)
+            self.stiffness = stiffness
+        return self.multipliers
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance of points (n, 3) from the obstacle [m]."""
+        return np.asarray(self.obstacle.evaluate(x, self.load)[0])
+
+    def _material(self, x: Array) -> Array:
+        """Return the obstacle's material points that are at points (n, 3)."""
+        return self.obstacle.pose(self.load).invert(x) if self.obstacle.motion else x
+
+    def points(self, u: Array) -> ContactPoints:
+        """Return the points of facets in contact; ``u`` are nodal displacements (nodes, 3)."""
+        near, gap, normal, curvature = self._evaluate(u)
+        trial = self.multipliers[near] - self.stiffness[near, None] * gap
+        pressure = np.maximum(trial, 0.0)
+        if self._start and np.array_equal(self._start[0], u):
+            rows = np.searchsorted(near, self._start[1])
+            pressure[rows] = np.where(self._start[2], trial[rows], pressure[rows])
+        touching = (pressure != 0).any(axis=1)
+        return ContactPoints(
+            near[touching],
+            gap[touching],
+            pressure[touching],
+            normal[touching],
+            curvature[touching],
+        )
+
+    def end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
+        """Return facets, pressures and normals at a step's end, as the step's solution has them.
+
+        In a linearised step these are the points in contact at its start, on the linear branch.
+        """
+        if not self._start:
+            return self.points(u).acting
+        near, gap, normal, _ = self._evaluate(u)
+        which = self._start[1]
+        rows = np.searchsorted(near, which)
+        trial = self.multipliers[which] - self.stiffness[which, None] * gap[rows]
+        return which, np.where(self._start[2], trial, 0.0), normal[rows]
+
+    def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
+        """Return near facets, and gap, normal and curvature at their points.
+
+        A step asks for energy, forces, Hessian and output at the same displacement: the last
+        result is kept.
+        """
+        if self._gaps is not None and np.array_equal(self._gaps[0], u):
+            return self._gaps[1]
+        near = self._near.at(u)
+        if self._start:
+            near = np.union1d(near, self._start[1])
+        x = self.surface.positions(u, near)
+        gap, normal, curvature = self.obstacle.evaluate(x.reshape(-1, 3), self.load)
+        found = near, gap.reshape(x.shape[:2]), normal.reshape(x.shape)
+        self._gaps = u.copy(), (*found, curvature.reshape(*x.shape, 3))
+        return self._gaps[1]
+
+    def deepest(self, u: Array) -> DeepestPoint:
+        """Return the deepest point of this rank's facets, at nodal displacements (nodes, 3)."""
+        near, gap, _, _ = self._evaluate(u)
+        x = self.surface.positions_at(facet_grid(self.surface.kind), u, near)
+        gaps = np.hstack([gap, self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])])
+        x = np.concatenate([self.surface.positions(u, near), x], axis=1)
+        return DeepestPoint.among(gaps, self.surface.weights[near].sum(axis=1), x)
+
+    def augmentation(self, at: ContactPoints) -> tuple[float, float]:
+        """Return the sum of the pressures' changes by `augment`, and that of pressures [N]."""
+        change, weights = self.multipliers.copy(), self.surface.weights
+        change[at.which] -= at.pressure
+        force = (weights[at.which] * at.pressure).sum()
+        return float((weights * np.abs(change)).sum()), float(force)
+
+    def augment(self, at: ContactPoints, gap: float) -> None:
+        """Set the multipliers to the contact pressures (Wriggers 2006, section 6.3.4).
+
+        ``gap`` is the largest of all ranks, in any unit. The stiffness increases until the end of
+        the step while the gap decreases slowly.
+        """
+        self.multipliers[:] = 0.0
+        self.multipliers[at.which] = at.pressure
+        self.stiffness = self.growth.update(gap) * self._given
+
+    def energy(self, u: Array) -> float:
+        """Return the energy of this rank's facets [J]."""
+        at, weights = self.points(u), self.surface.weights
+        energies = (weights[at.which] * at.pressure**2).sum(axis=1) / self.stiffness[at.which]
+        kept = (weights * self.multipliers**2).sum(axis=1) / self.stiffness
+        return 0.5 * float(energies.sum() - kept.sum())
+
+    def add_gradient(self, u: Array, r: Array) -> None:
+        """Add the energy's derivative [N] to nodal vectors (nodes, 3)."""
+        at = self.points(u)
+        forces = (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
+        self.surface.add_vectors(-forces, at.which, r)
+
+    def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
+        """Return cells, their filtered matrices [N/m], and the number of filtered points."""
+        at = self.points(u)
+        stiffness = np.where(at.pressure != 0, self.stiffness[at.which, None], 0.0)
+        curved, count = filtered(-at.pressure[..., None, None] * at.curvature, filter)
+        normal = at.normal
+        products = normal[..., :, None] * normal[..., None, :]
+        hessian = stiffness[..., None, None] * products + curved
+        hessian *= self.surface.weights[at.which][..., None, None]
+        return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
+
+
+def filtered(matrices: Array, filter: str) -> tuple[Array, int]:
+    """Return symmetric matrices (..., 3, 3) with filtered eigenvalues, and how many were changed.
+
+    Parameters
+    ----------
+    matrices : (..., 3, 3)
+        Symmetric matrices; most of them may be zero.
+    filter : {"exact", "clamp", "abs"}
+        What becomes of negative eigenvalues.
+    """
+    curved = matrices.any(axis=(-2, -1))
+    if filter == "exact" or not curved.any():
+        return matrices, 0
+    values, vectors = eigen3(matrices[curved], "jacobi")
+    changed = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
+    found = np.zeros_like(matrices)
+    found[curved] = (vectors * changed[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return found, int((values < 0).any(axis=1).sum())

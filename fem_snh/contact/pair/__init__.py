@@ -1,0 +1,1 @@
+"""Contact between two surfaces of a mesh."""

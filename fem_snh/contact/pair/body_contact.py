@@ -1,0 +1,188 @@
+"""Contact between the surfaces of two bodies of one mesh, without friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import FILTERS
+from fem_snh.contact.augmentation import TOLERANCE
+from fem_snh.contact.pair.surface_pair import BodyPair, SurfacePair
+from fem_snh.contact.surfaces.gathered_surface import GatheredSurface
+from fem_snh.contact.surfaces.stiffness import cell_heights, default_stiffness, surface_mean
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.errors import bad_value, choose
+from fem_snh.terms.settling import LaggedChange, largest_change
+
+Array = npt.NDArray[Any]
+
+#: Degree of the quadrature beyond that of products of shape functions: those of the other surface
+#: have kinks inside of a facet. It reduces the error of a uniform pressure to a third.
+_QUADRATURE = 4
+
+
+class BodyContact:
+    r"""The energy of contact between pairs of surfaces. Collective.
+
+    The quadrature points of either surface have gaps to the other one, with half of the stiffness
+    each, so that the result does not depend on the order of the surfaces:
+
+    .. math:: E = \sum_{s = 1}^{2} \sum_{q \in \Gamma_s} \frac{w_q}{k}
+        \left(\langle \ell_q - \tfrac{k}{2} g_q \rangle^2 - \ell_q^2\right)
+
+    During a solve each point has one facet of the other surface, the closest one at the start of
+    the step. After a solve the search is repeated, and the step is solved again until the forces
+    have settled. `fem_snh.contact.surfaces.gaps` has the derivatives of the gap.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    regions : sequence of Region
+        The materials, which the default stiffness depends on.
+    pairs : sequence of BodyPair
+        The surfaces.
+
+    Attributes
+    ----------
+    surface : GatheredSurface
+        The nodes of all surfaces, on every rank.
+    pairs : list of SurfacePair
+        The contact of each pair.
+    solves : int
+        How often the present step was solved.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if a surface has no facet on the boundary, or the two have a common node.
+    """
+
+    name, has_energy, depends_on_load = "contact", True, False
+
+    def __init__(self, V: Any, regions: Sequence[Region], pairs: Sequence[BodyPair]) -> None:
+        comm, degree = V.mesh.comm, _QUADRATURE + 2 * _dolfinx.degree(V)
+        surfaces = list[SurfaceQuadrature]()
+        for pair in pairs:
+            for facets in (pair.first, pair.second):
+                surfaces.append(SurfaceQuadrature(V, facets, degree))
+                if not comm.allreduce(len(surfaces[-1])):
+                    raise bad_value("contact.groups", pair.name, "two surfaces of the boundary")
+        self.surface = GatheredSurface(V, surfaces)
+        self.pairs = list[SurfacePair]()
+        for i, pair in enumerate(pairs):
+            both, sides = surfaces[2 * i : 2 * i + 2], self.surface.sides[2 * i : 2 * i + 2]
+            k, tolerance = pair.stiffness, pair.tolerance
+            default = min(surface_mean(s, default_stiffness(s, V, regions), comm) for s in both)
+            if k is None:
+                k = default
+            if tolerance is None:
+                sizes = [surface_mean(s, cell_heights(s, V), comm) for s in both]
+                tolerance = TOLERANCE * max(sizes)
+            self.pairs.append(
+                SurfacePair(pair, self.surface, sides[0], sides[1], k, tolerance, default / k)
+            )
+        self._passes = [one for pair in self.pairs for one in pair.passes]
+        self._stale, self._stepped, self.solves = True, False, 0
+        self._coupled: tuple[list[Array], Array] | None = None
+
+    def set_load(self, load: float) -> None:
+        """Search again at the next evaluation, if nothing calls `begin_step`."""
+        self._stale |= not self._stepped
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of contact [J]. Collective."""
+        x = self._positions(u)
+        return sum(one.energy(x) for one in self._passes)
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
+        x, r = self._positions(u), writable_values(r_u).reshape(-1, 3)
+        for pair in self.pairs:
+            self.surface.add_own(pair.gradient(x), r)
+
+    def couplings(self, u: PETSc.Vec) -> Array:
+        """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
+        x = self._positions(u)
+        parts = [one.pairs(x) for one in self._passes]
+        if self._coupled is None or any(map(lambda a, b: a is not b, parts, self._coupled[0])):
+            self._coupled = parts, np.concatenate(parts)
+        return self._coupled[1]
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the filtered Hessian; return how many points were filtered. Collective."""
+        choose("filter", filter, FILTERS)
+        x, count = self._positions(u), 0
+        for one in self._passes:
+            nodes, matrices, filtered = one.matrices(x, filter)
+            target.add_couplings(nodes, matrices)
+            count += filtered
+        return count
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
+        """Return the rows of the pairs for run.json. Collective.
+
+        ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
+        points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m]; ``solves``, how often the step was solved.
+        """
+        x = self._positions(u)
+        rows = {pair.name: pair.row(x) | {"solves": self.solves} for pair in self.pairs}
+        return {"contacts": rows}
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Reset the multipliers to those of the last step and search the facets. Collective."""
+        self.solves, self._stepped, self._stale = 0, True, True
+        for pair in self.pairs:
+            pair.reset()
+        self._positions(u)
+
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Search again, update multipliers; return the largest change. Collective."""
+        x = self._positions(u)
+        self.solves += 1
+        return largest_change([pair.settle(x, self.solves) for pair in self.pairs])
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Keep the multipliers."""
+        x = self._positions(u)
+        for pair in self.pairs:
+            pair.keep(x)
+
+    def history(self) -> tuple[Array, Array]:
+        """Return points of this rank's facets (n, 3), and what is kept there, (n, 2)."""
+        found = [pair.history() for pair in self.pairs if pair.augmented]
+        points = [np.empty((0, 3)), *(points for points, _ in found)]
+        values = [np.empty((0, 2)), *(values for _, values in found)]
+        return np.concatenate(points), np.concatenate(values)
+
+    def set_history(self, values: Array) -> None:
+        """Set what is kept, in the order of `history`. Collective."""
+        first = 0
+        for pair in self.pairs:
+            if pair.augmented:
+                last = first + sum(len(one.own_points) for one in pair.passes)
+                pair.set_history(values[first:last])
+                first = last
+
+    def _positions(self, u: PETSc.Vec) -> Array:
+        """Return the positions of the nodes; search the facets if nothing did. Collective."""
+        x = self.surface.positions(local_values(u).reshape(-1, 3))
+        if self._stale:
+            self._stale = False
+            for one in self._passes:
+                one.search(x)
+        return x

@@ -1,0 +1,216 @@
+"""Self-contact by the map to the reference configuration (Smith et al. 2018, section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import FILTERS
+from fem_snh.contact.barrier.ipc_matrix import SurfaceMatrix
+from fem_snh.contact.reference.pairs import ContactPairs
+from fem_snh.contact.reference.target_search import TargetSearch
+from fem_snh.contact.surfaces.embedded_surface import embedded_surface
+from fem_snh.errors import choose
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.terms.settling import LaggedChange, relative
+
+Array = npt.NDArray[Any]
+
+#: The pairs have settled when a new search changes no nodal force by more than this fraction of the
+#: largest one.
+_SETTLED = 1e-2
+#: After the first number of searches of a step a sample keeps a target that would move by less than
+#: this part of a cell, after the second number any: where two triangles of different normals are
+#: close, it would change from one to the other and back for ever.
+_FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 2, 0.25
+
+
+class ReferenceContact:
+    """The energy of contact of a body with itself, and of the bodies of a mesh. Collective.
+
+    Samples of the surface, its corners among them, that are inside of deformed cells are mapped to
+    the reference configuration by these cells. A spring pushes each out of the surface through its
+    target, the closest point of the surface there, from which a local search looks for a closer one
+    on the deformed surface. Samples that approach the surface have a target, too; sharp edges that
+    cross have a spring between them. During a solve targets and normals are constant. After a solve
+    the search is repeated, and the step is solved again until the forces have settled.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        Its mesh.
+    regions : sequence of Region
+        The materials, which the default stiffness depends on.
+    stiffness : float, optional
+        Contact pressure over penetration [Pa/m]; default: 50 E over the size of the cells.
+
+    Attributes
+    ----------
+    surface : EmbeddedSurface
+        The surface, on every rank.
+    pairs : ContactPairs
+        The present pairs of samples and targets, the same on all ranks.
+    rounds : int
+        How often the present step was solved.
+    """
+
+    name, has_energy, depends_on_load = "self_contact", True, False
+
+    def __init__(
+        self,
+        V: Any,
+        mesh: Mesh,
+        regions: Sequence[Region],
+        stiffness: float | None = None,
+    ) -> None:
+        self.surface = embedded_surface(V, mesh)
+        is_lattice = getattr(mesh, "skin", None) is not None
+        self._search = TargetSearch(V, self.surface, regions, stiffness, is_lattice)
+        self._matrix = SurfaceMatrix(self.surface)
+        self.pairs, self.rounds = ContactPairs.none(), 0
+        self._penetration, self._coupled, self._stale = 0.0, False, True
+
+    def set_load(self, load: float) -> None:
+        """Search again at the next evaluation, that of the predicted displacement of a step."""
+        self._stale = True
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of the springs [J]. Collective."""
+        pairs, x = self._present(u)
+        return pairs.energy(x)
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
+        pairs, x = self._present(u)
+        forces = self._matrix.nodal(pairs.gradient(x))
+        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
+
+    def couplings(self, u: PETSc.Vec) -> Array:
+        """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
+        pairs, x = self._present(u)
+        if not self._coupled:
+            self._coupled = True
+            pattern = self._matrix.blocks(pairs.pattern(len(x)))
+            if not self._matrix.contains(pattern):
+                self._matrix.replace(pattern)
+        return self._matrix.pairs
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the Hessian, which is positive semidefinite: nothing is filtered. Collective."""
+        choose("filter", filter, FILTERS)
+        pairs, x = self._present(u)
+        self._matrix.add(self._matrix.blocks(pairs.hessian(x)), target)
+        return 0
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
+        """Return the step's row for run.json. Collective.
+
+        ``pairs``, how many springs push; ``penetration`` [m], that of the deepest point of the
+        surface; ``force`` [N], the sum of the springs' forces, as lengths; ``stiffness`` [Pa/m],
+        their mean; ``rounds``, how often the step was solved.
+        """
+        pairs, x = self._present(u)
+        row = {
+            "pairs": int((pairs.gaps(x) < 0).sum()),
+            "penetration": self._penetration,
+            "force": float(pairs.forces(x).sum()),
+            "stiffness": self._search.stiffness,
+            "rounds": self.rounds,
+        }
+        return {"self_contact": row}
+
+    def spring_forces(self, u: PETSc.Vec) -> tuple[Array, Array, Array]:
+        """Return what touches what, and how strongly; the same on all ranks. Collective.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            The displacement.
+
+        Returns
+        -------
+        samples, targets : (n, 3)
+            Reference positions of the ends of the springs that push [m].
+        forces : (n,)
+            Their forces [N].
+        """
+        pairs, x = self._present(u)
+        forces = pairs.forces(x)
+        samples, targets = pairs.ends(self.surface.points)
+        return samples[forces > 0], targets[forces > 0], forces[forces > 0]
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Search again at the next evaluation, that of the forces at the start of a time step.
+
+        These depend on the displacement ``u`` alone, so that a run that is resumed has the same.
+        """
+        self.rounds, self._stale = 0, True
+
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Search again; return the change of the forces. Collective."""
+        pairs, x = self._present(u)
+        before = self._matrix.nodal(pairs.gradient(x))
+        self.rounds += 1
+        new = self._search.find(local_values(u).reshape(-1, 3), x)
+        self._penetration = self._search.penetration(new, x)
+        updated = self._updated(new, x)
+        after = self._matrix.nodal(updated.gradient(x))
+        largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
+        ratio = relative(np.abs(after - before).max(initial=0.0), largest, _SETTLED)
+        change = LaggedChange(ratio, "self_contact: the change of forces by another search")
+        if not change.settled:  # else the pairs stay, with which the forces are in equilibrium
+            self._set_pairs(updated)
+        return change
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Do nothing: the next step searches again."""
+
+    def history(self) -> tuple[Array, Array]:
+        """Return no points and no values: the next step depends on the displacement alone."""
+        return np.empty((0, 3)), np.empty((0, 1))
+
+    def set_history(self, values: Array) -> None:
+        """Do nothing, as there is no history."""
+
+    def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
+        """Return the pairs of a new search, with former ones."""
+        old = self.pairs
+        if self.rounds > _ROUNDS_TO_MOVE:
+            return old.joined(new[~np.isin(new.sample, old.sample)])
+        # A sample that its target has pushed out may come back in the next solve.
+        kept = (old.gaps(x) >= 0) & ~np.isin(old.sample, new.sample)
+        if self.rounds > _FREE_SEARCHES:
+            same = new.find(old, x, _MOVED * self._search.size)
+            kept[same[same >= 0]] = True
+            new = new[same < 0]
+        return new.joined(old[kept])
+
+    def _set_pairs(self, pairs: ContactPairs) -> None:
+        self.pairs, self._coupled = pairs, False
+
+    def _present(self, u: PETSc.Vec) -> tuple[ContactPairs, Array]:
+        """Return pairs and positions of the surface's points; search if due. Collective.
+
+        Whoever takes the pairs from here has those of the same function as everybody else in the
+        solve, also where this call is the one that searches.
+        """
+        values = local_values(u).reshape(-1, 3)
+        x = self.surface.positions(values)
+        if self._stale:
+            self._stale = False
+            self._set_pairs(self._search.find(values, x))
+        return self.pairs, x

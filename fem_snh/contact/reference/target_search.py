@@ -1,0 +1,278 @@
+"""The search for samples inside of deformed cells, and for their targets on the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.regions import Region
+from fem_snh.contact.reference.approaching import approaching
+from fem_snh.contact.reference.closer_targets import CloserTargets
+from fem_snh.contact.reference.crossing_edges import SurfaceEdges
+from fem_snh.contact.reference.deformed_cells import OUTSIDE, DeformedCells
+from fem_snh.contact.reference.neighbourhood import Neighbourhood, body_numbers, intersect
+from fem_snh.contact.reference.pairs import ContactPairs
+from fem_snh.contact.reference.reference_surface import ReferenceSurface
+from fem_snh.contact.reference.samples import (
+    SHARP,
+    SurfaceSamples,
+    cell_sizes,
+    cell_stiffness,
+    smallest_at_points,
+    surface_values,
+    triangle_areas,
+)
+from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface
+from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
+
+Array = npt.NDArray[Any]
+
+#: Reference positions of a sample in two cells that are closer than this part of a cell count as
+#: one: the cells are neighbours.
+_SAME = 0.5
+#: Samples in front of another part of the surface, closer to it than this part of a cell, may touch
+#: in the next solve. Without them, the flesh of a finger that bends passes through itself by 2.7
+#: cells in a solve: the scene hand, step 35, takes 47 Newton iterations instead of 22. With an
+#: entire cell, blocks of two cells (tests/test_reference_contact.py) tilt.
+_APPROACH = 0.5
+#: A target whose sample is beside the normal of its triangle by less than this part of a cell is
+#: not on a sharp edge, though it may be by rounding errors: two blocks of the same width.
+_BESIDE = 1e-6
+#: Least area with which a sample acts, in its own: a face that is not turned to it by less is
+#: parallel to it.
+_ACTS = 1e-9
+#: Area with which an edge acts where it crosses another one, in the areas of its two triangles.
+_EDGE_AREA = 1 / 3
+#: Columns of the hits that the ranks exchange: sample, distance outside, cell size, triangle,
+#: barycentric coordinates (3), reference position (3).
+_COLUMNS = 10
+
+
+class TargetSearch:
+    """Samples of a surface and their targets. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    surface : EmbeddedSurface
+        The surface.
+    regions : sequence of Region
+        The materials.
+    stiffness : float, optional
+        Contact pressure over penetration [Pa/m]; default: of the softer one of sample and target.
+    overlap : bool
+        Whether cells of one body overlap in the reference configuration, as a lattice's do where
+        parts of its surface pass through one cube.
+
+    Attributes
+    ----------
+    samples : SurfaceSamples
+        The samples.
+    stiffness, size : float
+        The mean stiffness over the surface [Pa/m], the mean size of the cells [m].
+    """
+
+    def __init__(
+        self,
+        V: Any,
+        surface: EmbeddedSurface,
+        regions: Sequence[Region],
+        stiffness: float | None = None,
+        overlap: bool = False,
+    ) -> None:
+        self._comm, self._surface, self._overlap = V.mesh.comm, surface, overlap
+        self._sizes = cell_sizes(V)
+        sizes = smallest_at_points(V, surface, self._sizes)
+        self.samples = SurfaceSamples(surface, sizes)
+        if stiffness is None:
+            values = smallest_at_points(V, surface, cell_stiffness(V, regions))
+        else:
+            values = np.full(len(surface.points), stiffness)
+        self._stiffness = values
+        areas = self.samples.areas / self.samples.areas.sum()
+        self.stiffness, self.size = (float(areas @ self.samples.at(v)) for v in (values, sizes))
+        self._cells, self._edges = DeformedCells(V), SurfaceEdges(surface.triangles)
+        self._edge_areas = _EDGE_AREA * triangle_areas(surface)[self._edges.triangles].sum(axis=1)
+        self._near, corners = Neighbourhood(V, surface), surface.triangles[self.samples.triangle]
+        #: Vertices around each sample and each edge, which touch nothing that shares one of them.
+        self._around = self._near.around(corners, self.samples.coordinates > 0)
+        self._around_edges = self._near.around(self._edges.points)
+        self._sample_sizes = self.samples.at(sizes)
+        bodies = body_numbers(V)
+        self._cell_bodies = bodies[self._cells.nodes[:, 0]]
+        of_points = surface.support.gather(bodies[:, None])[surface.columns[:, 0], 0]
+        triangles = surface.triangles
+        self._reference = ReferenceSurface(surface.points, triangles, of_points[triangles[:, 0]])
+        self._normals, self._closer = PseudoNormals(triangles), CloserTargets(triangles)
+
+    def find(self, u: Array, x: Array) -> ContactPairs:
+        """Return the pairs of the samples inside of the body or close to its surface. Collective.
+
+        Parameters
+        ----------
+        u : (local nodes, 3)
+            Nodal displacements [m].
+        x : (points, 3)
+            The positions of the surface's points [m].
+        """
+        samples, triangles = self.samples, self._surface.triangles
+        points, outward = samples.at(x), triangle_normals(x, triangles)
+        normals = self._normals.at(x, samples.triangle, samples.coordinates)
+        hits = np.concatenate(self._comm.allgather(self._own_hits(u, x, points, normals, outward)))
+        hits = _without_repeated(hits)
+        others = self._approaching(x, points, normals, outward, hits[:, 0])
+        others = np.concatenate(self._comm.allgather(others))
+        hits = np.concatenate([hits[:, [0, 3, 4, 5, 6]], others])
+        hits = hits[np.argsort(hits[:, 0], kind="stable")]
+        sample, target, coordinates = hits[:, 0].astype(int), hits[:, 1].astype(int), hits[:, 2:]
+        corners = np.concatenate([triangles[samples.triangle[sample]], triangles[target]], axis=1)
+        factors = np.concatenate([samples.coordinates[sample], -coordinates], axis=1)
+        normal = self._target_normals(x, sample, points[sample], target, coordinates, outward)
+        areas = samples.facing(sample, normal, outward)
+        springs = self._springs(corners, factors, areas)
+        pairs = ContactPairs(sample, target, corners, factors, normal, springs)
+        pairs = pairs[areas > _ACTS * samples.areas[sample]]
+        return pairs.joined(self._crossing_edges(x, outward))
+
+    def penetration(self, pairs: ContactPairs, x: Array) -> float:
+        """Return the largest penetration at positions x of the surface's points [m].
+
+        That of a sample in the body is its distance from the surface around its target, in whatever
+        direction; that of two edges is how far they have passed each other. No point of a surface
+        of flat triangles is deeper than its corners and its edges that cross others.
+        """
+        gaps = pairs.gaps(x)
+        crossing = pairs.sample >= len(self.samples)
+        inside = pairs[np.flatnonzero((gaps < 0) & ~crossing)]
+        points, none = inside.ends(x)[0], np.zeros(len(inside))
+        outward = triangle_normals(x, self._surface.triangles)
+        target, place = self._closer.move(points, 0 * points, none, inside.target, x, outward)
+        closest = surface_values(x, self._surface.triangles[target], place)
+        depths = np.linalg.norm(points - closest, axis=1)
+        return float(max(depths.max(initial=0.0), -gaps[crossing].min(initial=0.0)))
+
+    def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
+        """Return the stiffness [N/m] of springs at points (n, 6) that act with areas (n,) [m^2]."""
+        values = np.abs(factors) * self._stiffness[corners]
+        # Where two surfaces touch, the samples of both have half of the stiffness each.
+        return np.asarray(
+            areas * np.minimum(values[:, :3].sum(axis=1), values[:, 3:].sum(axis=1)) / 2
+        )
+
+    def _target_normals(
+        self,
+        x: Array,
+        sample: Array,
+        points: Array,
+        target: Array,
+        coordinates: Array,
+        outward: Array,
+    ) -> Array:
+        """Return the unit normals (n, 3) of the surface at targets.
+
+        Beyond a sharp edge, as seen from the edge's faces, it is that of the edge, otherwise that
+        of a smooth surface: it does not jump where a sample slides from triangle to triangle.
+        """
+        smooth = self._normals.averaged(x, target, coordinates, SHARP)
+        edges = self._normals.at(x, target, coordinates)
+        arm = points - surface_values(x, self._surface.triangles[target], coordinates)
+        across = arm - np.einsum("ni,ni->n", arm, outward[target])[:, None] * outward[target]
+        beyond = np.linalg.norm(across, axis=1) > _BESIDE * self._sample_sizes[sample]
+        beyond &= np.einsum("ni,ni->n", edges, outward[target]) < SHARP
+        return np.where(beyond[:, None], edges, smooth)
+
+    def _own_hits(self, u: Array, x: Array, points: Array, normals: Array, outward: Array) -> Array:
+        """Return the samples in this rank's cells and their targets, (n, _COLUMNS).
+
+        ``points`` and ``normals`` are those of the samples, ``outward`` the triangles' normals.
+        """
+
+        def excluded(sample: Array, cell: Array) -> Array:
+            return intersect(self._around[sample], self._near.cells[cell])
+
+        hits = self._cells.find(u, points, excluded)
+        sample, size, bodies = hits.point, self._sizes[hits.cell], self._cell_bodies[hits.cell]
+        own, normals, around = points[sample], normals[sample], self._around[sample]
+        sizes = self._sample_sizes[sample]
+        found = self._reference.closest(hits.X, bodies, normals, sizes, outward)
+        target, depth = found.triangle, found.depth
+        kept = depth >= -OUTSIDE * size
+        # Below its own part of the surface a sample is in a compressed cell, not in contact.
+        for triangle in (found.nearest, target):
+            kept &= ~intersect(around, self._near.triangles[triangle])
+        if self._overlap:
+            # A target in the sample's own part of the body, if it is closer than the edge of a
+            # cube, is on a cube that touches the sample's one.
+            kept &= (depth > size) | self._near.share(target, hits.cell)
+        target, coordinates = self._closer.move(own, normals, sizes, target, x, outward)
+        kept &= ~intersect(around, self._near.triangles[target])
+        columns = (sample, np.maximum(hits.outside, 0.0), size, target)
+        rows = np.column_stack([*columns, coordinates, hits.X])
+        return np.asarray(rows[kept].reshape(-1, _COLUMNS))
+
+    def _approaching(
+        self, x: Array, points: Array, normals: Array, outward: Array, inside: Array
+    ) -> Array:
+        """Return this rank's share of samples that may touch in the next solve, (n, 5).
+
+        Columns: sample, triangle, barycentric coordinates (3). The arguments are those of
+        `_own_hits`, and the samples ``inside`` of the body.
+        """
+        samples, (rank, ranks) = self.samples, (self._comm.rank, self._comm.size)
+        first, last = (len(samples) * (rank + i) // ranks for i in (0, 1))
+        chosen = np.setdiff1d(np.arange(first, last), inside.astype(int))
+        rows, directions = samples.directions(chosen, normals[chosen], outward)
+        owner, distance = chosen[rows], _APPROACH * self.size
+        corners, every = x[self._surface.triangles], np.arange(len(rows))
+        found = approaching(points[owner], directions, every, corners, outward, distance)
+        sample = owner[found.sample]
+        apart = ~intersect(self._around[sample], self._near.triangles[found.triangle])
+        order = np.lexsort((found.distance, sample))
+        order = order[apart[order]]
+        _, closest = np.unique(sample[order], return_index=True)
+        order = order[closest]
+        columns = sample[order], found.triangle[order], found.coordinates[order]
+        return np.asarray(np.column_stack(columns).reshape(-1, 5))
+
+    def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
+        """Return the springs between edges that cross, or may in the next solve. Collective."""
+        edges, triangles = self._edges, self._surface.triangles
+        share = self._comm.rank, self._comm.size
+        found = edges.crossings(x, outward, _APPROACH * self.size, share)
+        columns = np.concatenate(self._comm.allgather(np.column_stack(found)))
+        first, second = columns[:, :2].astype(int).T
+        apart = ~intersect(self._around_edges[first], self._around_edges[second])
+        columns, first, second = columns[apart], first[apart], second[apart]
+        corners, factors = [], []
+        for edge, place, sign in ((first, columns[:, 2], 1), (second, columns[:, 3], -1)):
+            corners.append(triangles[edges.triangles[edge, 0]])
+            ends = edges.points[edge]
+            parts = [
+                (corners[-1] == ends[:, [i]]) * w[:, None] for i, w in ((0, 1 - place), (1, place))
+            ]
+            factors.append(sign * sum(parts))
+        both = np.concatenate(corners, axis=1), np.concatenate(factors, axis=1)
+        areas = columns[:, 7] * (self._edge_areas[first] + self._edge_areas[second])
+        # Edges are numbered after the samples.
+        sample, order = len(self.samples) + first, np.argsort(first, kind="stable")
+        target, springs = edges.triangles[second, 0], self._springs(*both, areas)
+        return ContactPairs(sample, target, *both, columns[:, 4:7], springs)[order]
+
+
+def _without_repeated(hits: Array) -> Array:
+    """Return the hits (n, _COLUMNS) sorted by sample, one for each place of a sample."""
+    # Rounded, as ranks may differ by rounding errors.
+    order = np.lexsort((*np.round(hits[:, 7:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
+    hits = hits[order]
+    repeated = np.zeros(len(hits), bool)
+    for shift in range(1, len(hits)):
+        same = hits[shift:, 0] == hits[:-shift, 0]
+        if not same.any():
+            break
+        apart = np.linalg.norm(hits[shift:, 7:] - hits[:-shift, 7:], axis=1)
+        repeated[shift:] |= same & (apart < _SAME * hits[shift:, 2]) & ~repeated[:-shift]
+    return np.asarray(hits[~repeated])

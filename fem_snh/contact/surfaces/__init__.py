@@ -1,0 +1,1 @@
+"""Surfaces in contact: quadrature, gathering on every rank, closest facets, gaps."""

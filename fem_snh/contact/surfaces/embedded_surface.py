@@ -1,0 +1,171 @@
+"""The closed surface of a body as triangles that the displacement moves, on every rank.
+
+Self-contact works on triangles, whatever the element. Every rank has the whole surface, evaluates
+the same contact and keeps its own rows, as with `fem_snh.contact.surfaces.gathered_surface`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.contact.surfaces.gathered_nodes import GatheredNodes
+from fem_snh.contact.surfaces.gathered_surface import GatheredSurface
+from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.skin import Skin
+
+Array = npt.NDArray[Any]
+
+
+class EmbeddedSurface:
+    r"""Triangles whose points follow the displacement linearly. Collective.
+
+    .. math:: x_i(u) = X_i + \sum_a W_{ia} u_a
+
+    All arrays are the same on all ranks.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    points : (n, 3)
+        Reference positions X [m].
+    triangles : (m, 3) int
+        Points of each triangle, counter-clockwise seen from outside of the body.
+    nodes : (n, k) int64
+        Global nodes of V that each point depends on.
+    weights : (n, k)
+        Their weights W.
+
+    Attributes
+    ----------
+    points, triangles, nodes, weights
+        The parameters; ``triangles`` are int32.
+    support : GatheredNodes
+        The nodes that the points depend on.
+    columns : (n, k) int
+        Rows of ``support.nodes`` that hold ``nodes``.
+    """
+
+    def __init__(
+        self, V: Any, points: Array, triangles: Array, nodes: Array, weights: Array
+    ) -> None:
+        self.points, self.triangles = points, np.asarray(triangles, np.int32)
+        self.nodes, self.weights = nodes, weights
+        self.support = GatheredNodes(V, nodes.ravel())
+        self.columns = np.searchsorted(self.support.nodes, nodes)
+
+    @classmethod
+    def boundary(cls, V: Any, mesh: Mesh | None = None) -> EmbeddedSurface:
+        """Return the triangles of the facets on the boundary of V's mesh. Collective.
+
+        The points are the nodes on the boundary: a facet of degree 2 gives four times as many
+        triangles as one of degree 1, a quadrilateral twice as many as a triangle. The order of
+        points and triangles does not depend on the number of ranks. ``mesh`` is not used.
+        """
+        kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
+        surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
+        side = surface.sides[0]
+        corners = _subdivision(kind, _dolfinx.degree(V))
+        triangles = side.nodes[:, corners]  # (facets, triangles, 3)
+        flipped = side.outward < 0
+        triangles[flipped] = triangles[flipped][..., ::-1]
+        # Points in the order in which the facets name them.
+        used, first, index = np.unique(triangles, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty(len(order), np.int32)
+        rank[order] = np.arange(len(order))
+        nodes = surface.nodes[used[order]]
+        return cls(
+            V,
+            surface.X[used[order]],
+            rank[index].reshape(-1, 3),
+            nodes[:, None],
+            np.ones((len(nodes), 1)),
+        )
+
+    @classmethod
+    def of_skin(cls, V: Any, skin: Skin) -> EmbeddedSurface:
+        """Return the skin that the cells of a lattice carry. Collective.
+
+        Parameters
+        ----------
+        V : dolfinx function space
+            The displacement's space, on cells that are parallelepipeds.
+        skin : Skin
+            The skin.
+        """
+        domain = V.mesh
+        points, rows = carried_points(domain, skin)
+        corners = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[rows]]
+        # Corner 2^k of a hexahedron is the end of its k-th edge.
+        edges = np.stack([corners[:, 1 << k] - corners[:, 0] for k in range(3)], axis=2)
+        local = np.linalg.solve(edges, (skin.points[points] - corners[:, 0])[..., None])[..., 0]
+        nodes = _dolfinx.local_to_global(V)[_dolfinx.node_dofs(V)[rows]]
+        weights = _dolfinx.tabulate_values(V, local)
+        parts = domain.comm.allgather((points, nodes, weights))
+        order = np.argsort(np.concatenate([part[0] for part in parts]))
+        nodes, weights = (np.concatenate([part[i] for part in parts])[order] for i in (1, 2))
+        return cls(V, skin.points, skin.triangles, nodes, weights)
+
+    def positions(self, u: Array) -> Array:
+        """Return the positions of the points [m], (n, 3). Collective.
+
+        ``u`` are this rank's nodal displacements (local nodes, 3). All ranks get the same bits.
+        """
+        return self.points + self.interpolate(self.support.gather(u))
+
+    def interpolate(self, values: Array) -> Array:
+        """Return vectors at the points (n, 3) from those at the nodes of ``support``, (m, 3)."""
+        found: Array = np.einsum("nk,nki->ni", self.weights, values[self.columns])
+        return found
+
+
+def embedded_surface(V: Any, mesh: Mesh) -> EmbeddedSurface:
+    """Return the surface on which a body touches itself. Collective.
+
+    It is the skin that a lattice carries, or the boundary of the mesh.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        Its mesh.
+    """
+    if mesh.skin is not None:
+        return EmbeddedSurface.of_skin(V, mesh.skin)
+    return EmbeddedSurface.boundary(V, mesh)
+
+
+def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
+    """Return the points of a skin that this rank's own cells carry, (n,), and the cells, (n,)."""
+    owned = _dolfinx.num_owned(domain)
+    row_of = np.full(_dolfinx.num_cells(domain), -1)
+    row_of[_dolfinx.input_cells(domain)[:owned]] = np.arange(owned)
+    points = np.flatnonzero(row_of[skin.cells] >= 0)
+    return points, row_of[skin.cells[points]]
+
+
+def _subdivision(kind: str, degree: int) -> Array:
+    """Return the triangles (m, 3) between the nodes of a facet, in `FacetShape`'s order.
+
+    The nodes are sorted by the second, then by the first reference coordinate.
+    """
+    is_triangle = kind == "triangle"
+    starts, count = list[int](), 0
+    for row in range(degree + 1):
+        starts.append(count)
+        count += degree + 1 - (row if is_triangle else 0)
+    found = list[tuple[int, int, int]]()
+    for row in range(degree):
+        for i in range(degree - row if is_triangle else degree):
+            below, above = starts[row] + i, starts[row + 1] + i
+            found.append((below, below + 1, above))
+            if not is_triangle or i < degree - row - 1:
+                found.append((below + 1, above + 1, above))
+    return np.array(found)

@@ -1,0 +1,205 @@
+"""Quadrature on the boundary of a body: points, shape functions and weights of its facets.
+
+Terms that act at points of the deformed surface, as contact does, evaluate them with numpy.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+
+Array = npt.NDArray[Any]
+#: Facets of a `SurfaceQuadrature`: their indices, or a slice of all.
+Which = Array | slice
+ALL = slice(None)
+
+#: Distance on the reference facet below which two nodes are the same; nodes are 1/2 apart.
+_SAME = 1e-6
+
+
+class SurfaceQuadrature:
+    r"""Quadrature points of boundary facets of a displacement space. Not collective.
+
+    The nodes of every facet are ordered such that one table of shape functions serves all facets.
+    With the reference coordinates X and the nodal displacements u_a, the point q of a facet is at
+
+    .. math:: x_q(u) = X_q + \sum_a N_a(\xi_q) u_a .
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space: Lagrange of degree 1 or 2, 3 components.
+    facets : (n,) int, optional
+        Local numbers of facets, of which those on the boundary are used. Default: all of them.
+    degree : int, optional
+        Polynomial degree that the rule integrates exactly. Default: that of products of two shape
+        functions (3 points on triangles of degree 1, 6 of degree 2; 4 and 9 on quadrilaterals).
+
+    Attributes
+    ----------
+    cells, facets : (facets,) int32
+        The cell of each facet, which this rank owns, and the facet's own local number.
+    nodes : (facets, k) int32
+        Local nodes of V on each facet, ghosts included.
+    cell_nodes : (facets, k) int
+        Their indices among the nodes of the cell.
+    kind : {"triangle", "quadrilateral"}
+        The reference facet.
+    degree : int
+        Degree of polynomials that the rule integrates exactly.
+    points : (points, 2)
+        Quadrature points on the reference facet.
+    basis : (points, k)
+        Shape functions N_a at the points.
+    derivatives : (points, k, 2)
+        Their derivatives by the two coordinates of the reference facet.
+    weights : (facets, points)
+        Quadrature weights in the reference configuration [m^2].
+    X : (facets, points, 3)
+        Reference coordinates of the points [m].
+    normals : (facets, points, 3)
+        Unit normals in the reference configuration, which point out of the body.
+    """
+
+    def __init__(self, V: Any, facets: Array | None = None, degree: int | None = None) -> None:
+        domain, order = V.mesh, _dolfinx.degree(V)
+        cell = _dolfinx.cell_name(domain)
+        self.num_nodes = sum(_dolfinx.num_nodes(V))
+        self.facets, self.cells, local = _dolfinx.exterior_facets(domain)
+        if facets is not None:
+            chosen = np.isin(self.facets, facets)
+            self.facets, self.cells, local = self.facets[chosen], self.cells[chosen], local[chosen]
+        self.kind = kind = _dolfinx.FACET_OF[cell]
+        self.degree = degree or 2 * order + (kind == "quadrilateral")
+        self.points, weights = _dolfinx.quadrature(kind, self.degree)
+        self._V, self._local = V, local
+
+        origins, tangents = _dolfinx.facet_maps(cell)
+        numbers = _facet_nodes(_dolfinx.reference_nodes(cell, order), origins, tangents)
+        dofs = _dolfinx.node_dofs(V)
+        self._num_cell_nodes = dofs.shape[1]
+        self._first, self.cell_nodes = numbers[0], numbers[local]
+        self.nodes = np.take_along_axis(dofs[self.cells], self.cell_nodes, axis=1)
+        first = origins[0] + self.points @ tangents[0]
+        self.basis = _dolfinx.tabulate_values(V, first)[:, numbers[0]]
+        self.derivatives = _dolfinx.tabulate(V, first)[:, numbers[0]] @ tangents[0].T
+        self._set_geometry(domain, weights, origins, tangents)
+
+    def _set_geometry(self, domain: Any, weights: Array, origins: Array, tangents: Array) -> None:
+        """Set weights, coordinates and normals."""
+        self.X = self._coordinates(self.points, ALL)
+        x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
+        normals = np.empty_like(self.X)
+        for number, (origin, tangent) in enumerate(zip(origins, tangents, strict=True)):
+            mine = self._local == number
+            points = origin + self.points @ tangent
+            gradients = _dolfinx.tabulate_geometry(domain, points) @ tangent.T
+            a, b = np.einsum("cni,pnj->jcpi", x[mine], gradients, optimize=True)
+            normals[mine] = np.cross(a, b)
+        areas = np.linalg.norm(normals, axis=2)
+        self.weights = areas * weights
+        outwards = self.X - x.mean(axis=1, keepdims=True)
+        sign = np.sign(np.einsum("cpi,cpi->cp", normals, outwards))
+        self.normals = normals * (sign / areas)[..., None]
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def displacements(self, u: Array, which: Which = ALL) -> Array:
+        """Return the displacement of points [m].
+
+        Parameters
+        ----------
+        u : (local nodes, 3)
+            Nodal displacements, ghosts included.
+        which : (m,) int, optional
+            Facets. Default: all.
+
+        Returns
+        -------
+        (m, points, 3)
+        """
+        return np.asarray(self.basis @ u[self.nodes[which]])
+
+    def positions(self, u: Array, which: Which = ALL) -> Array:
+        """Return the deformed coordinates x_q(u) of points [m], as `displacements` does."""
+        return np.asarray(self.X[which] + self.displacements(u, which))
+
+    def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
+        """Return the deformed coordinates of other points (n, 2) of the reference facet [m].
+
+        The other arguments are those of `displacements`; the result is (m, n, 3).
+        """
+        origins, tangents = _dolfinx.facet_maps(_dolfinx.cell_name(self._V.mesh))
+        first = origins[0] + points @ tangents[0]
+        basis = _dolfinx.tabulate_values(self._V, first)[:, self._first]
+        return np.asarray(self._coordinates(points, which) + basis @ u[self.nodes[which]])
+
+    def _coordinates(self, points: Array, which: Which) -> Array:
+        """Return the reference coordinates of points of the reference facet [m]."""
+        domain, local = self._V.mesh, self._local[which]
+        rows = _dolfinx.geometry_dofs(domain)[self.cells[which]]
+        x = _dolfinx.geometry_x(domain)[rows]
+        found = np.empty((len(local), len(points), 3))
+        maps = zip(*_dolfinx.facet_maps(_dolfinx.cell_name(domain)), strict=True)
+        for number, (origin, tangent) in enumerate(maps):
+            mine = local == number
+            table = _dolfinx.tabulate_geometry_values(domain, origin + points @ tangent)
+            found[mine] = table @ x[mine]
+        return found
+
+    def add_vectors(self, values: Array, which: Which, out: Array) -> None:
+        r"""Add :math:`\sum_q N_a(\xi_q) v_q` to nodal vectors.
+
+        Parameters
+        ----------
+        values : (m, points, 3)
+            Vectors v_q, with the quadrature weights.
+        which : (m,) int
+            The facets.
+        out : (local nodes, 3)
+            Nodal vectors, ghosts included.
+        """
+        nodal = self.basis.T @ values
+        nodes = self.nodes[which].ravel()
+        for i in range(3):
+            out[:, i] += np.bincount(nodes, nodal[..., i].ravel(), self.num_nodes)
+
+    def cell_matrices(self, values: Array, which: Which) -> Array:
+        r"""Return :math:`\sum_q N_a(\xi_q) M_q N_b(\xi_q)` as matrices of the facets' cells.
+
+        Parameters
+        ----------
+        values : (m, points, 3, 3)
+            Matrices M_q, with the quadrature weights.
+        which : (m,) int
+            The facets.
+
+        Returns
+        -------
+        (m, k, k)
+            Matrices of all displacement dofs of ``cells[which]``, node by node, as
+            `fem_snh.assembly.assembled_matrix.BlockMatrix.add_matrices` expects them.
+        """
+        m, (points, k) = len(values), self.basis.shape
+        products = (self.basis[:, :, None] * self.basis[:, None]).reshape(points, k * k)
+        blocks = (products.T @ values.reshape(m, points, 9)).reshape(m, k, k, 3, 3)
+        n, nodes = self._num_cell_nodes, self.cell_nodes[which]
+        found = np.zeros((m, n, 3, n, 3))
+        rows = np.arange(m)[:, None, None]
+        found[rows, nodes[:, :, None], :, nodes[:, None], :] = blocks
+        return found.reshape(m, 3 * n, 3 * n)
+
+
+def _facet_nodes(nodes: Array, origins: Array, tangents: Array) -> Array:
+    """Return the nodes of each facet of the reference cell, in an order common to all facets."""
+    found = []
+    for origin, tangent in zip(origins, tangents, strict=True):
+        s = (nodes - origin) @ np.linalg.pinv(tangent)
+        on = np.flatnonzero(np.abs(origin + s @ tangent - nodes).max(axis=1) < _SAME)
+        found.append(on[np.lexsort(np.round(s[on] / _SAME).T)])
+    return np.array(found)

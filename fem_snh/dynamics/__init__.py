@@ -1,0 +1,1 @@
+"""Motion in time: inertia, damping, integrators, balance of forces; vibration modes."""

@@ -1,0 +1,137 @@
+r"""Rayleigh damping as an incremental potential of the displacement at a step's end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.stored_matrix import StoredMatrix
+from fem_snh.dynamics.integrators import Affine
+
+Array = npt.NDArray[Any]
+
+
+class Damping:
+    r"""The potential of damping forces proportional to the velocity.
+
+    .. math:: E(u) = \frac{1}{2 c} v \cdot C v, \qquad v = c (u - w), \qquad C = \alpha M + \beta K
+
+    Its derivative is C v. K is the Hessian of the elastic energy at the step's start, clamped and
+    without the stiffness of spins, and turned with its cells: C is constant in a step, positive
+    semidefinite, and does not damp the rotation of a cell (docs/theory/dynamics.md).
+
+    Parameters
+    ----------
+    mass : NodalMass
+        The mass matrix M.
+    factors : tuple of float
+        alpha [1/s] and beta [s].
+
+    Attributes
+    ----------
+    velocity : Affine or None
+        v as a function of the displacement; None without a step.
+    """
+
+    name = "damping"
+    has_energy = depends_on_load = True
+
+    def __init__(self, mass: NodalMass, factors: tuple[float, float]) -> None:
+        self._mass, (self._alpha, self._beta) = mass, factors
+        self.velocity: Affine | None = None
+        self._K: StoredMatrix | None = None
+        self._vectors: tuple[PETSc.Vec, PETSc.Vec]
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether the elastic stiffness contributes."""
+        return self._beta > 0
+
+    def update_stiffness(
+        self,
+        matrix: BlockMatrix,
+        x: PETSc.Vec,
+        u: PETSc.Vec,
+        add_hessian: Callable[[BlockMatrix], Any],
+    ) -> None:
+        """Assemble K. Collective.
+
+        Parameters
+        ----------
+        matrix : BlockMatrix
+            The problem's matrix, whose layout K has.
+        x, u : PETSc.Vec
+            Vectors of the unknowns and of the displacement, for their layout.
+        add_hessian : callable
+            Adds K to a matrix.
+        """
+        if self._K is None:
+            self._K, self._vectors = StoredMatrix(matrix), (x.duplicate(), x.duplicate())
+        self._K.assemble(add_hessian)
+        if x.getSize() > u.getSize():
+            # Only the displacement's block is damped, not the coupling to a pressure.
+            mask = self._vectors[0]
+            mask.set(0.0)
+            mask.array[: u.getLocalSize()] = 1.0
+            self._K.mat.diagonalScale(mask, mask)
+
+    def apply(self, v: Array) -> Array:
+        """Return this rank's part of C v [N]. Collective.
+
+        Parameters
+        ----------
+        v : (3 local nodes,)
+            A velocity with current ghosts.
+
+        Returns
+        -------
+        (3 local nodes,)
+            To be summed over the ranks, as `add_ghosts` does.
+        """
+        force = self._alpha * self._mass.apply(v) if self._alpha else np.zeros_like(v)
+        if self._K is not None:
+            x, y = self._vectors
+            owned = self._mass.num_owned
+            x.set(0.0)
+            x.array[:owned] = v[:owned]
+            self._K.mat.mult(x, y)
+            force[:owned] += self._beta * y.array_r[:owned]
+        return force
+
+    def set_load(self, load: float) -> None:
+        """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the potential [J]. Collective."""
+        if self.velocity is None:
+            return 0.0
+        v = self.velocity(local_values(u))
+        local = float(v @ self.apply(v)) / (2 * self.velocity.rate)
+        return float(u.comm.tompi4py().allreduce(local))
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        if self.velocity is not None:
+            values = writable_values(r_u)
+            values += self.apply(self.velocity(local_values(u)))
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add c C, and return 0: it is positive semidefinite. Collective."""
+        if self.velocity is not None:
+            if self._alpha:
+                self._mass.add_to(target, self._alpha * self.velocity.rate)
+            if self._K is not None:
+                self._K.add_to(target, self._beta * self.velocity.rate)
+        return 0

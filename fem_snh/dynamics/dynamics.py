@@ -1,0 +1,324 @@
+r"""The motion of a body in time: state, steps, energies and momenta.
+
+A time integrator (`fem_snh.dynamics.integrators`) makes each step an incremental potential: the
+terms of `Dynamics` are terms of the problem as any other, and its solver is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import MASSES
+from fem_snh.dynamics.force_balance import ForceBalance
+from fem_snh.dynamics.integrators import Affine, Before, State, StepFormulas, create
+from fem_snh.dynamics.measures import motion_measures, total_energy, work_of_loads
+from fem_snh.dynamics.prescribed import PrescribedMotion
+from fem_snh.errors import BadInput, bad_value, check_number, on_every
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[Any]
+
+#: Spacing of the differences of prescribed motion, relative to the step and, at the start, to the
+#: duration. Truncation, of the fourth power, is then far below the integrators' own error, rounding
+#: below the forces' tolerance.
+_SPACING, _FIRST_SPACING = 0.1, 1e-4
+
+
+class _Step(NamedTuple):
+    """The step between `begin_step` and `end_step`: its size [s], load and state at its start."""
+
+    size: float
+    load: float
+    state: State
+    formulas: StepFormulas
+
+
+class Dynamics:
+    """Inertia and damping of a body, and its motion from step to step. Collective.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    regions : sequence of Region
+        The materials with their densities.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    integrator : str
+        One of `fem_snh.choices.INTEGRATORS`.
+    mass : {"consistent", "lumped"}, optional
+        The mass matrix: see `NodalMass`.
+    damping : tuple of float, optional
+        Rayleigh damping: the factors of the mass [1/s] and of the stiffness [s].
+    rho_infinity : float, optional
+        Spectral radius of ``generalized_alpha`` at infinite frequency, 0 to 1.
+    duration : float
+        The time [s] in which the load goes from 0 to 1.
+
+    Attributes
+    ----------
+    terms : list of Term
+        Inertia and, if it is asked for, damping: terms of the problem.
+    integrator : Integrator
+        The time integrator.
+    mass : NodalMass
+        The mass matrix.
+    v, a : dolfinx Function
+        Velocity [m/s] and acceleration [m/s^2] at the end of the last accepted step.
+    dissipated, work : float
+        The entries of `energies` [J].
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a bad value or a material without a density.
+    """
+
+    def __init__(
+        self,
+        u: Any,
+        regions: Sequence[Region],
+        dirichlet: Dirichlet,
+        integrator: str,
+        *,
+        mass: str = MASSES[0],
+        damping: tuple[float, float] = (0.0, 0.0),
+        rho_infinity: float | None = None,
+        duration: float,
+    ) -> None:
+        if not isinstance(damping, Sequence) or isinstance(damping, str) or len(damping) != 2:
+            raise bad_value("time.damping", damping, "two numbers: of the mass, of the stiffness")
+        for key, value in zip(("mass", "stiffness"), damping, strict=True):
+            check_number(f"time.damping.{key}", value, 0.0)
+        check_number("time.duration", duration, 0.0, exclusive=True)
+        self.integrator = create(integrator, rho_infinity)
+        V, self._duration = u.function_space, duration
+        self.mass = NodalMass(V, regions, mass)
+        self.v, self.a = _dolfinx.function(V, "velocity"), _dolfinx.function(V, "acceleration")
+        self._motion = PrescribedMotion(V, dirichlet, duration)
+        self._balance = ForceBalance(V, self.mass, damping)
+        self.terms = self._balance.terms
+        self.dissipated = self.work = 0.0
+        self._first_energy: float | None = None
+        self._before: Before | None = None
+        self._step: _Step  # set by begin_step
+        #: Damping forces, and all forces but those of inertia, at the last state (3 owned nodes,).
+        self._damping: Array
+        self._forces: Array
+
+    def start(self, problem: Problem, velocity: Callable[[Array], Array] | None = None) -> None:
+        """Set the initial velocity and the acceleration that balances the forces. Collective.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem at its initial displacement and load, with the terms of this object.
+        velocity : callable, optional
+            Velocities [m/s] (n, 3) of nodes with reference coordinates [m] (n, 3). Default: zero.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if the velocities have another shape, or are not finite.
+        """
+        self.dissipated = self.work = 0.0
+        self._first_energy = self._before = None
+        motion = self._motion.at(problem.load, _FIRST_SPACING, problem.load)
+        v, fixed = self.v.x.array, self._motion.constrained
+        v[:] = 0.0
+        if velocity is not None:
+            nodes = problem.V.tabulate_dof_coordinates()
+            v[:] = on_every(problem.comm, _values, velocity, nodes).ravel()
+        v[fixed] = motion.v[fixed]
+        prescribed = np.where(fixed, motion.a, 0.0)
+        balance = self._balance
+        balance.update_stiffness(problem, v, 0.0)
+        self._damping = balance.damping_forces(v)
+        self._forces = balance.other_forces(problem) + self._damping
+        self.a.x.array[:] = balance.acceleration(problem, self._forces, prescribed)
+        balance.set_motion(self.a.x.array, self._damping)
+        if problem.has_energy:
+            self._first_energy = total_energy(self.energies(problem))
+
+    def begin_step(self, problem: Problem, load: float) -> None:
+        """Set the formulas of the step from the problem's state to a load. Collective.
+
+        A step that failed is repeated by another call, with the problem's state restored; without
+        one, `cancel_step` ends it.
+        """
+        h = (load - problem.load) * self._duration
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        state = State(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
+        formulas = self.integrator.formulas(h, state)
+        fixed = self._motion.constrained
+        spacing = -_SPACING * (load - problem.load)
+        motion = self._motion.at(load, spacing, problem.load)
+        formulas.velocity.set_values(fixed, motion.u, motion.v)
+        formulas.acceleration.set_values(fixed, motion.u, motion.a)
+        self._step = _Step(h, problem.load, state, formulas)
+        balance = self._balance
+        balance.update_stiffness(problem, state.v, formulas.tangent * h)
+        new, old = formulas.inertia
+        rate, origin = formulas.acceleration.rate, formulas.acceleration.origin
+        inertia = Affine(new * rate, origin - old / (new * rate) * formulas.old_acceleration)
+        inertia.set_values(fixed, motion.u, motion.a + formulas.old_forces * state.a)
+        constant = formulas.old_forces * self._forces if formulas.old_forces else None
+        balance.set_step(inertia, formulas.velocity, constant)
+
+    def cancel_step(self) -> None:
+        """End a step that failed: the problem is again at the step's start. Collective."""
+        self._set_motion()
+
+    def end_step(self, problem: Problem) -> None:
+        """Accept the step, before `TermHistory.end_step`. Collective."""
+        h, load, state, formulas = self._step
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        v, a = formulas.velocity(u), formulas.acceleration(u)
+        weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
+        balance, damping = self._balance, self._balance.damping_forces(v)
+        if balance.damping:
+            mean = weight * damping + (1 - weight) * self._damping
+            self.dissipated += problem.comm.allreduce(float(mean @ moved))
+        work, lost = work_of_loads(problem, state.u, load, weight, self.terms)
+        self.work, self.dissipated = self.work + work, self.dissipated + lost
+        if self._needs_forces:
+            forces = balance.other_forces(problem) + damping
+            if self._motion.moves:
+                old = self._acceleration(state.a, state.before and state.before.a)
+                new = self._acceleration(a, formulas.old_acceleration)
+                mean = weight * (forces + balance.inertial_forces(new))
+                mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
+                dofs = problem.constrained_dofs
+                self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
+            self._forces = forces
+        self._damping = damping
+        self.v.x.array[:], self.a.x.array[:] = v, a
+        self._before = Before(h, state.u, state.v, formulas.old_acceleration)
+        self._set_motion()
+
+    def local_error(self, problem: Problem) -> float:
+        """Return an estimate of the solved step's local error, before `end_step`. Collective.
+
+        It is the root mean square, weighted by mass, of the displacement's error [m]; the formulas
+        are those of docs/theory/dynamics.md.
+        """
+        formulas = self._step.formulas
+        new, old = formulas.error
+        u = np.array(local_values(problem.split(problem.x)[0]))
+        error = new * formulas.acceleration(u) + old * formulas.old_acceleration
+        error[self._motion.constrained] = 0.0
+        return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
+
+    def energies(self, problem: Problem) -> dict[str, Any]:
+        """Return energies and momenta of the present state. Collective.
+
+        Returns
+        -------
+        dict
+            The entries of `motion_measures`; since the start, "work" of prescribed motion, of
+            moving obstacles and of changing loads, energy "dissipated" by damping and friction, and
+            "numerical_dissipation" [J]: what else the sum of kinetic, elastic and potential energy
+            lost, by the integrator. The last is missing if a force has no energy.
+        """
+        found = motion_measures(problem, self.mass, self.v.x.array, self.terms)
+        found |= {"work": self.work, "dissipated": self.dissipated}
+        if problem.has_energy and self._first_energy is not None:
+            available = self._first_energy + self.work - self.dissipated
+            found["numerical_dissipation"] = available - total_energy(found)
+        return found
+
+    @property
+    def _needs_forces(self) -> bool:
+        """Whether a step needs the forces at its start: its balance, or the work of reactions."""
+        return self._motion.moves or self.integrator.uses_old_forces
+
+    def history(self) -> tuple[Array, dict[str, Any]]:
+        """Return what the next steps need of the last ones, for a checkpoint.
+
+        Returns
+        -------
+        values : (n, k)
+            Values at the displacement nodes that this rank owns.
+        about : dict
+            The same on all ranks: numbers, and the names of the fields in ``values``.
+        """
+        about: dict[str, Any] = {"dissipated": self.dissipated, "work": self.work}
+        if self._first_energy is not None:
+            about["first_energy"] = self._first_energy
+        fields = {"v": self.v.x.array, "a": self.a.x.array}
+        if self._before and self.integrator.num_steps > 1:
+            about["step_before"] = self._before.size
+            names = ("u_before", "v_before", "a_before")
+            fields |= dict(zip(names, self._before[1:], strict=True))
+        if self._balance.damping:
+            fields["damping"] = self._damping
+        if self._needs_forces:
+            fields["forces"] = self._forces
+        owned = [field[: self.mass.num_owned].reshape(-1, 3) for field in fields.values()]
+        return np.concatenate(owned, axis=1), about | {"fields": list(fields)}
+
+    def set_history(self, values: Array, about: Mapping[str, Any]) -> None:
+        """Continue from what `history` returned, instead of `start`. Collective.
+
+        Raises
+        ------
+        BadInput
+            If ``about`` is from a version whose history lacks something.
+        """
+        vector, fields = _dolfinx.create_vector(self.v.function_space), {}
+        for name, field in zip(about.get("fields", ()), np.hsplit(values, values.shape[1] // 3)):
+            vector.array[:] = field.ravel()
+            update_ghosts(vector)
+            fields[name] = np.array(local_values(vector))
+        needed = {"v", "a", *(["damping"] if self._balance.damping else [])}
+        if not needed | ({"forces"} if self._needs_forces else set()) <= set(fields):
+            raise BadInput("the checkpoint is of an older version: start again with --overwrite")
+        self.v.x.array[:], self.a.x.array[:] = fields["v"], fields["a"]
+        self.dissipated, self.work = about["dissipated"], about["work"]
+        self._first_energy = about.get("first_energy")
+        self._before = None
+        if "u_before" in fields:
+            motion = (fields[name] for name in ("u_before", "v_before", "a_before"))
+            self._before = Before(about["step_before"], *motion)
+        none, owned = np.zeros(self.mass.num_owned), slice(self.mass.num_owned)
+        self._damping = fields.get("damping", none)[owned]
+        self._forces = fields.get("forces", none)[owned]
+        self._set_motion()
+
+    def _set_motion(self) -> None:
+        """Make the problem's gradient the sum of all forces at the present state. Collective."""
+        a = self._acceleration(self.a.x.array, self._before and self._before.a)
+        self._balance.set_motion(a, self._damping)
+
+    def _acceleration(self, a: Array, before: Array | None) -> Array:
+        """Return the acceleration at a step's end, of second order, as the integrator's may not be.
+
+        Parameters
+        ----------
+        a, before : (3 local nodes,)
+            The integrator's acceleration in the step, and in the one before, if there is one.
+        """
+        shift = self.integrator.shift
+        if not shift or before is None:
+            return a
+        # That of constrained dofs is the prescribed motion's.
+        return np.where(self._motion.constrained, a, a - shift * (a - before))
+
+
+def _values(velocity: Callable[[Array], Array], nodes: Array) -> Array:
+    """Return initial velocities of nodes (n, 3). Not collective."""
+    found = np.asarray(velocity(nodes))
+    if found.shape != nodes.shape:
+        raise bad_value("velocity", f"an array {found.shape}", f"an array {nodes.shape}")
+    if found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+        raise bad_value("velocity", found, "finite numbers")
+    return found

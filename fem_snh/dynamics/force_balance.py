@@ -1,0 +1,152 @@
+"""The balance of inertia, damping and all other forces of a problem at one state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.assembly.nodal_mass import NodalMass
+from fem_snh.dynamics.damping import Damping
+from fem_snh.dynamics.inertia import Inertia
+from fem_snh.dynamics.integrators import Affine
+from fem_snh.dynamics.spins import cell_rotations
+from fem_snh.problem.problem import Problem
+from fem_snh.terms import Term
+
+Array = npt.NDArray[Any]
+
+
+class ForceBalance:
+    """The terms of inertia and damping, and the other forces without them.
+
+    In a step the terms depend on the displacement at its end (`set_step`). Between steps they are
+    the forces of the present motion (`set_motion`), so that the problem's gradient at constrained
+    dofs is the force of the constraint.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mass : NodalMass
+        The mass matrix.
+    damping : tuple of float
+        Rayleigh damping: the factors of the mass [1/s] and of the stiffness [s].
+
+    Attributes
+    ----------
+    inertia, damping : Inertia, Damping or None
+        The terms; damping only if a factor is not zero.
+    """
+
+    def __init__(self, V: Any, mass: NodalMass, damping: tuple[float, float]) -> None:
+        self._V, self._mass, self.inertia = V, mass, Inertia(mass)
+        self.damping = Damping(mass, damping) if any(damping) else None
+
+    @property
+    def terms(self) -> list[Term]:
+        """The terms that exist."""
+        return [self.inertia, *([self.damping] if self.damping else [])]
+
+    def set_step(self, acceleration: Affine, velocity: Affine, constant: Array | None) -> None:
+        """Set acceleration and velocity at a step's end, and constant forces (3 owned nodes,)."""
+        self.inertia.acceleration, self.inertia.constant = acceleration, constant
+        if self.damping:
+            self.damping.velocity = velocity
+
+    def set_motion(self, a: Array, damping: Array) -> None:
+        """Set the forces of the present motion. Collective.
+
+        Parameters
+        ----------
+        a : (3 local nodes,)
+            The acceleration [m/s^2], with ghosts.
+        damping : (3 owned nodes,)
+            The damping forces [N].
+        """
+        self.inertia.acceleration = None
+        self.inertia.constant = self.inertial_forces(a) + damping
+        if self.damping:
+            self.damping.velocity = None
+
+    def update_stiffness(self, problem: Problem, v: Array, time: float) -> None:
+        """Assemble the damping stiffness of the present state. Collective.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem, at the state.
+        v : (3 local nodes,)
+            Its velocity [m/s].
+        time : float
+            For which time [s] the cells turn with it: the stiffness is that of the turned cells.
+        """
+        if not (self.damping and self.damping.has_stiffness):
+            return
+        (u, p), rotations = problem.split(problem.x), None
+        if time and v.any():
+            x = problem.V.tabulate_dof_coordinates() + local_values(u).reshape(-1, 3)
+            nodes = _dolfinx.node_dofs(problem.V)
+            rotations = cell_rotations(x[nodes], v.reshape(-1, 3)[nodes], time)
+        self.damping.update_stiffness(
+            problem.matrix,
+            problem.x,
+            u,
+            lambda target: problem.elastic.add_hessian(u, p, "objective", target, rotations),
+        )
+
+    def damping_forces(self, v: Array) -> Array:
+        """Return C v [N], (3 owned nodes,), of a velocity (3 local nodes,). Collective."""
+        if not self.damping:
+            return np.zeros(self._mass.num_owned)
+        return self._summed(self.damping.apply(v))
+
+    def inertial_forces(self, a: Array) -> Array:
+        """Return M a [N], (3 owned nodes,), of an acceleration (3 local nodes,). Collective."""
+        return self._summed(self._mass.apply(a))
+
+    def other_forces(self, problem: Problem) -> Array:
+        """Return the forces f [N] of the other terms at the present state, (3 owned nodes,).
+
+        Collective.
+        """
+        r = problem.x.duplicate()
+        problem.gradient(problem.x, r, [t for t in problem.terms if t not in self.terms])
+        return np.array(r.array_r[: self._mass.num_owned])
+
+    def acceleration(self, problem: Problem, forces: Array, prescribed: Array) -> Array:
+        """Return the acceleration that balances forces. Collective.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem. Its matrix is overwritten.
+        forces : (3 owned nodes,)
+            All forces but those of inertia [N].
+        prescribed : (3 local nodes,)
+            The acceleration of constrained dofs, zero at others.
+
+        Returns
+        -------
+        (3 local nodes,)
+        """
+        force = -forces - self.inertial_forces(prescribed)
+        found = _dolfinx.create_vector(self._V)
+        found.array[:] = self._mass.solve(problem.matrix, problem.constrained_dofs, force)
+        update_ghosts(found)
+        return prescribed + local_values(found)
+
+    def _summed(self, local: Array) -> Array:
+        """Return the sum over ranks of their parts of nodal forces, (3 owned nodes,)."""
+        vector = _dolfinx.create_vector(self._V)
+        writable_values(vector)[:] = local
+        add_ghosts(vector)
+        return np.array(vector.array_r)

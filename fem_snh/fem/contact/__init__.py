@@ -1,1 +1,0 @@
-"""Contact: surfaces as quadrature points, who is close to whom, and stiffnesses."""

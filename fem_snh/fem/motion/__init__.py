@@ -1,1 +1,0 @@
-"""The motion of a body in time: steps, prescribed motion, and what a motion conserves."""

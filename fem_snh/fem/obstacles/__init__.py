@@ -1,6 +1,0 @@
-"""Rigid obstacles: shapes that move."""
-
-from fem_snh.fem.obstacles.moving import Motion, Obstacle, Pose
-from fem_snh.fem.obstacles.pose_table import PoseTable, read_motion
-
-__all__ = ["Motion", "Obstacle", "Pose", "PoseTable", "read_motion"]

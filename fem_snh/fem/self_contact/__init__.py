@@ -1,1 +1,0 @@
-"""Contact of a body with itself, and of the bodies of one mesh with each other."""

@@ -1,0 +1,1 @@
+"""Shapes, motions and skeletons, in numpy alone: signed distances, poses, surfaces."""

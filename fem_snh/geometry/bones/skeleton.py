@@ -1,0 +1,149 @@
+"""Motions of bones that follow the joints of a skeleton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem_snh.choices import RESTS
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.geometry.bones.bvh import AXES, Clip, Joint
+from fem_snh.geometry.bones.motions import RigidMotion
+from fem_snh.geometry.motions.pose_table import PoseTable
+from fem_snh.geometry.shapes.shape import Array
+
+#: How far a clip may miss the end of the run, in frames: files round the time of a frame.
+_ROUNDED = 0.5
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a skeleton is in the scene: x = R s x_file + d.
+
+    Attributes
+    ----------
+    scale : float
+        The scene's unit of length over the file's, s.
+    rotation : (3,) tuple
+        Rotation vector of R: axis times angle [rad].
+    translation : (3,) tuple
+        d [length].
+    """
+
+    scale: float = 1.0
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def joint_motion(
+    clip: Clip,
+    joint: str,
+    rest: str = RESTS[0],
+    frames: tuple[int, int] | None = None,
+    placement: Placement | None = None,
+    duration: float | None = None,
+) -> tuple[RigidMotion, Array]:
+    """Return the motion of a bone that follows a joint, and the joint's reference position.
+
+    Parameters
+    ----------
+    clip : Clip
+        The skeleton with its motion.
+    joint : str
+        The joint.
+    rest : {"first", "offset"}
+        The skeleton's pose in the reference configuration: that of the first frame, or without
+        rotations, each joint at its offset.
+    frames : (int, int), optional
+        The first and the last frame, counted from 0; default: all.
+    placement : Placement, optional
+        Where the skeleton is in the scene.
+    duration : float, optional
+        The length of the run [s], with the clip's own time; without it the last frame is at load 1.
+
+    Returns
+    -------
+    RigidMotion
+        Between frames rotations are slerped and positions of the joint linear.
+    (3,) array
+        The joint in the reference configuration [length].
+
+    Raises
+    ------
+    BadInput
+        For an unknown joint, frames that the clip does not have, and a clip that ends too early.
+    """
+    names = [j.name for j in clip.joints]
+    if joint not in names:
+        accepted = f"a joint of {clip.path}: {', '.join(names)}"
+        raise bad_value("motion.joint", joint, accepted, names)
+    first, last = frames or (0, len(clip.frames) - 1)
+    if not 0 <= first < last < len(clip.frames):
+        accepted = f"two ascending numbers from 0 to {len(clip.frames) - 1}, as {clip.path} has"
+        raise bad_value("motion.frames", list(frames or ()), accepted)
+    chosen = clip.frames[first : last + 1]
+    loads = np.linspace(0.0, 1.0, len(chosen))
+    if duration is not None:
+        end = (last - first) * clip.frame_time
+        if end < duration - _ROUNDED * clip.frame_time:
+            raise BadInput(
+                f"motion.bvh = '{clip.path}': its {len(chosen)} frames end at {end:g} s: expected "
+                f"frames up to the end of the run, {duration:g} s"
+            )
+        loads = np.arange(len(chosen)) * (clip.frame_time / duration)
+    number = names.index(joint)
+    R, p = _placed(*_global_pose(clip.joints, number, chosen), placement)
+    if rest == "first":
+        R0, p0 = R[0], p[0]
+    else:
+        still = np.zeros((1, clip.frames.shape[1]))
+        rest_pose = _placed(*_global_pose(clip.joints, number, still, at_offsets=True), placement)
+        R0, p0 = rest_pose[0][0], rest_pose[1][0]
+    turned = R @ R0.T
+    return RigidMotion(PoseTable(loads, turned, p - turned @ p0)), p0
+
+
+def _placed(R: Array, p: Array, placement: Placement | None) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and positions (m, 3) in the scene."""
+    from scipy.spatial.transform import Rotation
+
+    where = placement or Placement()
+    Q = Rotation.from_rotvec(where.rotation).as_matrix()
+    return Q @ R, where.scale * p @ Q.T + np.asarray(where.translation)
+
+
+def _global_pose(
+    joints: list[Joint], number: int, frames: Array, at_offsets: bool = False
+) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and positions (m, 3) of a joint at the frames (m, channels).
+
+    The rotation of a joint is the product of its channels' in the file's order, then its parent's:
+    R = R_parent R_1 R_2 R_3. Positions replace the offset, as in Blender's importer, unless all
+    joints are at their offsets.
+    """
+    p, R = np.zeros((len(frames), 3)), np.eye(3)[None]
+    while number >= 0:
+        turned, origin = _local_pose(joints[number], frames, at_offsets)
+        p = np.einsum("nij,nj->ni", turned, p) + origin
+        R = turned @ R
+        number = joints[number].parent
+    return R, p
+
+
+def _local_pose(joint: Joint, frames: Array, at_offsets: bool) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and positions (m, 3) of a joint in the frame of its parent."""
+    from scipy.spatial.transform import Rotation
+
+    count = len(frames)
+    values = frames[:, joint.first : joint.first + len(joint.channels)]
+    R, p = np.tile(np.eye(3), (count, 1, 1)), np.tile(joint.offset, (count, 1))
+    for channel, value in zip(joint.channels, values.T, strict=True):
+        axis = AXES.index(channel[0])
+        if channel.endswith("rotation"):
+            # Whole turns do not matter, and angles may be as large as numbers are.
+            turn = np.outer(np.radians(np.fmod(value, 360.0)), np.eye(3)[axis])
+            R = R @ Rotation.from_rotvec(turn).as_matrix()
+        elif not at_offsets:
+            p[:, axis] = value
+    return R, p

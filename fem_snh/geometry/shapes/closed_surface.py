@@ -1,0 +1,165 @@
+"""A solid bounded by a triangulated surface, from an STL or OBJ file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import child_process
+from fem_snh.choices import LARGEST_NUMBER
+from fem_snh.errors import BadInput, nearest_file
+from fem_snh.files import open_file
+from fem_snh.geometry.shapes.shape import Array, Evaluation
+from fem_snh.geometry.shapes.surface_file import NO_VTK, read_corners
+
+Triangles = npt.NDArray[np.int64]
+
+#: Distance, in parts of the surface's diagonal, below which the direction to the closest point is
+#: rounding error: VTK then gives the normal. Coordinates have 16 digits, directions need 6.
+_ON_SURFACE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedSurface:
+    """A solid whose surface is a closed set of triangles.
+
+    The distance to the closest triangle is VTK's ``vtkImplicitPolyDataDistance``: its sign is that
+    of angle-weighted normals (Baerentzen & Aanaes 2005), so it is right at edges and corners. The
+    surface is flat on each triangle, and its second derivatives are taken as zero everywhere.
+    On the medial axis the gradient is away from one of the closest points.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Corners of the triangles [length].
+    triangles : (m, 3) array
+        Numbers of each triangle's corners, anticlockwise as seen from outside.
+    """
+
+    points: Array
+    triangles: Triangles
+    path: Path | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        check_closed(self.points, self.triangles, str(self.path or "ClosedSurface"))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave VTK's object out, so that rank 0 can send the surface to the others."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+
+    @classmethod
+    def read(cls, path: str | Path) -> ClosedSurface:
+        """Read an STL file, text or binary, or an OBJ file (by its suffix).
+
+        Corners with equal coordinates become one; polygons become triangles, and triangles without
+        area are left out.
+
+        Raises
+        ------
+        BadInput
+            One line, if the file cannot be read, VTK is missing, or the surface is empty, not
+            closed, or inverted.
+        """
+        path = Path(path)
+        try:
+            with open_file(path) as file:
+                size = os.fstat(file.fileno()).st_size
+        except OSError as error:
+            near = nearest_file(path)
+            raise BadInput(f"cannot read the surface {path}: {error.strerror}{near}") from None
+        corners = child_process.call("VTK", read_corners, path, size=size)
+        points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        triangles = numbers.reshape(-1, 3)
+        a, b, c = triangles.T
+        triangles = triangles[(a != b) & (b != c) & (c != a)]
+        return cls(points, triangles, path)
+
+    @cached_property
+    def _distance(self) -> Any:
+        """VTK's implicit function."""
+        try:
+            from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+            from vtkmodules.vtkCommonCore import vtkPoints
+            from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+            from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
+        except ImportError:
+            raise BadInput(NO_VTK.format(self.path)) from None
+        points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
+        points.SetData(numpy_to_vtk(self.points, deep=True))
+        cells.SetData(3, numpy_to_vtkIdTypeArray(self.triangles.ravel(), deep=True))
+        surface.SetPoints(points)
+        surface.SetPolys(cells)
+        function = vtkImplicitPolyDataDistance()
+        function.SetInput(surface)
+        return function
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        function = self._distance
+        from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+        from vtkmodules.vtkCommonCore import vtkDoubleArray
+
+        found = vtkDoubleArray()
+        function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(x, dtype=float)), found)
+        distance: Array = vtk_to_numpy(found).copy()
+        return distance
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient; the Hessian is zero."""
+        x = np.ascontiguousarray(x, dtype=float)
+        function, closest = self._distance, np.empty_like(x)
+        distance, point = np.empty(len(x)), [0.0, 0.0, 0.0]
+        for i, place in enumerate(x):
+            distance[i] = function.EvaluateFunctionAndGetClosestPoint(list(place), point)
+            closest[i] = point
+        near = np.abs(distance) <= _ON_SURFACE * self.diagonal
+        gradient = (x - closest) / np.where(near, 1.0, distance)[:, None]
+        for k in np.flatnonzero(near):
+            function.EvaluateGradient(list(x[k]), point)
+            gradient[k] = point
+        return Evaluation(distance, gradient, np.zeros((len(x), 3, 3)))
+
+    @cached_property
+    def bounds(self) -> Array:
+        """The lowest and the highest coordinates of the surface, (2, 3) [length]."""
+        return np.array([self.points.min(axis=0), self.points.max(axis=0)])
+
+    @cached_property
+    def diagonal(self) -> float:
+        """The diagonal of the surface's bounding box [length]."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+
+def check_closed(points: Array, triangles: Triangles, name: str) -> None:
+    """Raise BadInput unless triangles are the boundary of a solid, with outward normals.
+
+    Each edge must belong to two triangles, which pass through it in opposite directions; the
+    volume must be positive.
+    """
+    label = f"surface = '{name}': expected a closed surface"
+    if len(points) and np.abs(points).max() > LARGEST_NUMBER:
+        raise BadInput(f"{label} with coordinates of a size up to {LARGEST_NUMBER:g}")
+    if not len(triangles) or not np.isfinite(points).all():
+        raise BadInput(f"{label}, found {len(triangles)} triangles of finite size")
+    directed = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    _, shared = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    if np.any(shared != 2):
+        raise BadInput(
+            f"{label}, whose edges are in two triangles each: {np.sum(shared == 1)} edges are in "
+            f"one, {np.sum(shared > 2)} in more than two"
+        )
+    if len(np.unique(directed, axis=0)) < len(directed):
+        raise BadInput(f"{label} with outward normals: neighbours have opposite ones")
+    origin = points.mean(axis=0)
+    a, b, c = ((points - origin)[triangles[:, i]] for i in range(3))
+    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+    if not volume > 0:
+        raise BadInput(
+            f"{label} with outward normals: it is inverted, with a volume of {volume:.3g}"
+        )

@@ -1,0 +1,104 @@
+"""Triangles of the surfaces of shapes, for files that show them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.geometry.shapes.box import Box
+from fem_snh.geometry.shapes.closed_surface import ClosedSurface
+from fem_snh.geometry.shapes.plane import Plane
+from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
+from fem_snh.geometry.shapes.shape import Array, Shape
+
+Triangles = npt.NDArray[np.int64]
+
+#: Divisions of a circle; a polygon of 48 edges is 0.2 % of the radius inside of it.
+_CIRCLE = 48
+
+
+def surface_triangles(shape: Shape, centre: Array, radius: float) -> tuple[Array, Triangles]:
+    """Return points (n, 3) [length] and triangles (m, 3) of a shape's surface.
+
+    Parameters
+    ----------
+    shape : Shape
+        The shape at its reference position; no union.
+    centre, radius : (3,) array, float
+        A ball [length]: surfaces without an end are cut off outside of it.
+
+    Raises
+    ------
+    TypeError
+        For another shape.
+    """
+    if isinstance(shape, ClosedSurface):
+        return shape.points, shape.triangles
+    if isinstance(shape, Plane):
+        n = np.asarray(shape.normal) / np.linalg.norm(shape.normal)
+        foot = centre - n * ((centre - shape.point) @ n)
+        a, b = _across(n)
+        corners = [foot + radius * (i * a + j * b) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
+    if isinstance(shape, Box):
+        return _box(shape)
+    if isinstance(shape, Sphere):
+        up = np.array([0.0, 0.0, 1.0])
+        return _revolved(np.asarray(shape.center), up, *_arc(shape.radius, 0.0))
+    if isinstance(shape, Capsule | Cylinder):
+        start, end = np.asarray(shape.start, float), np.asarray(shape.end, float)
+        length = float(np.linalg.norm(end - start))
+        axis = (end - start) / length
+        if isinstance(shape, Capsule):
+            return _revolved(start, axis, *_arc(shape.radius, length))
+        r, caps = shape.radius, np.array([0.0, 1.0, 1.0, 0.0])
+        if not shape.infinite:
+            return _revolved(start, axis, length * np.array([0.0, 0.0, 1.0, 1.0]), r * caps)
+        start = start + axis * ((centre - start) @ axis - radius)
+        return _revolved(start, axis, np.array([0.0, 2 * radius]), np.array([r, r]))
+    raise TypeError(f"no triangles of a {type(shape).__name__}")
+
+
+def _arc(radius: float, length: float) -> tuple[Array, Array]:
+    """Return heights and radii of a capsule's profile, from pole to pole."""
+    angle = np.linspace(-0.5, 0.5, _CIRCLE // 2 + 2) * np.pi  # an even number of points
+    height = radius * np.sin(angle)
+    return np.where(angle > 0, height + length, height), radius * np.cos(angle)
+
+
+def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple[Array, Triangles]:
+    """Return the surface of a profile (heights and radii) that turns about an axis."""
+    a, b = _across(axis)
+    angle = 2 * np.pi * np.arange(_CIRCLE) / _CIRCLE
+    around = np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b
+    points = origin + height[:, None, None] * axis + radius[:, None, None] * around
+    i, j = (k.ravel() for k in np.indices((len(height) - 1, _CIRCLE)))
+    corner = [
+        _CIRCLE * (i + di) + (j + dj) % _CIRCLE for di, dj in ((0, 0), (0, 1), (1, 1), (1, 0))
+    ]
+    p, q, r, s = corner
+    triangles = np.concatenate([np.stack([p, q, r], 1), np.stack([p, r, s], 1)])
+    x = points.reshape(-1, 3)
+    edges = x[triangles[:, 1:]] - x[triangles[:, :1]]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    return x, triangles[area > 1e-12 * area.max()]  # without those at the poles
+
+
+def _box(box: Any) -> tuple[Array, Triangles]:
+    """Return corners and triangles of a box."""
+    from scipy.spatial.transform import Rotation
+
+    unit = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)])
+    turn = Rotation.from_rotvec(box.rotation)
+    points = turn.apply(unit * np.asarray(box.size)) + np.asarray(box.center)
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return points, np.array([[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)])
+
+
+def _across(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that form a right-handed basis with a unit vector."""
+    a = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    a /= np.linalg.norm(a)
+    return a, np.cross(axis, a)

@@ -1,0 +1,1 @@
+"""Meshes: gmsh geometries and files, groups, lattices around shapes, their skin."""

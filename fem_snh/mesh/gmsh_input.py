@@ -1,0 +1,76 @@
+"""Meshes from gmsh on rank 0: of the built-in sources, of files, and of bodies to fill.
+
+Files of users are read in a child process, as gmsh can crash on a damaged one. Only `mesh` and
+`lattice` use this module; `mesh` turns the errors raised here into BadInput on every rank.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from fem_snh import _dolfinx, child_process
+from fem_snh.errors import BadInput, choose
+from fem_snh.files import open_file
+from fem_snh.mesh import gmsh_model
+from fem_snh.mesh.gmsh_model import CELL_KINDS, MeshData, PhysicalGroup
+
+__all__ = ["CELL_KINDS", "MeshData", "PhysicalGroup", "fill", "generate", "read", "source_path"]
+
+#: The first bytes of a mesh; gmsh executes any other text as a script.
+_HEADERS = (b"$MeshFormat", b"$Comments")
+
+
+def source_path(source: str) -> Path:
+    """Return the file meshes/<source>.geo, in the package or beside it.
+
+    Raises
+    ------
+    BadInput
+        For an unknown source.
+    """
+    here = Path(__file__).resolve().parents[1]
+    folders = [here / "meshes", here.parent / "meshes"]
+    known = {p.stem: p for folder in folders for p in sorted(folder.glob("*.geo"))}
+    return known[choose("geometry", source, sorted(known))]
+
+
+def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
+    """Mesh a gmsh source with these values of its parameters, with this kind of cell.
+
+    gmsh executes a source: it must be one of the built-in ones.
+    """
+    arguments = path, cell, parameters
+    if threading.current_thread() is threading.main_thread():
+        return _in_dolfinx_order(gmsh_model.generate(*arguments))
+    # gmsh installs a handler of signals, which Python allows in the main thread only.
+    return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.generate, *arguments))
+
+
+def read(path: str) -> MeshData:
+    """Read a .msh file. Raises BadInput and OSError."""
+    with open_file(path) as file:
+        if not file.read(max(map(len, _HEADERS))).startswith(_HEADERS):
+            raise BadInput("this is not a gmsh .msh file")
+        size = os.fstat(file.fileno()).st_size
+    # gmsh executes the file of options m.msh.opt beside m.msh: there is none in a folder of its own
+    with TemporaryDirectory(prefix="fem_snh-") as folder:
+        link = Path(folder) / "mesh.msh"
+        link.symlink_to(Path(path).resolve())
+        return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.read, str(link), size=size))
+
+
+def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
+    """Fill a closed surface with tetrahedra; see `gmsh_model.fill`."""
+    return _in_dolfinx_order(child_process.call("gmsh", gmsh_model.fill, points, triangles, size))
+
+
+def _in_dolfinx_order(data: MeshData) -> MeshData:
+    """Return a mesh with the nodes of each cell in dolfinx's order instead of gmsh's."""
+    return data._replace(
+        cells=data.cells[:, _dolfinx.gmsh_permutation(data.cell, data.cells.shape[1])]
+    )

@@ -1,0 +1,193 @@
+"""gmsh in this process: mesh a source, read a file or fill a surface.
+
+gmsh runs without output or questions, is always finalised, and Python keeps handling Ctrl-C. A
+child process imports this module to read a file, so it imports neither dolfinx nor MPI.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fem_snh.errors import BadInput, bad_value, unknown_name
+from fem_snh.mesh.skin import NodeCopies, Skin
+
+#: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
+_CELLS = {
+    4: ("tetrahedron", 1, 4),
+    5: ("hexahedron", 1, 8),
+    11: ("tetrahedron", 2, 10),
+    12: ("hexahedron", 2, 27),
+}
+CELL_KINDS = sorted({cell for cell, *_ in _CELLS.values()})
+#: Parameter of every source in meshes/: 1 for tetrahedra, 0 for hexahedra.
+_TETRAHEDRA = "tets"
+
+
+class PhysicalGroup(NamedTuple):
+    """A physical group, by the numbers of cells and nodes in `MeshData`.
+
+    Attributes
+    ----------
+    name, dim, tag : str, int, int
+        As in `fem_snh.mesh.mesh.Group`.
+    entities : (n,) or (n, corners) int64
+        Cells, for dimension 3; otherwise the corner nodes of each element.
+    """
+
+    name: str
+    dim: int
+    tag: int
+    entities: np.ndarray
+
+
+class MeshData(NamedTuple):
+    """A mesh as rank 0 gets it from gmsh.
+
+    Attributes
+    ----------
+    cells : (cells, nodes per cell) int64
+        Rows of ``x``; their nodes are in gmsh's order here, and in dolfinx's elsewhere.
+    x : (nodes, 3)
+        Coordinates [m].
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of cell.
+    degree : int
+        Degree of the geometry, 1 or 2.
+    groups : list of PhysicalGroup
+        The physical groups.
+    fractions : (cells,) array or None
+        Of a lattice, the part of each cell's volume that the body fills.
+    skin : Skin or None
+        Of a lattice, the surface of the body.
+    copies : NodeCopies or None
+        Of a lattice, nodes at which other parts of the body lie than those of their cells.
+    """
+
+    cells: np.ndarray
+    x: np.ndarray
+    cell: str
+    degree: int
+    groups: list[PhysicalGroup]
+    fractions: np.ndarray | None = None
+    skin: Skin | None = None
+    copies: NodeCopies | None = None
+
+
+@contextmanager
+def _session() -> Iterator[Any]:
+    """Provide the gmsh module, initialised and without output; finalise it in any case."""
+    # gmsh installs a handler of its own: 4.8 on import, later versions on initialize.
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:
+        raise BadInput(f"gmsh's Python module cannot be used: {error}") from None
+    gmsh.initialize(readConfigFiles=False)
+    try:
+        signal.signal(signal.SIGINT, handler)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.ExpertMode", 1)  # no questions on standard input
+        gmsh.onelab.clear()  # parameters survive finalize
+        yield gmsh
+    finally:
+        gmsh.finalize()
+        signal.signal(signal.SIGINT, handler)
+
+
+def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
+    """Mesh a gmsh source with these values of its parameters, with this kind of cell."""
+    with _session() as gmsh:
+        gmsh.open(str(path))  # defines the parameters; opened again with their values below
+        known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != _TETRAHEDRA]
+        gmsh.onelab.setNumber(_TETRAHEDRA, [float(cell == "tetrahedron")])
+        for name, value in parameters.items():
+            if name not in known:
+                raise unknown_name("parameter", name, known)
+            if not isfinite(value):
+                raise bad_value(name, value, "a finite number")
+            gmsh.onelab.setNumber(name, [float(value)])
+        gmsh.clear()
+        gmsh.open(str(path))
+        gmsh.model.mesh.generate(3)
+        return _extract(gmsh)
+
+
+def read(path: str) -> MeshData:
+    """Read a .msh file, which must be alone in its folder: gmsh executes ``<path>.opt``."""
+    with _session() as gmsh:
+        gmsh.merge(path)
+        return _extract(gmsh)
+
+
+def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
+    """Fill a closed surface with tetrahedra, whose facets on the boundary are its triangles.
+
+    Parameters
+    ----------
+    points, triangles : (n, 3) array, (m, 3) int array
+        The surface.
+    size : float
+        Length of the edges inside [length].
+    """
+    with _session() as gmsh:
+        model = gmsh.model
+        surface = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, surface, np.arange(1, len(points) + 1), points.ravel())
+        model.mesh.addElementsByType(surface, 2, [], triangles.ravel() + 1)
+        volume = model.geo.addVolume([model.geo.addSurfaceLoop([surface])])
+        model.geo.synchronize()
+        for dim, tag, name in ((3, volume, "body"), (2, surface, "boundary")):
+            model.setPhysicalName(dim, model.addPhysicalGroup(dim, [tag]), name)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        model.mesh.generate(3)
+        model.mesh.optimize("")
+        return _extract(gmsh)
+
+
+def _extract(gmsh: Any) -> MeshData:
+    """Return the volume cells and the physical groups of gmsh's current model."""
+    mesh = gmsh.model.mesh
+    types, cell_tags, cell_nodes = mesh.getElements(3)
+    if not len(types):
+        raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
+    if len(types) > 1 or types[0] not in _CELLS:
+        names = " and ".join(mesh.getElementProperties(t)[0] for t in types)
+        raise BadInput(f"it has cells {names}: all must be tetrahedra, or all hexahedra, order 1-2")
+    kind, degree, size = _CELLS[types[0]]
+    # Drop nodes without a cell (centres of arcs); gmsh's node numbers may have gaps.
+    used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)
+    cells = cells.reshape(-1, size)
+    # Format 2.2 repeats a cell for each of its physical groups.
+    _, first, row = np.unique(np.sort(cells), axis=0, return_index=True, return_inverse=True)
+    row_of_tag = dict(zip(cell_tags[0].tolist(), row.ravel().tolist(), strict=True))
+    cells = cells[first]
+
+    groups = []
+    for dim, tag in gmsh.model.getPhysicalGroups():
+        corners = dim + 1 if kind == "tetrahedron" else 2**dim
+        parts: list[np.ndarray] = []
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            for kind_number, tags, nodes in zip(*mesh.getElements(dim, entity), strict=True):
+                if dim == 3:
+                    parts.append(np.array([row_of_tag[t] for t in tags.tolist()], dtype=np.int64))
+                    continue
+                _, _, _, count, _, primary = mesh.getElementProperties(kind_number)
+                if primary == corners:  # other shapes cannot be faces of these cells
+                    nodes = np.asarray(nodes, dtype=np.int64).reshape(-1, count)[:, :corners]
+                    nodes = nodes[np.isin(nodes, used).all(axis=1)]
+                    parts.append(np.searchsorted(used, nodes))
+        empty = np.empty(0 if dim == 3 else (0, corners), dtype=np.int64)
+        name = gmsh.model.getPhysicalName(dim, tag) or str(tag)
+        groups.append(PhysicalGroup(name, dim, tag, np.concatenate([empty, *parts])))
+
+    tags, x, _ = mesh.getNodes()
+    order = np.argsort(tags)
+    x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
+    return MeshData(cells, x, kind, degree, groups)

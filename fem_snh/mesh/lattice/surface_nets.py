@@ -1,0 +1,146 @@
+"""The surface of a shape as triangles, from its signed distance on a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.errors import bad_value
+from fem_snh.geometry.shapes import Shape
+from fem_snh.mesh.lattice.grid import Array, Grid, Integers, cells_of_box
+from fem_snh.mesh.lattice.parts import CORNERS
+
+Triangles = npt.NDArray[np.int32]
+
+#: Distance, in cubes, below which a grid point counts as outside: rounding error, so that a face of
+#: a box on the side of the grid has cubes on both sides of each edge that it cuts.
+_ON_SURFACE = 1e-9
+#: Newton steps that bring the points onto the surface, whose error they square.
+_STEPS = 2
+#: The edges of a cube as pairs of corners: four along x, along y, along z.
+_EDGES = np.array([(v, v | 1 << a) for a in range(3) for v in range(8) if not v >> a & 1])
+
+
+def _loops() -> Integers:
+    """Return which loop of the surface cuts each edge of a cube, (256, 12), -1 for none.
+
+    The row is the sum of 2^v over the corners v that are inside. Edges are in one loop if the
+    surface connects them on a face of the cube; on a face with two opposite corners inside it
+    goes around each of them, from both sides of the face alike.
+    """
+    table = np.full((256, 12), -1, dtype=np.int64)
+    faces = [{v for v in range(8) if v >> a & 1 == side} for a in range(3) for side in (0, 1)]
+    for case in range(256):
+        inside = {v for v in range(8) if case >> v & 1}
+        cut = [e for e, (v, w) in enumerate(_EDGES) if (v in inside) != (w in inside)]
+        loop = {e: e for e in cut}
+        for face in faces:
+            on_face = [e for e in cut if face.issuperset(_EDGES[e].tolist())]
+            groups = [on_face]
+            if len(on_face) == 4:
+                groups = [[e for e in on_face if v in _EDGES[e]] for v in face & inside]
+            for first, *others in filter(None, groups):
+                for e in others:
+                    old = loop[e]
+                    loop = {k: loop[first] if m == old else m for k, m in loop.items()}
+        for number, name in enumerate(dict.fromkeys(loop.values())):
+            table[case, [e for e, m in loop.items() if m == name]] = number
+    return table
+
+
+def triangulate(
+    shape: Shape, grid: Grid, cells: Integers, divisions: int
+) -> tuple[Array, Triangles]:
+    """Return points (n, 3) and triangles (m, 3) of a shape's surface, with outward normals.
+
+    Each cell of the grid is divided into cubes. A cube has a point for each loop of the surface in
+    it; the points around each edge that the surface cuts form two triangles. So the surface is
+    closed, and parts of it that pass through one cube do not touch.
+
+    Parameters
+    ----------
+    shape : Shape
+        The solid.
+    grid : Grid
+        The grid.
+    cells : (k, 3) int array
+        The cells of the grid that the surface may pass through.
+    divisions : int
+        Cubes along an edge of a cell.
+
+    Raises
+    ------
+    BadInput
+        If no corner of a cube is inside.
+
+    References
+    ----------
+    Gibson 1998, Constrained elastic surface nets; Nielson 2004, Dual marching cubes.
+    """
+    edge = grid.size / divisions
+    within = cells_of_box(np.zeros(3, np.int64), np.full(3, divisions))
+    cubes: Integers = (divisions * cells[:, None] + within).reshape(-1, 3)
+    fine = Grid(grid.origin, edge, divisions * grid.shape)
+    grid_points = (cubes[:, None] + CORNERS).reshape(-1, 3)
+    corner: Integers
+    _, first, corner = np.unique(fine.key(grid_points), return_index=True, return_inverse=True)
+    grid_points = grid_points[first]
+    distance = shape.distance(grid.origin + edge * grid_points)
+    corner = corner.reshape(-1, 8)
+    case = (distance[corner] < -_ON_SURFACE * edge) @ (1 << np.arange(8))
+    cut = np.flatnonzero((case > 0) & (case < 255))
+    if not len(cut):
+        raise bad_value("skin", divisions, "a larger number: the body is thinner than its cubes")
+    cubes, corner, loops = cubes[cut], corner[cut], _loops()[case[cut]]
+    order = np.argsort(fine.key(cubes))
+    cubes, corner, loops = cubes[order], corner[order], loops[order]
+
+    number = np.concatenate([[0], np.cumsum(loops.max(axis=1) + 1)])
+    vertex = np.where(loops < 0, -1, number[:-1, None] + loops)  # of each edge of each cube
+    a, b = np.moveaxis(distance[corner][:, _EDGES], 2, 0)
+    t = np.divide(a, a - b, out=np.zeros_like(a), where=loops >= 0)
+    start, end = np.moveaxis((cubes[:, None] + CORNERS)[:, _EDGES], 2, 0)
+    crossing = start + t[:, :, None] * (end - start)
+    on = vertex >= 0
+    sums = [np.bincount(vertex[on], weights=crossing[on][:, i]) for i in range(3)]
+    points = np.stack(sums, axis=1) / np.bincount(vertex[on])[:, None]
+    home = np.repeat(cubes, np.diff(number), axis=0)
+    x = _on_surface(shape, grid.origin + edge * points, grid.origin + edge * home, edge)
+    return x, _triangles(fine, cubes, vertex, distance[corner] < -_ON_SURFACE * edge, x)
+
+
+def _on_surface(shape: Shape, x: Array, low: Array, edge: float) -> Array:
+    """Return the points (n, 3), moved along the gradient to the surface within their cubes."""
+    for _ in range(_STEPS):
+        d, g, _ = shape.evaluate(x)
+        square = np.einsum("ni,ni->n", g, g)
+        step = np.divide(d, square, out=np.zeros_like(d), where=square > 0)
+        x = np.clip(x - step[:, None] * g, low, low + edge)
+    return x
+
+
+def _triangles(
+    grid: Grid, cubes: Integers, vertex: Integers, inside: npt.NDArray[np.bool_], x: Array
+) -> Triangles:
+    """Return the triangles around the cut edges of the grid, from each edge's four cubes."""
+    keys, found = grid.key(cubes), []
+    for axis in range(3):
+        b, c = np.eye(3, dtype=np.int64)[[(axis + 1) % 3, (axis + 2) % 3]]
+        e = 4 * axis  # the edge from corner 0: the cube is the highest of the four around it
+        mine = np.flatnonzero(vertex[:, e] >= 0)
+        ring = []
+        for step in (b + c, c, 0 * b, b):
+            row = np.searchsorted(keys, grid.key(cubes[mine] - step))
+            v = int(step @ np.array([1, 2, 4]))
+            local = e + int(np.flatnonzero(_EDGES[e : e + 4, 0] == v)[0])
+            ring.append(vertex[row, local])
+        quads = np.stack(ring, axis=1)
+        upward = inside[mine, 0]
+        quads[~upward] = quads[~upward, ::-1]
+        found.append(quads)
+    p, q, r, s = np.concatenate(found).T
+    short = np.linalg.norm(x[p] - x[r], axis=1) <= np.linalg.norm(x[q] - x[s], axis=1)
+    first = np.where(short[:, None], np.stack([p, q, r], 1), np.stack([p, q, s], 1))
+    second = np.where(short[:, None], np.stack([p, r, s], 1), np.stack([q, r, s], 1))
+    triangles: Triangles = np.concatenate([first, second]).astype(np.int32)
+    return triangles

@@ -1,0 +1,221 @@
+"""Meshes from gmsh sources and .msh files, distributed over the ranks with their physical groups.
+
+gmsh runs on rank 0 only; its errors become BadInput on every rank. Groups are located by the corner
+nodes of their elements, so they may have any dimension and may overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.errors import BadInput, choose, nearest, on_root
+from fem_snh.mesh import gmsh_input
+from fem_snh.mesh.mesh_checks import check_geometry
+from fem_snh.mesh.skin import NodeCopies, Skin
+
+#: Names of the dimensions 0 to 3 in `Group.label`.
+DIMENSIONS = ("point", "curve", "surface", "volume")
+#: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
+_VOLUME_DEGREE = 5
+
+
+@dataclass(frozen=True)
+class Group:
+    """A gmsh physical group on one rank.
+
+    Attributes
+    ----------
+    name : str
+        gmsh's name, or the number if it has none.
+    dim : int
+        0 point, 1 curve, 2 surface, 3 volume.
+    tag : int
+        gmsh's number, unique among the groups of this dimension.
+    entities : (n,) int32
+        Sorted local numbers of the group's mesh entities on this rank, ghosts included.
+    count : int
+        Number of its entities on all ranks, each counted once.
+    """
+
+    name: str
+    dim: int
+    tag: int
+    entities: np.ndarray
+    count: int
+
+    @property
+    def label(self) -> str:
+        """Dimension and name, e.g. ``surface:left``; `Mesh.group` accepts it."""
+        return f"{DIMENSIONS[self.dim]}:{self.name}"
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A distributed mesh with its physical groups.
+
+    Attributes
+    ----------
+    domain : dolfinx Mesh
+    cell : {"hexahedron", "tetrahedron"}
+    groups : tuple of Group
+    num_cells : int
+        Number of cells on all ranks.
+    fractions : (local cells,) array or None
+        Of a lattice, the part of each cell that the body fills, ghosts included; None: all of it.
+    skin : Skin or None
+        Of a lattice, the surface of the body, which its cells carry.
+    copies : NodeCopies or None
+        Of a lattice, nodes at which other parts of the body lie than those of their cells.
+    """
+
+    domain: Any
+    cell: str
+    groups: tuple[Group, ...]
+    num_cells: int
+    fractions: np.ndarray | None = None
+    skin: Skin | None = None
+    copies: NodeCopies | None = None
+
+    def group(self, key: str | int) -> Group:
+        """Return the physical group with this name, number or label.
+
+        Parameters
+        ----------
+        key : str or int
+            For example "left", 3 or "surface:left". A name takes precedence over a number.
+
+        Raises
+        ------
+        BadInput
+            On every rank: no such group, several (the label then distinguishes them), or a group
+            without entities in the volume mesh.
+        """
+        found = [g for g in self.groups if str(key) in (g.name, str(g.tag), g.label)]
+        found = [g for g in found if str(key) == g.name] or found
+        if not found:
+            known = ", ".join(g.label for g in self.groups) or "none"
+            suggestion = nearest(str(key), [g.name for g in self.groups])
+            raise BadInput(f"no physical group '{key}' in the mesh{suggestion}: it has {known}")
+        if len(found) > 1:
+            options = " or ".join(f"'{g.label}'" for g in found)
+            raise BadInput(f"physical group '{key}' is ambiguous: write {options}")
+        if found[0].count == 0:
+            raise BadInput(f"physical group '{key}' has no part in the mesh of the volume")
+        return found[0]
+
+
+def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mesh:
+    """Mesh a geometry of the meshes folder. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator over which the mesh is distributed.
+    source : str
+        Name of a file meshes/<source>.geo, e.g. "cube".
+    cell : {"hexahedron", "tetrahedron"}
+        Kind of cell.
+    **parameters : float
+        Values of the source's DefineConstant parameters, e.g. cells=15.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown source or parameter, or if gmsh fails.
+    """
+    choose("cell", cell, gmsh_input.CELL_KINDS)
+    path = on_root(comm, gmsh_input.source_path, source)
+    return distribute(comm, f"geometry '{source}'", gmsh_input.generate, path, cell, parameters)
+
+
+def read(comm: MPI.Comm, path: str | Path) -> Mesh:
+    """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
+
+    All volume cells belong to the mesh, whether in a physical group or not.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if the file cannot be read, or has no volume cells, cells of another kind or
+        of several kinds, or a geometry that `check_geometry` refuses.
+    """
+    return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
+
+
+def volume(domain: Any) -> float:
+    """Return the volume of a dolfinx mesh [m^3]. Collective."""
+    return float(domain.comm.allreduce(point_volumes(domain).sum()))
+
+
+def cell_volumes(domain: Any) -> np.ndarray:
+    """Return the volume of each cell [m^3], (owned cells,)."""
+    volumes: np.ndarray = point_volumes(domain).sum(axis=1)
+    return volumes
+
+
+def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE) -> np.ndarray:
+    """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
+    points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
+    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
+    products: np.ndarray = np.abs(np.linalg.det(T)) * weights
+    return products
+
+
+def distribute(
+    comm: MPI.Comm, what: str, make: Callable[..., gmsh_input.MeshData], *args: Any
+) -> Mesh:
+    """Call ``make(*args)`` on rank 0, distribute its cells, and locate its groups on every rank."""
+    kept: list[gmsh_input.MeshData] = []
+
+    def make_on_root() -> tuple[gmsh_input.MeshData, int]:
+        try:
+            data = make(*args)
+        except OSError as error:
+            raise BadInput(f"{what} cannot be read: {error.strerror or error}") from None
+        except BadInput as error:
+            raise BadInput(f"{what}: {error}") from None
+        except Exception as error:  # gmsh raises bare Exception; the other ranks wait for a result
+            who = "gmsh" if type(error) is Exception else type(error).__name__
+            reason = " ".join(str(error).split()) or "failed without a reason, as without memory"
+            raise BadInput(f"{what}: {who}: {reason}") from None
+        kept.append(data)
+        return data._replace(cells=data.cells[:0], x=data.x[:0]), len(data.cells)
+
+    common, num_cells = on_root(comm, make_on_root)
+    data = kept[0] if kept else common  # all ranks get the groups, only rank 0 the cells
+    domain = _dolfinx.create_mesh(comm, data.cells, data.x, common.cell, common.degree)
+    check_geometry(domain, what, may_overlap=common.skin is not None)
+    groups = tuple(_locate(domain, group) for group in common.groups)
+    fractions = common.fractions
+    fractions = None if fractions is None else fractions[_dolfinx.input_cells(domain)]
+    return Mesh(domain, common.cell, groups, num_cells, fractions, common.skin, common.copies)
+
+
+def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
+    """Find the group's entities on this rank. Collective."""
+    if group.dim == 3:
+        local = np.isin(_dolfinx.input_cells(domain), group.entities)
+    else:
+        local = _rows_in(_dolfinx.input_vertices(domain, group.dim), group.entities)
+    owned = _dolfinx.num_owned(domain, group.dim)
+    count = domain.comm.allreduce(int(local[:owned].sum()))
+    entities = np.flatnonzero(local).astype(np.int32)
+    return Group(group.name, group.dim, group.tag, entities, count)
+
+
+def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return which of the rows (n, k) hold the same numbers, in any order, as a row of wanted."""
+    found: np.ndarray = np.all(np.isin(rows, wanted), axis=1)  # leaves few to compare row by row
+    both = np.sort(np.concatenate([wanted, rows[found]]), axis=1)
+    label = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    found[found] = np.isin(label[len(wanted) :], label[: len(wanted)])
+    return found

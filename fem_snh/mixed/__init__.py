@@ -1,0 +1,1 @@
+"""Unknown pressures: saddle-point problems and their approximate Schur complements."""

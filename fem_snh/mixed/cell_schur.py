@@ -1,0 +1,127 @@
+r"""The Schur complement of pressures that are constant in each cell.
+
+A mass matrix, as for Taylor-Hood elements, is not spectrally equivalent to
+:math:`B H^{-1} B^T`: pressures that nearly alternate from cell to cell (Q1P0), or that the nodes
+of P2 do not see (P2P0), have B^T p close to zero, the more so the finer the mesh. The sparse
+
+.. math::
+
+    \tilde S = B D^{-1} B^T + C + N, \quad D = \mathrm{diag}(H),
+
+has the same small eigenvalues, as B^T p is then a load of short wavelength, for which H is close to
+a multiple of D. Where p is smooth, :math:`B D^{-1} B^T` is too small; N is the mass matrix of the
+mean of the pressure around each node, which vanishes where the pressure alternates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh._petsc import aij_blocks, nonzero_state
+from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
+from fem_snh.mixed.pressure_masses import PressureMasses
+
+#: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
+#: (docs/results/elements_cell_pressures.md).
+_SCALE = 0.75
+#: Mean change of ln D from which S is computed again. With 0.1 the linear solves take as many
+#: iterations as with 0, and S is computed once in three (docs/results/elements_cell_pressures.md).
+_CHANGE = 0.1
+
+
+class CellSchur:
+    """The approximation of the Schur complement, as a negative definite matrix. Collective.
+
+    Parameters
+    ----------
+    A : PETSc.Mat
+        The matrix of displacement and pressure; its pattern is read here, its values by `update`.
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the unknowns of each field.
+    masses : PressureMasses
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        The approximation; before the first `update` it is that of smooth pressures alone.
+    """
+
+    def __init__(
+        self, A: PETSc.Mat, index_sets: Mapping[str, PETSc.IS], masses: PressureMasses
+    ) -> None:
+        self._sets, self._diagonal = index_sets, Diagonal()
+        self._D: np.ndarray | None = None  # that of the present approximation
+        self._sums = _SCALE * masses.shear_compliance.diagonal / (2 + masses.lambda_over_mu)
+        self._set_pattern(A)
+        self.matrix = self._N.copy()
+        self._add_to_diagonal(self._sums)
+        self.matrix.scale(-1.0)
+
+    def begin_step(self) -> None:
+        """Make the next `update` unconditional: a step does not depend on those before it."""
+        self._D = None
+
+    def update(self, A: PETSc.Mat) -> None:
+        """Adapt the approximation to a matrix where its diagonal has changed. Collective."""
+        if self._B.pattern != nonzero_state(A):
+            self._set_pattern(A)  # the pressures' part is the same
+            self._D = None
+        diagonal = self._diagonal.values(A)
+        num_u = self._B_transposed.matrix.getLocalSize()[0]
+        D = np.abs(diagonal[:num_u])
+        if self._D is not None and _change(A.comm.tompi4py(), self._D, D) < _CHANGE:
+            return
+        self._D = D
+        B, B_transposed = self._B.matrix, self._B_transposed.matrix
+        for block in (self._B, self._B_transposed):
+            block.update(A)
+        inverse = B_transposed.createVecLeft()
+        inverse.array[:] = 1 / D
+        B_transposed.diagonalScale(L=inverse)
+        B.matMult(B_transposed, result=self._product)
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        self._product.copy(self.matrix, same)
+        self.matrix.axpy(1.0, self._N, same)
+        self._add_to_diagonal(-diagonal[num_u:])  # the block of the pressures is -C
+        self.matrix.scale(-1.0)
+
+    def _add_to_diagonal(self, values: np.ndarray) -> None:
+        diagonal = self.matrix.createVecLeft()
+        diagonal.array[:] = values
+        self.matrix.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD)
+
+    def _set_pattern(self, A: PETSc.Mat) -> None:
+        """Create N and the matrices that `update` computes."""
+        self._B, self._B_transposed = (
+            Submatrix(A, self._sets, *fields) for fields in (("p", "u"), ("u", "p"))
+        )
+        # A pressure's mean around a node is the mean over the cells that have the node.
+        mean, mean_transposed = self._B.matrix, self._B_transposed.matrix
+        for matrix in (mean, mean_transposed):
+            with aij_blocks(matrix) as blocks:
+                for block in blocks:
+                    block.array()[:] = 1.0
+        cells_of_nodes, ones = mean_transposed.createVecLeft(), mean_transposed.createVecRight()
+        ones.set(1.0)
+        mean_transposed.mult(ones, cells_of_nodes)
+        cells_of_nodes.reciprocal()
+        mean_transposed.diagonalScale(L=cells_of_nodes)
+        self._N = mean.matMult(mean_transposed)
+        sums = self._N.createVecLeft()
+        self._N.mult(ones, sums)
+        sums.array[:] = np.sqrt(self._sums / sums.array_r)
+        self._N.diagonalScale(sums, sums)
+        self._product = mean.matMult(mean_transposed)
+
+
+def _change(comm: MPI.Intracomm, before: np.ndarray, after: np.ndarray) -> float:
+    """Return the mean of ``|ln(after/before)|`` on all ranks; NaN or infinity for zeros."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = np.abs(np.log(after / before)).sum()
+    total, count = comm.allreduce(np.array([total, len(after)]))
+    return float(total / count)

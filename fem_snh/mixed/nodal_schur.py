@@ -1,0 +1,109 @@
+r"""The Schur complement of pressures that are continuous: weighted mass matrices.
+
+By the inf-sup condition :math:`B H^{-1} B^T` is spectrally equivalent to the mass matrix divided by
+the shear modulus, for any Poisson's ratio. The weights follow constraints and strains.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh._petsc import aij_blocks, nonzero_state
+from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.matrix_parts import Diagonal
+from fem_snh.mixed.pressure_masses import PressureMasses
+
+#: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
+#: right, but at clamped boundaries and large strains it is too small, which costs more iterations
+#: than an approximation that is too large (docs/results/elements_taylor_hood.md).
+_SCALE = 1.5
+
+
+class NodalSchur:
+    """The approximation of the Schur complement, as a negative definite matrix. Collective.
+
+    Parameters
+    ----------
+    masses : PressureMasses
+    num_u : int
+        Unknowns of the displacement that this rank owns, the first of its rows.
+
+    Attributes
+    ----------
+    matrix : PETSc.Mat
+        The approximation; before the first `update` it is the mass matrix with the coefficient
+        -(1/mu + 1/U''(1)) [m^3/Pa].
+    """
+
+    def __init__(self, masses: PressureMasses, num_u: int) -> None:
+        self._masses, self._num_u, self._diagonal = masses, num_u, Diagonal()
+        self._halo: tuple[tuple[int, int], Halo] | None = None
+        self.matrix = masses.shear_compliance.matrix.copy()
+        self.matrix.scale(-masses.shear_compliance.scale)
+        self._subtract_volume_compliance()
+
+    def update(self, A: PETSc.Mat) -> None:
+        r"""Scale the approximation by the local compliance of the displacement. Collective.
+
+        Constrained nodes and large strains reduce :math:`B H^{-1} B^T` locally. The scaling uses
+
+        .. math:: d = \mathrm{diag}(B D^{-1} B^T) / \mathrm{diag}(M), \quad D = \mathrm{diag}(H)
+
+        (as in the SIMPLE method), with the mass matrix M of coefficient 1/mu. In the interior of an
+        unstrained region d is constant, and :math:`B H^{-1} B^T = M / (2 + \lambda_{local}/\mu)`.
+        With s = d / (2 mean d) and lambda_local in parallel, the factor of M is ``_SCALE`` times
+        s / (1 + s lambda_local/mu), which is that value at s = 1/2. Without a free node s is 1/2.
+
+        Parameters
+        ----------
+        A : PETSc.Mat
+            The assembled Hessian.
+        """
+        d = self._diagonal_of_schur_complement(A)
+        shear = self._masses.shear_compliance
+        mass = shear.matrix.getDiagonal().array_r
+        sums = A.comm.tompi4py().allreduce(np.array([d.sum(), mass.sum()]))
+        s = d / mass * sums[1] / (2 * sums[0]) if sums[0] else np.full(len(d), 0.5)
+        ratio = self._masses.lambda_over_mu
+        factor = _SCALE * s / (1 + s * ratio)
+        root = shear.matrix.createVecLeft()
+        root.array[:] = np.sqrt(factor)
+        shear.matrix.copy(self.matrix)
+        self.matrix.diagonalScale(root, root)
+        self.matrix.scale(-shear.scale)
+        self._subtract_volume_compliance()
+
+    def _subtract_volume_compliance(self) -> None:
+        """Subtract C at rest."""
+        same, volume = PETSc.Mat.Structure.SAME_NONZERO_PATTERN, self._masses.volume_compliance
+        self.matrix.axpy(-volume.scale, volume.matrix, same)
+
+    def _diagonal_of_schur_complement(self, A: PETSc.Mat) -> np.ndarray:
+        """(owned pressures,) diag(B D^-1 B^T)."""
+        num_u, local = self._num_u, self._diagonal.values(A)
+        local[:num_u] = 1 / np.abs(local[:num_u])
+        local[num_u:] = 0.0  # of C
+        d = np.zeros(len(local) - num_u)
+        with aij_blocks(A, read_only=True) as blocks:
+            for k, block in enumerate(blocks):
+                weight = local
+                if k:
+                    halo = self._halo_of(A, block.ghosts)
+                    halo.exchange(local)
+                    weight = halo.ghosts.ravel()
+                start, column = block.csr()
+                entries, length = slice(start[num_u], start[-1]), np.diff(start[num_u:])
+                terms = block.array()[entries] ** 2 * weight[column[entries]]
+                filled = length > 0
+                if filled.any():
+                    d[filled] += np.add.reduceat(terms, start[num_u:-1][filled] - start[num_u])
+        return d
+
+    def _halo_of(self, A: PETSc.Mat, ghosts: np.ndarray) -> Halo:
+        """Return the exchange of one value for each ghost column of the pattern. Collective."""
+        if self._halo is None or self._halo[0] != nonzero_state(A):
+            comm, first = A.comm.tompi4py(), A.getOwnershipRanges()
+            self._halo = nonzero_state(A), Halo(comm, first, ghosts, 1, np.float64)
+        return self._halo[1]

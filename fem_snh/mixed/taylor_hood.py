@@ -1,0 +1,123 @@
+r"""The saddle-point problem of a Taylor-Hood element, as a solver needs to know it.
+
+With the pressure as an unknown, the energy is minimal in the displacement and maximal in the
+pressure. Its Hessian, with U* the conjugate of the volume term U(J), is
+
+.. math::
+
+    A = \begin{pmatrix} H & B^T \\ B & -C \end{pmatrix},
+    \qquad C_{ij} = \int \frac{q_i q_j}{U''} \, \mathrm{d}V .
+
+The block preconditioner replaces the Schur complement :math:`-(B H^{-1} B^T + C)` by an
+approximation: `NodalSchur` for continuous pressures, `CellSchur` for cell pressures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.unknowns import DisplacementPressure
+from fem_snh.mixed.cell_schur import CellSchur
+from fem_snh.mixed.nodal_schur import NodalSchur
+from fem_snh.mixed.pressure_masses import PressureMasses
+from fem_snh.terms.elastic import Part
+
+
+class SaddlePoint:
+    """The pressure block of a saddle-point problem and an approximation of its Schur complement.
+
+    Parameters
+    ----------
+    unknowns : DisplacementPressure
+        Displacement and pressure.
+    parts : sequence of Part
+        The body's materials, with the energies that the element evaluates.
+    pressure_scale : float
+        Unit of the pressure unknown [Pa/m].
+    A : PETSc.Mat
+        The problem's matrix, of which the pattern is read.
+
+    Attributes
+    ----------
+    index_sets : dict of PETSc.IS
+        {"u": IS, "p": IS}, the global dofs of each field.
+    Q : dolfinx function space
+        The pressure's space.
+    unit : float
+        Unit of the pressure unknown [Pa/m].
+    """
+
+    def __init__(
+        self,
+        unknowns: DisplacementPressure,
+        parts: Sequence[Part],
+        pressure_scale: float,
+        A: PETSc.Mat,
+    ) -> None:
+        self._unknowns, self.unit, self._A = unknowns, pressure_scale, A
+        self.index_sets, self.Q = unknowns.index_sets, unknowns.Q
+        self._masses = PressureMasses(self.Q, parts, pressure_scale)
+
+    @property
+    def cell_pressures(self) -> bool:
+        """Whether the pressure is constant in each cell."""
+        return _dolfinx.degree(self.Q) == 0
+
+    def pressure_dofs(self, x: PETSc.Vec) -> np.ndarray:
+        """Return a view of the pressure dofs that this rank owns in ``x``, in the unit of ``x``."""
+        return self._unknowns.pressure_dofs(x)
+
+    def pressure(self) -> np.ndarray:
+        """Return the nodal pressures [Pa], ghosts included, of the vector evaluated last.
+
+        This is U'(J), positive in tension. It excludes the mean stress of the part of lambda that
+        `fem_snh.materials.volume_split` leaves to the displacement.
+        """
+        return self.unit * local_values(self._unknowns.pressure)
+
+    @property
+    def schur_approximation(self) -> PETSc.Mat:
+        """An approximation of the Schur complement, negative definite."""
+        return self._schur.matrix
+
+    def update_schur_approximation(self, A: PETSc.Mat) -> None:
+        """Adapt the approximation to the assembled Hessian. Collective."""
+        self._schur.update(A)
+
+    def begin_step(self) -> None:
+        """Keep nothing of the approximation from the last step: a resumed run takes its path."""
+        if isinstance(self._schur, CellSchur):
+            self._schur.begin_step()
+
+    @cached_property
+    def _schur(self) -> NodalSchur | CellSchur:
+        if self.cell_pressures:
+            return CellSchur(self._A, self.index_sets, self._masses)
+        return NodalSchur(self._masses, self.index_sets["u"].getLocalSize())
+
+    @cached_property
+    def inverse_lumped_mass(self) -> np.ndarray:
+        """(owned pressures,) inverse of the lumped mass matrix, in the units of ``x`` and residual.
+
+        The square of the pressure residual, weighted by it, is the square of a volume error [m^3].
+        """
+        ones, sums = self._masses.plain.createVecs()
+        ones.set(1.0)
+        self._masses.plain.mult(ones, sums)
+        return 1 / np.asarray(sums.array_r)
+
+    def pressure_correction(self, residual: PETSc.Vec) -> np.ndarray:
+        """Return C^-1 times the pressure's residual, with C at rest: (owned pressures,).
+
+        For pressures that are constant in each cell, where C is diagonal.
+        """
+        compliance = self._masses.volume_compliance.diagonal
+        correction: np.ndarray = self.pressure_dofs(residual) / compliance
+        return correction

@@ -1,0 +1,1 @@
+"""What a run writes: fields, projections to nodes, series of files, tables."""

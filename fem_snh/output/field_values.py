@@ -1,0 +1,97 @@
+"""The values of output fields at the state of a problem: at points, cells or nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.errors import choose
+from fem_snh.output.point_fields import POINT_FIELDS
+from fem_snh.output.stress_fields import PointState, StressFields
+from fem_snh.output_fields import LOCATIONS, ON_REQUEST
+from fem_snh.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.output.nodal_projection import NodalProjection
+
+Array = npt.NDArray[np.float64]
+
+#: The symmetric tensors of ``POINT_FIELDS``.
+_SYMMETRIC = ("cauchy_stress", "green_lagrange_strain")
+
+
+class FieldValues:
+    """Evaluates the fields of `fem_snh.output_fields.ON_REQUEST`. Its methods are collective.
+
+    Kernels are compiled when a field is first evaluated that needs them, or by `prepare`.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem; fields are those of its vector ``x``.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._projection: NodalProjection | None = None
+
+    def prepare(self, names: Sequence[str]) -> None:
+        """Compile what these fields need."""
+        if set(names) & set(POINT_FIELDS):
+            _ = self._stresses
+
+    def evaluate(self, names: Sequence[str], at: str = LOCATIONS[0]) -> dict[str, Array]:
+        """Return the values of fields.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of fields.
+        at : {"cells", "nodes", "points"}
+            "cells": means over the reference volume of this rank's cells, (cells, ...); "nodes":
+            values of the L2 projection at the displacement's nodes, ghosts included, (nodes, ...);
+            "points": at the quadrature points, (cells, points, ...). ``reaction_force`` is at the
+            nodes always.
+        """
+        for name in names:
+            choose("field", name, ON_REQUEST)
+        choose("at", at, (*LOCATIONS, "points"))
+        wanted = [name for name in names if name in POINT_FIELDS]
+        found = {}
+        if wanted:
+            found = self._located(self._stresses.evaluate(self._problem.x, wanted), at)
+        if "reaction_force" in names:
+            found["reaction_force"] = self._reaction_force()
+        return {name: found[name] for name in names}
+
+    @cached_property
+    def _stresses(self) -> StressFields:
+        return StressFields(self._problem)
+
+    def _located(self, state: PointState, at: str) -> dict[str, Array]:
+        """Return fields of ``POINT_FIELDS`` at points, cells or nodes."""
+        if at == "cells":
+            return {name: state.mean(name) for name in state.values}
+        if at == "points":
+            return state.values
+        if self._projection is None:
+            from fem_snh.output.nodal_projection import NodalProjection  # imports scipy
+
+            self._projection = NodalProjection(self._problem, state.weights)
+        return self._projection.project(state.values, _SYMMETRIC)
+
+    def _reaction_force(self) -> Array:
+        """Return dE/du [N] at constrained dofs and 0 at the others, (nodes, 3)."""
+        problem = self._problem
+        r = problem.x.duplicate()
+        problem.gradient(problem.x, r)
+        force = _dolfinx.create_vector(problem.V)
+        force.array[problem.constrained_dofs] = r.array_r[problem.constrained_dofs]
+        update_ghosts(force)
+        return np.array(local_values(force)).reshape(-1, 3)

@@ -1,0 +1,172 @@
+"""The files of a run for ParaView and PyVista: fields.pvd and modes.pvd with their pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.output_fields import SUMMED
+from fem_snh.problem.problem import Problem
+from fem_snh.run_files import RunFiles
+
+if TYPE_CHECKING:
+    from fem_snh.dynamics.modes import Modes
+    from fem_snh.output.obstacle_series import ObstacleSeries
+    from fem_snh.output.requested_fields import RequestedFields
+    from fem_snh.output.skin_series import SkinSeries
+    from fem_snh.steps.time_steps import TimeSteps
+
+#: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
+SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
+
+
+class Fields:
+    """The time series fields.pvd, with the load as time; in time, with the time [s]. Collective.
+
+    Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
+    the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
+    cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
+    Of a body in a lattice, skin.pvd has the same fields at the points of its surface. If there are
+    obstacles, obstacles.pvd has their surfaces at the same times, where they then are.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    problem : Problem
+        The discretised problem.
+    resumed : bool, optional
+        Keep the states of an existing file up to the problem's load.
+    names : sequence of str, optional
+        Further fields, of `fem_snh.output_fields.ON_REQUEST`.
+    at : {"cells", "nodes"}
+        Where they are written.
+    motion : TimeSteps, optional
+        The time integration of a scene in time.
+    files : RunFiles, optional
+        The run's files.
+
+    Attributes
+    ----------
+    jit_seconds : float
+        Time spent compiling what the further fields need.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        problem: Problem,
+        resumed: bool = False,
+        names: Sequence[str] = (),
+        at: str = "cells",
+        motion: TimeSteps | None = None,
+        files: RunFiles | None = None,
+    ) -> None:
+        #: The time of load 1.
+        self._duration = motion.duration if motion else 1.0
+        constant = _dolfinx.function_space(problem.domain, 0, family="DG")
+        means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
+        self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
+        self._dofs = _dolfinx.node_dofs(constant)[:, 0]
+        self._nodal, self._num_owned = [problem.u], _dolfinx.num_nodes(problem.V)[0]
+        if problem.saddle_point:
+            self._pressure = _dolfinx.function(problem.saddle_point.Q, "pressure")
+            scalars = _dolfinx.function_space(problem.domain, problem.element.degree)
+            self._nodal.append(_dolfinx.function(scalars, "pressure"))
+        until = problem.load * self._duration if resumed else None
+        self._series = _dolfinx.Series(problem.comm, path, until, files)
+        self._obstacles: ObstacleSeries | None = None
+        if any(term.name == "obstacle" for term in problem.terms):
+            from fem_snh.output.obstacle_series import ObstacleSeries
+
+            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until, files)
+        self._skin: SkinSeries | None = None
+        if problem.skin is not None:
+            from fem_snh.output.skin_series import SkinSeries
+
+            self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
+        self._requested: RequestedFields | None = None
+        start = perf_counter()
+        if names:
+            from fem_snh.output.requested_fields import RequestedFields
+
+            self._requested = RequestedFields(
+                problem, names, at, motion.functions if motion else {}
+            )
+        self.jit_seconds = perf_counter() - start
+
+    def write(self, problem: Problem) -> None:
+        """Append the problem's state at its load to each series that does not have it. Collective.
+
+        A run that is killed may leave the state in some of the series.
+        """
+        time = problem.load * self._duration
+        if self._obstacles and time not in self._obstacles.times:
+            self._obstacles.write(problem, time)
+        lacking = [s for s in (self._series, self._skin) if s and time not in s.times]
+        if not lacking:
+            return
+        fields = problem.cell_fields(problem.x)
+        values = {
+            "J": fields["deformed_volume"] / fields["volume"],
+            "energy_density": fields["energy"] / fields["volume"],
+            "min_eigenvalue": fields["min_eigenvalue"],
+        }
+        for name, function in self._cellwise.items():
+            function.x.array[self._dofs] = values[name]
+        if problem.saddle_point:
+            self._pressure.x.array[:] = problem.saddle_point.pressure()
+            self._nodal[1].interpolate(self._pressure)
+        further = self._requested.arrays() if self._requested else ([], [])
+        if self._series in lacking:
+            functions = [*self._nodal, *self._cellwise.values()]
+            self._series.write(functions, time, further[0], self._without_copies(further[1]))
+        if self._skin in lacking:
+            cells, nodes = ({array.name: array.values for array in found} for found in further)
+            if problem.saddle_point:
+                vector = _dolfinx.function(problem.V, "pressure")  # the skin needs its numbering
+                vector.sub(0).interpolate(self._pressure)
+                nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
+            u = problem.u.x.array.reshape(-1, 3)
+            self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
+
+    def _without_copies(self, arrays: list[_dolfinx.DataArray]) -> list[_dolfinx.DataArray]:
+        """Return arrays at the nodes, with zeros at ghosts where values are to be summed."""
+        found = []
+        for array in arrays:
+            if array.name in SUMMED:
+                values = array.values.copy()
+                values[self._num_owned :] = 0.0
+                array = array._replace(values=values)
+            found.append(array)
+        return found
+
+
+def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None:
+    """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
+
+    Each time has the mode shape ``mode`` [length] and the displacement about which the body
+    vibrates. The mean square of ``mode`` over the mass is the square of `Problem.length`.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    modes : Modes
+        The eigenfrequencies and mode shapes.
+    files : RunFiles, optional
+        The run's files.
+    """
+    problem = modes.problem
+    shape = _dolfinx.function(problem.V, "mode")
+    series = _dolfinx.Series(problem.comm, path, files=files)
+    for number, vector in enumerate(modes.shapes, 1):
+        x = _dolfinx.petsc_vec(shape)
+        vector.copy(x)
+        x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        series.write([problem.u, shape], float(number))

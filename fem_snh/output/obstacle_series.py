@@ -1,0 +1,127 @@
+"""The files of a run's obstacles: obstacles.pvd with one .vtu for each state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import on_root
+from fem_snh.geometry.shapes import Shape, SmoothUnion, Union
+from fem_snh.geometry.shapes.triangles import surface_triangles
+from fem_snh.output.triangle_file import triangle_file
+from fem_snh.problem.problem import Problem
+from fem_snh.pvd import Collection
+from fem_snh.run_files import RunFiles
+
+Array = npt.NDArray[Any]
+
+#: Surfaces without an end are cut off at this many times half of the diagonal of the body's box.
+_REACH = 1.5
+#: Cubes along the longest edge of a smooth union's box, on which it is triangulated.
+_CUBES = 40
+
+
+class ObstacleSeries(Collection):
+    """The surfaces of the obstacles where they are at increasing times. Collective.
+
+    Rank 0 writes triangles with the number of their obstacle, as run.json orders them.
+
+    Parameters
+    ----------
+    path : Path
+        The .pvd file.
+    problem : Problem
+        A problem with a term of obstacles.
+    until : float, optional
+        Keep the states of an existing file up to this time.
+    files : RunFiles, optional
+        The run's files.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        problem: Problem,
+        until: float | None = None,
+        files: RunFiles | None = None,
+    ) -> None:
+        super().__init__(problem.comm, path, until, files)
+        term: Any = next(term for term in problem.terms if term.name == "obstacle")
+        self._obstacles = [contact.obstacle for contact in term.contacts]
+        #: The triangles of surfaces with an end, at their reference position.
+        self._made: dict[int, tuple[Array, Array]] = {}
+
+    def write(self, problem: Problem, t: float) -> None:
+        """Append the obstacles at the problem's load. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if a file cannot be written.
+        """
+        x = problem.coordinates + problem.x.array_r[: problem.coordinates.size].reshape(-1, 3)
+        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        on_root(self.comm, self._write, problem.load, t, np.array([low, high]))
+        self.times.append(t)
+
+    def _write(self, load: float, t: float, box: Array) -> None:
+        """Write the state's file, then the collection. On rank 0."""
+        parts = []
+        for i, obstacle in enumerate(self._obstacles):
+            pose = obstacle.pose(load)
+            X, triangles = self._triangles(
+                i, pose.invert(box.mean(axis=0)[None])[0], np.ptp(box, 0)
+            )
+            parts.append((pose.apply(X), triangles))
+        numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
+        text = triangle_file(*_joined(parts), {}, {"obstacle": numbers})
+        name = self.name(".vtu")
+        self.announce(name)
+        replace_file(self.path.with_name(name), text)
+        self.list_next(t, ".vtu")
+
+    def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
+        """Return the triangles of an obstacle at its reference position, near the body."""
+        if i not in self._made:
+            shape, radius = self._obstacles[i].shape, _REACH / 2 * float(np.linalg.norm(size))
+            found = _surface(shape, centre, radius)
+            if not np.isfinite(shape.bounds).all():
+                return found
+            self._made[i] = found
+        return self._made[i]
+
+
+def _joined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return several surfaces' points and triangles as one."""
+    first = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    points = np.concatenate([points for points, _ in parts])
+    return points, np.concatenate([t + n for (_, t), n in zip(parts, first, strict=True)])
+
+
+def _surface(shape: Shape, centre: Array, radius: float) -> tuple[Array, Array]:
+    """Return the triangles of a shape, those of a smooth union on the cubes of a grid.
+
+    The seams of a smooth union without an end are left sharp.
+    """
+    bounded = np.isfinite(shape.bounds).all()
+    if isinstance(shape, Union) or (isinstance(shape, SmoothUnion) and not bounded):
+        return _joined([_surface(part, centre, radius) for part in shape.shapes])
+    if not isinstance(shape, SmoothUnion):
+        return surface_triangles(shape, centre, radius)
+    from fem_snh.mesh.lattice.grid import Grid, cells_of_box
+    from fem_snh.mesh.lattice.surface_nets import triangulate
+
+    grid = Grid.around(shape.bounds, float(np.ptp(shape.bounds, axis=0).max()) / _CUBES)
+    grid = Grid(grid.origin - grid.size, grid.size, grid.shape + 2)  # a layer of cubes outside
+    cells = cells_of_box(np.zeros(3, np.int64), grid.shape)
+    near = np.abs(shape.distance(grid.centres(cells))) < grid.size * np.sqrt(0.75)
+    return triangulate(shape, grid, cells[near], 1)

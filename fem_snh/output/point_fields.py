@@ -1,0 +1,134 @@
+"""Stresses and strains at points from F and P, and integrals of such fields against a basis.
+
+The library depends on no material and no element. `fem_snh.output.stress_fields` and
+`fem_snh.output.nodal_projection` call it; a run without stress fields does not compile it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from math import prod
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.kernels import build
+from fem_snh.kernels.headers import SVD_AND_EIGENSOLVERS, header, options
+
+Array = npt.NDArray[np.float64]
+
+#: The fields, with the shape of a value: PointFields of point_fields_api.h says what they are.
+POINT_FIELDS: dict[str, tuple[int, ...]] = {
+    "cauchy_stress": (3, 3),
+    "von_mises": (),
+    "principal_stresses": (3,),
+    "hydrostatic_stress": (),
+    "pk1_stress": (3, 3),
+    "green_lagrange_strain": (3, 3),
+    "principal_stretches": (3,),
+}
+#: Columns that `PointFieldLoops.integrate` returns side by side: W of lanes.h.
+LANES = 8
+#: Most nodes of a cell in `PointFieldLoops.integrate`: those of a trilinear hexahedron.
+_MAX_NODES = 8
+#: Points whose values it gathers at a time: eight columns of them are 4 KB, in the first cache.
+_CHUNK = 64
+
+
+def point_fields_source() -> str:
+    """Return the C source of the functions of point_fields_api.h."""
+    files = (*SVD_AND_EIGENSOLVERS, "point_fields_api.h", "point_fields.h")
+    sizes = f"#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
+    return "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
+
+
+class PointFieldLoops:
+    """The compiled loops over points and cells.
+
+    Parameters
+    ----------
+    path : Path
+        The library compiled from `point_fields_source`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._ffi, self._lib = build.load(path, header("point_fields_api.h"))
+
+    def evaluate(self, H: Array, P: Array, names: Collection[str]) -> dict[str, Array]:
+        """Return fields at points, each (cells, points, ...).
+
+        Parameters
+        ----------
+        H : (cells, points, 3, 3)
+            Displacement gradients du_i/dX_j; as `fem_snh.output.stress_loops` stores them, so that
+            they are not copied.
+        P : (cells, points, 3, 3)
+            First Piola-Kirchhoff stresses [Pa], stored in the same way.
+        names : collection of str
+            Names of ``POINT_FIELDS``.
+        """
+        points = H.shape[0] * H.shape[1]
+        sizes = {name: points * prod(POINT_FIELDS[name]) for name in names}
+        # One allocation: malloc keeps its memory for the next state, which saves page faults.
+        memory: Array = np.empty(sum(sizes.values()))
+        found = {}
+        for name, size in sizes.items():
+            part, memory = np.split(memory, [size])
+            found[name] = part.reshape(H.shape[:2] + POINT_FIELDS[name])
+        by_component = [np.ascontiguousarray(a.transpose(3, 2, 0, 1)) for a in (H, P)]
+        out = self._ffi.new(
+            "PointFields *", {name: self._doubles(values) for name, values in found.items()}
+        )
+        self._lib.point_fields(points, *map(self._doubles, by_component), out)
+        return found
+
+    def integrate(
+        self,
+        columns: Sequence[Array],
+        nodes: npt.NDArray[np.int32],
+        weights: Array,
+        basis: Array,
+        num_nodes: int,
+    ) -> Array:
+        """Return the integrals of scalar fields against each node's basis function.
+
+        Parameters
+        ----------
+        columns : sequence of (cells, points) arrays
+            The fields at the quadrature points; views of arrays of tensors are not copied.
+        nodes : (cells, nodes per cell)
+            Node numbers; at most 8 nodes per cell.
+        weights : (cells, points)
+            Quadrature weights [m^3].
+        basis : (points, nodes per cell)
+            Values of the basis functions.
+        num_nodes : int
+            Number of nodes.
+
+        Returns
+        -------
+        (blocks, num_nodes, 8)
+            Field k is ``[k // 8, :, k % 8]``; the last block is padded with zeros.
+        """
+        cells, points = weights.shape
+        out = np.zeros((-(-len(columns) // LANES), num_nodes, LANES))
+        strides = np.array([column.strides[1] // column.itemsize for column in columns])
+        self._lib.integrate_columns(
+            cells,
+            points,
+            nodes.shape[1],
+            self._ffi.cast("int *", nodes.ctypes.data),
+            self._doubles(weights),
+            self._doubles(basis),
+            len(columns),
+            self._ffi.new("double *[]", [self._doubles(column) for column in columns]),
+            self._ffi.cast("long *", strides.ctypes.data),
+            num_nodes,
+            self._doubles(out),
+        )
+        return out
+
+    def _doubles(self, array: Array) -> object:
+        """Return a C pointer to the first element of ``array``, which the caller keeps alive."""
+        return self._ffi.cast("double *", array.ctypes.data)

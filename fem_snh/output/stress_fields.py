@@ -1,0 +1,100 @@
+r"""Stresses and strains of a problem's state at the quadrature points, and their means over cells.
+
+With the displacement gradient H, F = I + H, J = det F and the first Piola-Kirchhoff stress P
+(Bonet & Wood 2008, chapters 4 and 5):
+
+.. math:: \sigma = \frac{1}{J} P F^T, \qquad E = \tfrac12 (H + H^T + H^T H) .
+
+P is the stress of the element: with mean dilatation or an unknown pressure it contains the pressure
+of the element, not that of the pointwise energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.errors import on_root
+from fem_snh.kernels import build
+from fem_snh.output.point_fields import PointFieldLoops, point_fields_source
+from fem_snh.output.stress_loops import StressLoops, compile_stress_loops
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+#: The key of the quadrature weights among the fields of a part.
+_WEIGHTS = "weights"
+
+
+class PointState(NamedTuple):
+    """Strains and stresses at quadrature points.
+
+    Attributes
+    ----------
+    weights : (cells, points)
+        Quadrature weights in the reference configuration [m^3].
+    values : dict of (cells, points, ...)
+        The fields by name.
+    """
+
+    weights: Array
+    values: dict[str, Array]
+
+    def mean(self, name: str) -> Array:
+        """Return the mean of a field over the reference volume of each cell, (cells, ...)."""
+        values = self.values[name]
+        if values.shape[1] == 1:
+            return values[:, 0]
+        weights = self.weights / self.weights.sum(axis=1, keepdims=True)
+        return np.asarray(np.einsum("cq,cq...->c...", weights, values))
+
+
+class StressFields:
+    """Stresses and strains of a problem; compiles its kernels. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._num_cells = problem.elastic.shape[0]
+        path = on_root(problem.comm, build.library, point_fields_source())
+        self._point_fields = PointFieldLoops(path)
+        self._parts = []
+        for part in problem.elastic.parts:
+            arguments = part.region.material, part.loops.tables
+            compiled = on_root(problem.comm, compile_stress_loops, *arguments)
+            self._parts.append((part.region.cells, StressLoops(compiled, part.loops)))
+
+    def evaluate(self, x: PETSc.Vec, names: Collection[str]) -> PointState:
+        """Return strains and stresses of this rank's cells at a state. Collective.
+
+        Parameters
+        ----------
+        x : PETSc.Vec
+            The state.
+        names : collection of str
+            Names of ``POINT_FIELDS``.
+        """
+        u, p = self._problem.split(x)
+        arrays = local_values(u), None if p is None else local_values(p)
+        found = []
+        for cells, loops in self._parts:
+            weights, H, P = loops.evaluate(*arrays)
+            found.append((cells, {_WEIGHTS: weights, **self._point_fields.evaluate(H, P, names)}))
+        merged = found[0][1]
+        if len(found) > 1:
+            merged = {k: np.empty((self._num_cells, *a.shape[1:])) for k, a in merged.items()}
+            for cells, values in found:
+                for name, part in values.items():
+                    merged[name][cells] = part
+        return PointState(merged.pop(_WEIGHTS), merged)

@@ -1,0 +1,222 @@
+"""The nodes of a mesh that lie in bones; where bones overlap, the deepest one has the node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.geometry.bones.bone import Bone
+from fem_snh.geometry.bones.motions import check_determinant
+from fem_snh.geometry.shapes import ClosedSurface, Shape
+from fem_snh.mesh.mesh import Mesh
+
+Array = npt.NDArray[Any]
+
+#: Differences of depth that count as none, in parts of the body's extent. Partitions compute
+#: coordinates that differ by rounding; a node on a surface, or as deep in two bones, must not
+#: depend on it.
+_ROUNDING = 1e-9
+
+
+class BoneNodes:
+    """A bone with the nodes that follow it. Collective.
+
+    Parameters
+    ----------
+    bone : Bone
+        The bone.
+    comm : MPI.Intracomm
+        The communicator of the mesh.
+    nodes : (n,) int array
+        Its local nodes, ghosts included.
+    X : (k, 3) array
+        Reference coordinates [length] of those that this rank owns.
+
+    Attributes
+    ----------
+    count : int
+        Number of its nodes on all ranks.
+    centre : (3,) array
+        Centre of the bounding box of its nodes [length].
+    length : float
+        Twice the largest distance of a node from the centre [length].
+
+    Raises
+    ------
+    BadInput
+        On every rank, for noise with which a map of the bone is singular.
+    """
+
+    def __init__(self, bone: Bone, comm: MPI.Intracomm, nodes: Array, X: Array) -> None:
+        self.bone, self.nodes = bone, nodes
+        self.count = int(comm.allreduce(len(X)))
+        low, high = _bounding_box(comm, X)
+        self.centre: Array = (low + high) / 2
+        reach = float(np.linalg.norm(X - self.centre, axis=1).max(initial=0.0))
+        self.length = 2 * float(comm.allreduce(reach, op=MPI.MAX))
+        self._noise: Callable[[float], Array] | None = None
+        if bone.noise is not None and bone.noise.amplitude:
+            self._noise = bone.noise.motion(bone.name, self.centre, self.length)
+            for load in np.linspace(0.0, 1.0, bone.noise.frames + 1):
+                check_determinant(
+                    f"bone '{bone.name}' with noise at load {load:g}", self.affine(load)
+                )
+
+    @property
+    def origin(self) -> Array:
+        """The reference point about which its moment is given, (3,) [length]."""
+        return self.centre if self.bone.origin is None else np.asarray(self.bone.origin)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the bone moves."""
+        return self.bone.motion is not None or self._noise is not None
+
+    def affine(self, load: float) -> Array:
+        """Return the (3, 4) matrix [A | c] of x = A X + c [length] at a load."""
+        matrix = self.bone.affine(load)
+        return matrix if self._noise is None else matrix + self._noise(load)
+
+    def displacement(self, X: Array, load: float) -> Array:
+        """Return the (n, 3) displacement [length] of reference points X (n, 3) at a load."""
+        matrix = self.affine(load)
+        u: Array = X @ matrix[:, :3].T + matrix[:, 3] - X
+        return u
+
+
+def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNodes]:
+    """Return each bone with its nodes: those on or below its surface. Collective.
+
+    Of several bones that hold a node, the one in which it is deepest has it: whose signed distance
+    is smallest. A bone that is a group of the mesh precedes all shapes. Of bones in which a node is
+    equally deep, the first by name has it. A shape holds no `NodeCopies` of a lattice: the body is
+    not there with the part to which they belong.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh or None
+        The mesh with its groups; without one, all bones must have shapes.
+    bones : sequence of Bone
+        The bones, in any order, with different names.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown group or one that is no volume, and for a bone without a node.
+    """
+    comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
+    X = V.tabulate_dof_coordinates()
+    low, high = _bounding_box(comm, X)
+    tolerance = _ROUNDING * float(np.linalg.norm(high - low))
+    order = sorted(bones, key=lambda bone: bone.name)
+    copies = _copies(V, mesh)
+    depths = np.stack([_depths(V, mesh, bone, X[:owned], copies) for bone in order])
+    deepest = depths.max(axis=0)
+    inside = deepest >= -tolerance
+    # argmax: the first of those that are equally deep.
+    first = np.argmax(depths >= np.where(inside, deepest - tolerance, -np.inf), axis=0)
+    number = np.where(inside, first, -1)
+    if bones and not comm.allreduce(int(np.count_nonzero(~inside))):
+        raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
+    vector = _dolfinx.create_vector(V)
+    vector.array[:] = np.repeat(number, 3)
+    update_ghosts(vector)
+    local = local_values(vector).reshape(-1, 3)[:, 0].astype(int)
+    found = {}
+    for i, bone in enumerate(order):
+        if not comm.allreduce(int(np.count_nonzero(number == i))):
+            raise BadInput(_reason(bone, comm, depths[i], tolerance))
+        nodes = np.flatnonzero(local == i)
+        found[bone.name] = BoneNodes(bone, comm, nodes, X[nodes[nodes < owned]])
+    return [found[bone.name] for bone in bones]
+
+
+def _listed(bones: Sequence[Bone]) -> str:
+    """Return the names of bones as text."""
+    return ", ".join(f"'{bone.name}'" for bone in bones)
+
+
+def _bounding_box(comm: MPI.Intracomm, X: Array) -> tuple[Array, Array]:
+    """Return the lowest and the highest coordinates of the points (n, 3) of all ranks."""
+    low, high = np.empty(3), np.empty(3)
+    comm.Allreduce(X.min(axis=0, initial=np.inf), low, op=MPI.MIN)
+    comm.Allreduce(X.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
+    return low, high
+
+
+def _copies(V: Any, mesh: Mesh | None) -> Array:
+    """Return which of this rank's own nodes are `NodeCopies` of the mesh, (n,). Collective."""
+    owned = _dolfinx.num_nodes(V)[0]
+    if mesh is None or mesh.copies is None or not len(mesh.copies.cells):
+        return np.zeros(owned, bool)
+    nodes, copies = _dolfinx.node_dofs(V), mesh.copies
+    row_of = np.full(mesh.num_cells, -1)
+    row_of[copies.cells] = np.arange(len(copies.cells))
+    row = row_of[_dolfinx.input_cells(V.mesh)[: len(nodes)]]
+    xi = _dolfinx.reference_nodes("hexahedron", _dolfinx.degree(V))
+    columns = np.round(2 * xi).astype(int) @ [9, 3, 1]
+    chosen = row >= 0
+    vector = _dolfinx.create_vector(V)
+    values = writable_values(vector).reshape(-1, 3)
+    values[:] = 0
+    # All cells of a node agree.
+    values[nodes[chosen].ravel(), 0] = copies.copied[row[chosen]][:, columns].ravel()
+    add_ghosts(vector)
+    return np.asarray(local_values(vector).reshape(-1, 3)[:owned, 0] > 0)
+
+
+def _depths(V: Any, mesh: Mesh | None, bone: Bone, X: Array, copies: Array) -> Array:
+    """Return the depth of points X (n, 3) [length]: infinite in a group, negative outside."""
+    if bone.shape is not None:
+        return np.asarray(np.where(copies, -np.inf, _depths_in(bone.shape, X)))
+    if mesh is None or bone.group is None:
+        raise bad_value("bone.group", bone.group, "no value, as the mesh has no groups")
+    group = mesh.group(bone.group)
+    if group.dim != 3:
+        raise bad_value("bone.group", bone.group, f"a group of volumes, not a {group.label}")
+    depths: Array = np.full(len(X), -np.inf)
+    nodes = group_nodes(V, mesh, bone.group)
+    depths[nodes[nodes < len(X)]] = np.inf
+    return depths
+
+
+def _depths_in(shape: Shape, X: Array) -> Array:
+    """Return the depth of points X (n, 3) [length] in a shape, negative outside."""
+    if not isinstance(shape, ClosedSurface):
+        return -shape.distance(X)
+    # Its distance costs 10 us a point; that from its bounding box is a bound of it.
+    low, high = shape.bounds
+    depths: Array = -np.linalg.norm(np.maximum(0.0, np.maximum(low - X, X - high)), axis=1)
+    near = np.flatnonzero(depths > -_ROUNDING * shape.diagonal)
+    depths[near] = -shape.distance(X[near])
+    return depths
+
+
+def _reason(bone: Bone, comm: MPI.Intracomm, depths: Array, tolerance: float) -> str:
+    """Return the message for a bone without a node. Collective."""
+    deepest = comm.allreduce(float(depths.max(initial=-np.inf)), op=MPI.MAX)
+    if deepest >= -tolerance:
+        return (
+            f"bone '{bone.name}': all of its nodes are deeper in other bones: expected a bone "
+            "with nodes of its own"
+        )
+    return (
+        f"bone '{bone.name}': expected a bone that holds a node of the mesh: the closest one is "
+        f"{-deepest:.3g} away"
+    )

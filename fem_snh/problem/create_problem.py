@@ -1,0 +1,113 @@
+"""The problem of a scene: a gmsh mesh with conditions on its physical groups."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import (
+    Constraint,
+    Dirichlet,
+    DirichletConditions,
+    Motion,
+    NodalMotion,
+)
+from fem_snh.assembly.elements import ELEMENTS, Element
+from fem_snh.assembly.regions import Filling, Region, regions_of_groups
+from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.constitutive.material import Material
+from fem_snh.errors import bad_value
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.problem.measures import Reactions, group_cells
+from fem_snh.problem.problem import Problem
+from fem_snh.terms import Term, Traction
+from fem_snh.terms.traction import SurfaceLoad
+
+
+def create_problem(
+    mesh: Mesh,
+    element: Element,
+    material: Material | Sequence[Filling],
+    *,
+    hold: Sequence[Constraint] = (),
+    move: Sequence[Motion] = (),
+    bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
+    traction: Sequence[SurfaceLoad] = (),
+    loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
+    reactions: Sequence[str | int] = (),
+    volumes: Sequence[str | int] = (),
+    eigensolver: str = EIGENSOLVERS[0],
+    assembly: str = DEFAULT_ASSEMBLY,
+) -> Problem:
+    """Return a problem whose conditions name physical groups of its mesh. Collective.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The body in its reference configuration.
+    element : Element
+        The finite element; its cell must be the mesh's.
+    material : Material or sequence of Filling
+        The material of the whole body, or several with the physical groups that they fill.
+    hold : sequence of Constraint, optional
+        Components of the displacement that are zero on physical groups.
+    move : sequence of Motion, optional
+        Components of the displacement that follow the load on physical groups.
+    bones : callable, optional
+        Returns displacements of nodes, given the displacement's space and the mesh.
+    traction : sequence of SurfaceLoad, optional
+        Dead loads on physical groups of surfaces, proportional to the load.
+    loads : callable, optional
+        Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
+    reactions : sequence of str or int, optional
+        Physical groups whose reaction forces `Problem.reactions` returns.
+    volumes : sequence of str or int, optional
+        Physical groups of volumes whose volume ratios `Problem.measures` returns.
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
+    assembly : str, optional
+        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if mesh, element, material and physical groups do not fit together.
+    """
+    if mesh.cell != element.cell:
+        fitting = ", ".join(e.name for e in ELEMENTS.values() if e.cell == mesh.cell)
+        accepted = f"an element with {mesh.cell} cells, like the mesh: one of {fitting}; it has "
+        accepted += f"{element.cell}s"
+        raise bad_value("element", element.name, accepted)
+    domain = mesh.domain
+    V = _dolfinx.function_space(domain, element.degree, (3,))
+    fillings = [Filling(material)] if isinstance(material, Material) else material
+    regions = regions_of_groups(mesh, fillings)
+    u = _dolfinx.function(V, "displacement")
+    dirichlet = DirichletConditions(V, mesh, hold, move, bones(V, mesh) if bones else ())
+    terms: list[Term] = [Traction(V, mesh, traction)] if traction else []
+    problem = Problem(
+        create_unknowns(u, element),
+        element,
+        regions,
+        dirichlet,
+        [*terms, *(loads(mesh, u, regions, dirichlet) if loads else [])],
+        Reactions(V, mesh, reactions) if reactions else None,
+        group_cells(mesh, volumes),
+        eigensolver,
+        assembly,
+    )
+    problem.skin = mesh.skin
+    return problem
+
+
+def with_element(problem: Problem, element: Element) -> Problem:
+    """Return the same problem with another element of the same displacement space. Collective.
+
+    It has a displacement of its own. Both share their conditions and terms, which must keep nothing
+    from one evaluation to the next.
+    """
+    unknowns = create_unknowns(_dolfinx.function(problem.V, "displacement"), element)
+    others = problem.terms[1:]
+    return Problem(unknowns, element, problem.regions, problem.dirichlet, others)

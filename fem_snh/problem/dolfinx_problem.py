@@ -1,0 +1,319 @@
+"""The problem of a user's dolfinx program: its displacement, measures, conditions and UFL terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, element
+from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.regions import Region, check_partition
+from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.constitutive.material import Material
+from fem_snh.contact.self_contact import SelfContact
+from fem_snh.errors import bad_value, check_whole, unknown_name
+from fem_snh.mesh.mesh_checks import check_geometry
+from fem_snh.problem.problem import Problem
+from fem_snh.terms import Term, UFLTerm
+from fem_snh.terms.ufl_term import check_form
+
+Array = npt.NDArray[Any]
+#: Returns terms, given displacement, regions and Dirichlet conditions.
+MoreTerms = Callable[[Any, Sequence[Region], Dirichlet], Sequence[Term]]
+
+#: Strain of the central difference in `_curvature`: about the cube root of the rounding error.
+_STRAIN = 1e-5
+#: UFL's symbols of the integrals that a term may have, and what they integrate over.
+_SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
+_ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
+#: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
+_RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
+_DEFAULT_RULES = (None, "", "default")
+
+
+class DolfinxConditions:
+    """Dirichlet conditions of dolfinx: see `fem_snh.assembly.boundary_conditions.Dirichlet`.
+    Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    bcs : sequence of dolfinx DirichletBC
+        Conditions on V or on components of it; where they overlap, a later one overrides an
+        earlier one. Their values are read whenever `set_values` is called.
+    on_load : callable, optional
+        ``on_load(load)`` sets these values for a load parameter.
+
+    Attributes
+    ----------
+    start : (n,) or None
+        The values of `dofs` at load 0, from which they go to the present ones at load 1, in
+        proportion to the load; None: the present ones at every load.
+
+    Raises
+    ------
+    BadInput
+        For a condition on another space.
+    """
+
+    def __init__(
+        self, V: Any, bcs: Sequence[Any], on_load: Callable[[float], None] | None = None
+    ) -> None:
+        self._bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
+        mask = _dolfinx.create_vector(V)
+        sizes = []
+        for number, bc in enumerate(self._bcs):
+            if not hasattr(bc, "dof_indices"):
+                raise bad_value(f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc")
+            if not _dolfinx.bc_space_is_within(bc, V):
+                accepted = "a condition on the displacement's function space or a component of it"
+                raise bad_value(f"bcs[{number}]", "a condition on another space", accepted)
+            dofs = _dolfinx.bc_dofs(bc)
+            # Not all ghosts of constrained nodes need be in a condition.
+            owned = dofs[dofs < mask.getLocalSize()]
+            mask.array[owned] = 1.0
+            sizes.append(len(owned))
+        for number, size in enumerate(V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))):
+            if size == 0:
+                accepted = "a condition on at least one node of the mesh"
+                raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
+        update_ghosts(mask)
+        self.constrained: Array = local_values(mask).reshape(-1, 3) > 0
+        self.dofs: Array = np.flatnonzero(mask.array_r)
+        self.start: Array | None = None
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to their values at a load."""
+        if self._on_load is not None:
+            self._on_load(load)
+        _dolfinx.set_bcs(x.array, self._bcs)
+        if self.start is not None:
+            x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
+
+
+def create_dolfinx_problem(
+    u: Any,
+    materials: Mapping[Material, Any],
+    bcs: Sequence[Any] = (),
+    terms: Sequence[Any] = (),
+    element_name: str | None = None,
+    *,
+    densities: Mapping[Material, float] | None = None,
+    on_load: Callable[[float], None] | None = None,
+    more_terms: MoreTerms | None = None,
+) -> Problem:
+    """Return the problem of a displacement in a user's dolfinx program. Collective.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    materials : mapping of Material to ufl.Measure
+        The cells that each material fills, as ``dx`` or ``dx(1)``: at least one.
+    bcs : sequence of dolfinx DirichletBC
+        The Dirichlet conditions.
+    terms : sequence of ufl.Form or SelfContact
+        Energies and residuals: see `UFLTerm`; contact of the body with itself.
+    element_name : str, optional
+        One of `ELEMENTS`, of the mesh's cell and the displacement's degree. Default: the element
+        with the volume term at every quadrature point.
+    densities : mapping of Material to float, optional
+        Masses per reference volume [kg/m^3].
+    on_load : callable, optional
+        ``on_load(load)`` sets constants, functions and boundary values for a load parameter.
+    more_terms : callable, optional
+        Returns further terms, given displacement, regions and Dirichlet conditions.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for input that does not fit together.
+    """
+    check_displacement(u)
+    check_materials(materials)
+    bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
+    terms = listed_terms(terms)
+    V = u.function_space
+    check_geometry(V.mesh, "u.function_space.mesh")
+    chosen = _element(u, element_name, materials)
+    regions = _regions(V.mesh, materials, densities or {})
+    conditions = DolfinxConditions(V, bcs, on_load)
+    forms = [(i, term) for i, term in enumerate(terms) if not isinstance(term, SelfContact)]
+    for i, form in forms:
+        check_form(form, u, f"terms[{i}]")
+        _check_integrals(form, f"terms[{i}]", V.mesh)
+    ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in forms]
+    if not regions and not any(term.has_hessian for term in ufl_terms):
+        raise bad_value("materials", materials, "a material, or a term that is not linear in u")
+    if not regions and chosen.pressure_degree:
+        raise bad_value("element", chosen.name, "an element without a pressure, without materials")
+    contacts = [term for term in terms if isinstance(term, SelfContact)]
+    if len(contacts) > 1:
+        raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
+    touching = [contact.create_term(V, regions) for contact in contacts]
+    found = [*ufl_terms, *touching, *(more_terms(u, regions, conditions) if more_terms else [])]
+    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found)
+    if not regions:
+        _set_modulus(problem)
+    return problem
+
+
+def check_displacement(u: Any) -> None:
+    """Raise BadInput unless ``u`` is a real displacement in three dimensions, of degree 1 or 2."""
+    if not _dolfinx.is_function(u):
+        raise bad_value("u", u, "a dolfinx Function, the displacement")
+    if not _dolfinx.has_real_values(u):
+        accepted = "float64 (a PETSc configured with real numbers in double precision)"
+        raise bad_value("u.x.array.dtype", str(u.x.array.dtype), accepted)
+    V, domain = u.function_space, u.function_space.mesh
+    dimension, cell = _dolfinx.mesh_dimension(domain), _dolfinx.cell_name(domain)
+    kinds = sorted({e.cell for e in ELEMENTS.values()})
+    if dimension != (3, 3) or cell not in kinds:
+        found = f"{cell} cells in {dimension[1]} dimensions"
+        raise bad_value("u.function_space.mesh", found, f"{' or '.join(kinds)} cells in 3")
+    if (
+        tuple(u.ufl_shape) != (3,)
+        or not _dolfinx.is_lagrange(V)
+        or _dolfinx.degree(V) not in (1, 2)
+    ):
+        accepted = "a continuous Lagrange space of degree 1 or 2 with 3 components"
+        raise bad_value("u.function_space", str(V.ufl_element()), accepted)
+
+
+def check_materials(materials: Any) -> None:
+    """Raise BadInput unless ``materials`` maps materials to measures of cells."""
+    accepted = "{fem_snh.material(...): a measure dx of cells}"
+    if not isinstance(materials, Mapping):
+        raise bad_value("materials", materials, accepted)
+    for material, measure in materials.items():
+        if not isinstance(material, Material) or not _dolfinx.is_measure(measure):
+            raise bad_value("materials", {material: measure}, accepted)
+
+
+def listed_terms(terms: Any) -> Sequence[Any]:
+    """Return the terms, of None none; raise BadInput unless they are a list."""
+    return _listed("terms", terms, "a list of UFL forms and SelfContact, [form, ...]")
+
+
+def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
+    """Return a list or a tuple, of None an empty one; raise BadInput for anything else."""
+    if values is None:
+        return ()
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        raise bad_value(key, values, accepted)
+    return values
+
+
+def _check_integrals(form: Any, name: str, domain: Any) -> None:
+    """Raise BadInput if an integral of a form is over no cell or facet of any rank. Collective."""
+    for integral in form.integrals():
+        symbol = _SYMBOLS[integral.integral_type()]
+        try:
+            counts = _dolfinx.count_entities(integral, domain)
+        except ValueError as error:
+            raise bad_value(name, f"{symbol}({integral.subdomain_id()})", str(error)) from None
+        totals = domain.comm.allreduce(np.array([*counts.values()], dtype=np.int64))
+        for number, total in zip(counts, totals, strict=True):
+            if total == 0:
+                accepted = f"an integral over {_ENTITIES[symbol]}; none has the tag {number}"
+                raise bad_value(name, f"{symbol}({number})", accepted)
+
+
+def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Element:
+    """The element by name or by the displacement's space, with the measures' quadrature degree."""
+    V = u.function_space
+    cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
+    fitting = [e.name for e in ELEMENTS.values() if (e.cell, e.degree) == (cell, degree)]
+    if name is not None and name not in fitting:
+        accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on {cell}s"
+        raise bad_value("element", name, accepted)
+    degrees = {_quadrature_degree(m, measure) for m, measure in materials.items()}
+    if len(degrees) > 1:
+        found = ", ".join(sorted(str(d) for d in degrees))
+        raise bad_value("materials", f"quadrature degrees {found}", "the same for all measures")
+    return element(name or fitting[0], degrees.pop() if degrees else None)
+
+
+def _quadrature_degree(material: Material, measure: Any) -> Any:
+    """Return the degree in a measure's metadata; raise BadInput for what would be ignored."""
+    known = {"quadrature_degree", *_RULE_KEYS}
+    key = f"materials[{material.name}].metadata"
+    for name, value in measure.metadata().items():
+        if name not in known:
+            raise unknown_name(f"{key} key", name, ("quadrature_degree",))
+        if name in _RULE_KEYS and value not in _DEFAULT_RULES:
+            accepted = "'default': materials have the quadrature rule of their element"
+            raise bad_value(f"{key}['{name}']", value, accepted)
+    degree = measure.metadata().get("quadrature_degree")
+    degree = degree.item() if isinstance(degree, np.integer) else degree
+    if degree is not None:
+        check_whole("quadrature_degree", degree, 1, MAX_QUADRATURE_DEGREE)
+    return degree
+
+
+def _regions(
+    domain: Any, materials: Mapping[Material, Any], densities: Mapping[Material, float]
+) -> list[Region]:
+    """The materials' cells; every cell has one material, unless there are none."""
+    regions = []
+    for material, measure in materials.items():
+        if measure.ufl_domain() not in (None, domain.ufl_domain()):
+            found = "a measure on another mesh"
+            raise bad_value(f"materials[{material.name}]", found, "the mesh of the displacement")
+        try:
+            cells = _dolfinx.measure_cells(measure, domain)
+        except ValueError as error:
+            found = f"dx({measure.subdomain_id()})"
+            raise bad_value(f"materials[{material.name}]", found, str(error)) from None
+        if domain.comm.allreduce(len(cells)) == 0:
+            found, accepted = f"dx({measure.subdomain_id()})", "a measure with at least one cell"
+            raise bad_value(f"materials[{material.name}]", found, accepted)
+        regions.append(Region(material, cells, densities.get(material)))
+    if regions:
+        check_partition(domain, regions)
+    return regions
+
+
+def _set_modulus(problem: Problem) -> None:
+    """Set the moduli of a problem without materials, from its terms at the start.
+
+    That of forces is 3 times the shear modulus, E of an incompressible material: the least
+    curvature of the energy in three uniform shears. Without resistance to shear, as of springs, it
+    is the mean entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
+    """
+    gradients = np.zeros((4, 3, 3))
+    gradients[[0, 1, 2], [0, 1, 2], [1, 2, 0]] = 1.0  # u_i = g X_j
+    gradients[3] = np.eye(3)
+    *shears, dilation = [_curvature(problem, gradient) for gradient in gradients]
+    modulus = 3 * min(shears)
+    if not (isfinite(modulus) and modulus > 0):
+        problem.jacobian(problem.x, "clamp")
+        distance = problem.length * (problem.dofs / 3) ** (-1 / 3)
+        modulus = (problem.matrix.constrained_diagonal or 1.0) / distance
+    problem.modulus, problem.force_scale = modulus, modulus * problem.length**2
+    # lambda + 2 mu = K + 4/3 mu, and the curvature of a uniform dilation is 9 K.
+    stiffest = dilation / 9 + 4 / 3 * max(shears)
+    problem.stiffest_modulus = max(modulus, stiffest) if isfinite(stiffest) else modulus
+
+
+def _curvature(problem: Problem, gradient: Array) -> float:
+    """The second derivative of the energy in u = g G X by g, per volume [Pa]. Collective."""
+    force, moved = problem.x.duplicate(), problem.x.duplicate()
+    moved.set(0.0)
+    moved.array[: problem.coordinates.size] = (problem.coordinates @ gradient.T).ravel()
+    works = []
+    for sign in (1, -1):
+        state = problem.x.copy()
+        state.axpy(sign * _STRAIN, moved)
+        problem.gradient(state, force)
+        works.append(float(force.dot(moved)))
+    return (works[0] - works[1]) / (2 * _STRAIN * problem.length**3)

@@ -1,0 +1,121 @@
+"""The initial state of a run that does not start from the undeformed body at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.problem.problem import Problem
+
+#: Nodes are identified by their coordinates rounded to this fraction of the body's size.
+_GRID = 1e-7
+#: Offset of the grid, in grid spacings: irrational, so that no node is where rounding is ambiguous.
+_SHIFT = np.sqrt(2) / 4
+
+
+class InitialState(Protocol):
+    """How the nodes are displaced initially: `fem_snh.scenes.Start` has the same attributes."""
+
+    @property
+    def scatter(self) -> float | None:
+        """Volume of the box of random positions, relative to the body's bounding box."""
+
+    @property
+    def map(self) -> Sequence[Sequence[float]] | None:
+        """A (3, 3) matrix applied to the reference coordinates."""
+
+    @property
+    def through(self) -> Sequence[float] | None:
+        """The fixed point [m] of the map; None for the centre of the bounding box."""
+
+    @property
+    def noise(self) -> float:
+        """Amplitude [m] of a random displacement of each component."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random numbers."""
+
+    @property
+    def velocity(self) -> Sequence[float] | None:
+        """A velocity [m/s]."""
+
+    @property
+    def angular_velocity(self) -> Sequence[float] | None:
+        """An angular velocity [rad/s] about the point ``through``."""
+
+
+def set_initial_state(problem: Problem, state: InitialState) -> None:
+    """Set ``problem.x`` to an initial state. Collective.
+
+    All nodes move, those in the middle of edges too. Constrained dofs have their values at the
+    present load, a pressure is zero. The state does not depend on the number of ranks.
+    """
+    X = problem.coordinates
+    low, high = _bounding_box(problem.comm, X)
+    centre, scaled = (low + high) / 2, (X - low) / (high - low).max()
+    x = X.copy()
+    if state.scatter is not None:
+        sides = (high - low) * state.scatter ** (1 / 3)
+        x = centre + sides * (_random(problem.comm, scaled, state.seed) - 0.5)
+    elif state.map is not None:
+        fixed = centre if state.through is None else np.array(state.through)
+        x = (X - fixed) @ np.array(state.map).T + fixed
+    if state.noise:
+        x += state.noise * (2 * _random(problem.comm, scaled, state.seed, stream=1) - 1)
+    problem.x.array[: X.size] = (x - X).ravel()
+    problem.prescribe(problem.x)
+
+
+def initial_velocity(
+    problem: Problem, state: InitialState
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    r"""Return the initial velocity [m/s] as a function of the reference coordinates of all nodes.
+
+    .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
+
+    with the initial displacement u. The function's argument and result are of the local nodes,
+    ghosts included, (nodes, 3); without a velocity there is no function. Collective.
+    """
+    if state.velocity is None and state.angular_velocity is None:
+        return None
+    low, high = _bounding_box(problem.comm, problem.coordinates)
+    fixed = (low + high) / 2 if state.through is None else np.array(state.through)
+    u = local_values(problem.split(problem.x)[0]).reshape(-1, 3).copy()
+
+    def velocity(X: np.ndarray) -> np.ndarray:
+        v = np.zeros_like(X)
+        if state.velocity is not None:
+            v += np.array(state.velocity)
+        if state.angular_velocity is not None:
+            v += np.cross(state.angular_velocity, X + u - fixed)
+        return v
+
+    return velocity
+
+
+def _bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest and the largest coordinates on all ranks."""
+    low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
+
+
+def _random(comm: MPI.Comm, scaled: np.ndarray, seed: int, stream: int = 0) -> np.ndarray:
+    """Return (n, 3) random numbers in [0, 1) that depend on a node's coordinates, not on its rank.
+
+    ``scaled`` (n, 3) are the coordinates of this rank's nodes relative to the body's size. Every
+    rank draws the numbers of all nodes, in the order of their coordinates.
+    """
+    parts = comm.allgather(np.round(scaled / _GRID + _SHIFT))
+    first = sum(len(part) for part in parts[: comm.rank])
+    all_nodes = np.concatenate(parts)
+    drawn = np.empty_like(all_nodes)
+    drawn[np.lexsort(all_nodes.T)] = np.random.default_rng([seed, stream]).random(all_nodes.shape)
+    return drawn[first : first + len(scaled)]

@@ -1,0 +1,118 @@
+"""Scalar measures of a body's state: reaction forces, volume ratio, smallest J."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.errors import bad_value
+from fem_snh.mesh.mesh import Mesh
+
+Array = npt.NDArray[Any]
+
+
+class Reactions:
+    """Sums of nodal forces over physical groups. Collective.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    mesh : Mesh
+        The mesh.
+    groups : sequence of str or int
+        Names or numbers of physical groups.
+
+    Attributes
+    ----------
+    groups : list of str
+        The groups, as the keys of the result.
+    """
+
+    def __init__(self, V: Any, mesh: Mesh, groups: Sequence[str | int]) -> None:
+        self._comm = mesh.domain.comm
+        self._owned = _dolfinx.num_nodes(V)[0]
+        nodes = {str(key): group_nodes(V, mesh, key) for key in groups}
+        self._nodes = {key: n[n < self._owned] for key, n in nodes.items()}
+        self.groups = list(self._nodes)
+
+    def sum(self, gradient: Array) -> dict[str, list[float]]:
+        """Return the force [N] on each group. Collective.
+
+        Parameters
+        ----------
+        gradient : (n,) array
+            This rank's part of dE/du [N], whose first entries are the displacement's.
+        """
+        forces = gradient[: 3 * self._owned].reshape(-1, 3)
+        local = np.array([forces[nodes].sum(axis=0) for nodes in self._nodes.values()])
+        total = self._comm.allreduce(local)
+        return dict(zip(self._nodes, total.tolist(), strict=True))
+
+
+def group_cells(mesh: Mesh, groups: Sequence[str | int]) -> dict[str, Array]:
+    """Return the cells of physical groups of volumes among those that this rank owns, by key.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for an unknown group and for one that is not of volumes.
+    """
+    found = {}
+    for key in groups:
+        group = mesh.group(key)
+        if group.dim != 3:
+            raise bad_value("volumes", key, f"a group of volumes, not a {group.label}")
+        owned = _dolfinx.num_owned(mesh.domain, 3)
+        found[str(key)] = group.entities[group.entities < owned]
+    return found
+
+
+def body_measures(
+    comm: MPI.Intracomm,
+    cell_fields: dict[str, Array],
+    u: Array,
+    parts: Mapping[str, Array] | None = None,
+) -> dict[str, Any]:
+    """Return measures of the whole body. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Intracomm
+        The communicator of the mesh.
+    cell_fields : dict of arrays
+        Volumes [m^3] and smallest J of this rank's cells.
+    u : (n, 3) array
+        Displacement [m] of this rank's nodes.
+    parts : mapping of arrays, optional
+        Cells of parts of the body, from `group_cells`.
+
+    Returns
+    -------
+    dict
+        ``volume_ratio``, deformed over reference volume; ``min_J``, the smallest J at a quadrature
+        point; ``min_cell_J``, the smallest mean of J over a cell; ``max_u``, the largest nodal
+        displacement [m]; ``volumes``, the volume ratio of each part, if there are parts.
+    """
+    max_u = float(np.sqrt((u**2).sum(axis=1).max(initial=0.0)))
+    cells: list[Any] = [slice(None), *(parts or {}).values()]
+    volumes = [cell_fields[key] for key in ("deformed_volume", "volume")]
+    deformed, rest = comm.allreduce(np.array([[v[c].sum() for c in cells] for v in volumes]))
+    ratios = (deformed / rest).tolist()
+    min_J = float(cell_fields["min_J"].min(initial=np.inf))
+    mean_J = cell_fields["deformed_volume"] / cell_fields["volume"]
+    min_cell_J = float(mean_J.min(initial=np.inf))
+    found = {
+        "volume_ratio": ratios[0],
+        "min_J": float(comm.allreduce(min_J, op=MPI.MIN)),
+        "min_cell_J": float(comm.allreduce(min_cell_J, op=MPI.MIN)),
+        "max_u": float(comm.allreduce(max_u, op=MPI.MAX)),
+    }
+    return found | ({"volumes": dict(zip(parts, ratios[1:], strict=True))} if parts else {})

@@ -1,0 +1,299 @@
+"""A boundary value problem: unknowns, element, materials, energy terms, Dirichlet conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import create_matrix
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.couplings import CouplingTerm
+from fem_snh.assembly.elements import Element
+from fem_snh.assembly.near_null_space import rigid_motions
+from fem_snh.assembly.regions import Region, reference_modulus
+from fem_snh.assembly.timing import timed
+from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
+from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.errors import choose
+from fem_snh.mesh.mesh import volume
+from fem_snh.mesh.mesh_checks import check_force_scale
+from fem_snh.mesh.skin import Skin
+from fem_snh.mixed.taylor_hood import SaddlePoint
+from fem_snh.problem.measures import Reactions, body_measures
+from fem_snh.problem.regime import Regime
+from fem_snh.terms import Term, elastic_term
+from fem_snh.terms.history import TermHistory
+from fem_snh.terms.rank_one import RankOneUpdate
+from fem_snh.terms.step_limit import StepLimit
+
+Array = npt.NDArray[Any]
+
+#: Rounding error of the residual's norm relative to (lambda + 2 mu) V^(2/3), with a margin: it is
+#: 1e-15 to 1e-14, as sums over more nodes have smaller parts.
+_ROUNDING = 1e3 * float(np.finfo(float).eps)
+
+
+class Problem:
+    """Find the displacement that minimises the energy at a given load. Collective.
+
+    With an unknown pressure: find both at a saddle point. `fem_snh.problem.create_problem` builds
+    one.
+
+    Parameters
+    ----------
+    unknowns : Displacement
+        The displacement, or displacement and pressure.
+    element : Element
+        Quadrature and volume treatment; it must fit the unknowns.
+    regions : sequence of Region
+        The materials and the cells that each of them fills.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    terms : sequence of Term, optional
+        The energy terms and forces beside the elastic energy.
+    reactions : Reactions, optional
+        The groups whose reaction forces `reactions` returns.
+    parts : mapping of arrays, optional
+        Cells, among those this rank owns, of the parts whose volume ratios `measures` returns.
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
+    assembly : str, optional
+        What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
+
+    Attributes
+    ----------
+    domain : dolfinx Mesh
+    V, u : dolfinx function space and Function
+        The displacement's space; the displacement [m] that was evaluated last, ghosts included.
+    x : PETSc.Vec
+        The unknowns: the displacement's dofs, then a pressure's if there is one.
+    matrix : BlockMatrix
+        The matrix to which the terms add their Hessians.
+    A : PETSc.Mat
+        Its PETSc matrix, which `jacobian` fills; its near null space holds the rigid motions.
+    operator : PETSc.Mat
+        The Hessian: ``A``, plus matrices of rank one if a term has them.
+    saddle_point : SaddlePoint or None
+        What a solver needs to know of a Taylor-Hood element's pressure.
+    terms, history : list of Term, TermHistory
+        All terms, the elastic energy first; what they keep from step to step.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    largest_step : StepLimit or None
+        The part of a step that the terms admit; None if they admit every step.
+    constrained_dofs : (n,) int
+        The constrained dofs this rank owns, as indices into the local part of ``x``.
+    load, length : float
+        The load parameter, 0 to 1; V^(1/3) [m], V the reference volume.
+    modulus, force_scale : float
+        The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
+        [N].
+    stiffest_modulus : float
+        The largest lambda + 2 mu of the materials [Pa].
+    nonfinite : int
+        Number of energies evaluated so far that were infinite or NaN.
+    seconds : dict of float
+        Time for compilation ("jit") and for evaluations ("assemble").
+
+    Raises
+    ------
+    BadInput
+        On every rank, if the element does not support a material.
+    """
+
+    def __init__(
+        self,
+        unknowns: Displacement,
+        element: Element,
+        regions: Sequence[Region],
+        dirichlet: Dirichlet,
+        terms: Sequence[Term] = (),
+        reactions: Reactions | None = None,
+        parts: Mapping[str, Array] | None = None,
+        eigensolver: str = EIGENSOLVERS[0],
+        assembly: str = DEFAULT_ASSEMBLY,
+    ) -> None:
+        self._unknowns, self.element, self.regions = unknowns, element, list(regions)
+        self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
+        self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
+        self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
+        self.domain, self.comm = self.V.mesh, self.V.mesh.comm
+        self.length = volume(self.domain) ** (1 / 3)
+        self.modulus = reference_modulus(self.domain, regions)
+        self.force_scale = self.modulus * self.length**2
+        moduli = [float(lam + 2 * mu) for mu, lam in (r.material.lame for r in regions)]
+        self.stiffest_modulus = max(moduli, default=self.modulus)
+        check_force_scale(self.force_scale)
+        self.load, self.nonfinite = 0.0, 0
+        self.skin: Skin | None = None  # the surface that a lattice carries
+        self.constrained_dofs = dirichlet.dofs
+        scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
+        elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
+        self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
+        self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
+        self.A = self.matrix.mat
+        self.saddle_point: SaddlePoint | None = None
+        if isinstance(unknowns, DisplacementPressure):
+            self.saddle_point = SaddlePoint(unknowns, self.elastic.parts, scale, self.A)
+        else:
+            free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
+            self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
+        self.terms: list[Term] = [self.elastic, *terms]
+        self.history = TermHistory(self.terms)
+        self.largest_step = StepLimit.of(self.terms, unknowns.num_owned_nodes)
+        self._coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
+        self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.constrained_dofs)
+        self.operator = self._rank_one.mat if self._rank_one else self.A
+        self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
+
+    @property
+    def num_cells(self) -> int:
+        """Cells on all ranks."""
+        return _dolfinx.num_cells(self.domain)
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether all terms are energies: their residual is a gradient."""
+        return all(term.has_energy for term in self.terms)
+
+    @property
+    def regime(self) -> Regime:
+        """What a solver chooses its defaults by. Collective."""
+        body = self.coordinates, self.element.degree, self.elastic.parts
+        return Regime.of(self.comm, *body, self.terms)
+
+    @property
+    def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
+        """The function `largest_force`; None in time, where each step has a unit of forces."""
+        in_time = any(term.name == "inertia" for term in self.terms)
+        return None if in_time else self.largest_force
+
+    def largest_force(self, x: PETSc.Vec) -> float:
+        """Return the largest norm of a term's forces on all dofs [N]. Collective.
+
+        At an equilibrium the elastic forces balance loads and contact on free dofs, and are the
+        reactions on constrained ones.
+        """
+        force, largest = self.x.duplicate(), 0.0
+        for term in self.terms:
+            self.gradient(x, force, [term])
+            largest = max(largest, force.norm())
+        return largest
+
+    @property
+    def rounding_force(self) -> float:
+        """A bound of the residual's rounding error [N]: `_ROUNDING` times the forces of strain 1.
+
+        It grows with coordinates far from the origin. Collective.
+        """
+        far = self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
+        unit = self.stiffest_modulus * self.length**2
+        return float(_ROUNDING * unit * max(1.0, far / self.length))
+
+    @property
+    def coordinates(self) -> Array:
+        """(n, 3) reference coordinates [m] of the displacement nodes that this rank owns."""
+        return self.V.tabulate_dof_coordinates()[: self._unknowns.num_owned_nodes]
+
+    @property
+    def dofs(self) -> int:
+        """Degrees of freedom on all ranks, constrained ones included."""
+        return int(self.x.getSize())
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether a boundary value or a term depends on the load."""
+        return self.dirichlet.depends_on_load or any(term.depends_on_load for term in self.terms)
+
+    def set_load(self, load: float) -> None:
+        """Set the load parameter, 0 to 1, of boundary values and terms."""
+        self.load = load
+        for term in self.terms:
+            term.set_load(load)
+
+    def update_lagged(self) -> bool:
+        """Update the terms' lagged quantities at ``x``; return whether to solve again. Collective.
+
+        It raises `NotSettled` as `TermHistory.update_lagged` does.
+        """
+        return self.history.update_lagged(self.split(self.x)[0])
+
+    def prescribe(self, x: PETSc.Vec) -> None:
+        """Set the constrained entries of ``x`` to their values at the present load."""
+        self.dirichlet.set_values(x, self.load)
+
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
+        """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
+        return self._unknowns.split(x)
+
+    @timed
+    def energy(self, x: PETSc.Vec) -> float:
+        """Return the energy of all terms [J]; +inf outside the material's domain. Collective.
+
+        It raises BadInput if a term has no energy.
+        """
+        u, p = self._unknowns.split(x)
+        energy = sum(term.energy(u, p) for term in self.terms)
+        self.nonfinite += not isfinite(energy)
+        return energy
+
+    def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Assemble r = dE/dx [N], with zeros at constrained dofs. Collective."""
+        self.gradient(x, r)
+        r.array[self.constrained_dofs] = 0.0
+
+    @timed
+    def gradient(self, x: PETSc.Vec, r: PETSc.Vec, terms: Sequence[Term] | None = None) -> None:
+        """Assemble r = dE/dx [N] of all terms or of some, with the reactions. Collective."""
+        u, p = self._unknowns.split(x)
+        with self._unknowns.residual(r) as (r_u, r_p):
+            for term in self.terms if terms is None else terms:
+                term.add_residual(u, p, r_u, r_p)
+
+    @timed
+    def jacobian(self, x: PETSc.Vec, filter: str) -> int:
+        """Fill ``A`` with the Hessian d2E/dx2 [N/m]. Collective.
+
+        ``filter``, one of `fem_snh.choices.FILTERS`, decides what becomes of negative eigenvalues.
+        The result is the number of filtered quadrature points and cells, on all ranks.
+        """
+        u, p = self.split(x)
+        if self._coupling_terms:
+            self.matrix.couple([term.couplings(u) for term in self._coupling_terms])
+        with self.matrix.adding():
+            filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
+        if self._rank_one:
+            self._rank_one.update(u)
+        return int(self.comm.allreduce(filtered))
+
+    def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
+        """Return the reaction force [N] of each of the chosen groups. Collective.
+
+        The sum of dE/du over the group's nodes: the force that the constraint exerts on the body.
+        """
+        if self._reactions is None:
+            return {}
+        r = self.x.duplicate()
+        self.gradient(x, r)
+        return self._reactions.sum(r.array_r)
+
+    def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
+        """Return fields with one value for each cell of this rank. Collective.
+
+        Reference and deformed volume ("volume", "deformed_volume") [m^3], smallest J ("min_J"),
+        "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa].
+        """
+        return self.elastic.cell_fields(*self._unknowns.split(x))
+
+    def measures(self, x: PETSc.Vec) -> dict[str, Any]:
+        """Return the measures of the body that `body_measures` describes. Collective."""
+        u = x.array_r[: 3 * self._unknowns.num_owned_nodes].reshape(-1, 3)
+        return body_measures(self.comm, self.cell_fields(x), u, self._parts)

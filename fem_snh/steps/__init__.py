@@ -1,0 +1,1 @@
+"""Steps of load or time: prediction, solution, halving of a step that fails."""

@@ -1,0 +1,146 @@
+"""Detect a jump to a state far away within one load step: snap-through, or a fold of a surface.
+
+A step that moves the body several times as far as its first guess is suspicious. The step is then
+solved again to its middle, and again to the middle of that half in which the body moves farther. On
+a path of equilibria an eighth of the load has about an eighth of the motion; where one state ceases
+to exist, it has most of it, however the step is divided.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh import solver
+from fem_snh.errors import NotSettled
+from fem_snh.notes import Note
+from fem_snh.problem.problem import Problem
+
+#: Displacement of a step over the one that was expected from which it is examined.
+_FAR = 3.0
+#: How often the step is halved.
+_HALVINGS = 3
+#: Part of the step's displacement, in 1/2^_HALVINGS of its load, from which it is a jump.
+_MOST = 0.5
+
+
+class Jump(NamedTuple):
+    """A jump of the body.
+
+    Attributes
+    ----------
+    start, end : float
+        Loads between which the body jumps.
+    part : float
+        Part of the step's displacement between them.
+    ratio : float
+        The step's displacement over the expected one.
+    """
+
+    start: float
+    end: float
+    part: float
+    ratio: float
+
+
+class JumpDetector:
+    """Examines each step of a load stepping. Its methods are collective.
+
+    Steps are not examined in time, nor with terms that keep a history: what has slid or touched is
+    not undone.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    snes : PETSc.SNES
+        Its solver.
+    """
+
+    def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
+        self._problem, self._snes = problem, snes
+        size = 3 * len(problem.coordinates)
+        self._free = np.ones(size, dtype=bool)
+        constrained = problem.constrained_dofs
+        self._free[constrained[constrained < size]] = False
+        self._rate = 0.0  # distance over load of the last step
+        self._guess: PETSc.Vec | None = None
+
+    @staticmethod
+    def of(problem: Problem, snes: PETSc.SNES, dynamic: bool) -> JumpDetector | None:
+        """Return the detector of a problem; None where steps are not examined."""
+        if dynamic or problem.history.by_name or not problem.depends_on_load:
+            return None
+        return JumpDetector(problem, snes)
+
+    def begin(self) -> None:
+        """Keep the present unknowns, the first guess of the step."""
+        self._guess = self._problem.x.copy()
+
+    def find(self, load: float, start: PETSc.Vec) -> Jump | None:
+        """Return the jump in the step from ``load`` and ``start`` to the problem's state."""
+        problem, guess = self._problem, self._guess
+        if guess is None:
+            return None
+        to, end, self._guess = problem.load, problem.x.copy(), None
+        moved = self._distance(start, end)
+        expected = max(self._distance(start, guess), self._rate * (to - load))
+        self._rate = moved / (to - load)
+        if not 0 < _FAR * expected < moved:
+            return None
+        found = self._bisect((load, start), (to, end), moved)
+        end.copy(problem.x)
+        problem.set_load(to)
+        problem.split(problem.x)
+        return found and found._replace(ratio=moved / expected)
+
+    def _bisect(
+        self, low: tuple[float, PETSc.Vec], high: tuple[float, PETSc.Vec], moved: float
+    ) -> Jump | None:
+        """Return the jump between two states; None if there is none, or where no solve decides."""
+        for _ in range(_HALVINGS):
+            middle = self._solve(low, (low[0] + high[0]) / 2)
+            if middle is None:
+                return None
+            if self._distance(low[1], middle[1]) > self._distance(middle[1], high[1]):
+                high = middle
+            else:
+                low = middle
+        part = self._distance(low[1], high[1]) / moved
+        return Jump(low[0], high[0], part, 0.0) if part > _MOST else None
+
+    def _solve(self, start: tuple[float, PETSc.Vec], to: float) -> tuple[float, PETSc.Vec] | None:
+        """Return the state at a load, from the one at a smaller load; None if it fails."""
+        problem = self._problem
+        start[1].copy(problem.x)
+        problem.set_load(start[0])
+        try:
+            solver.Predictor(problem, self._snes, "tangent").predict(to)
+        except NotSettled:
+            return None
+        with solver.callback_errors():
+            self._snes.solve(None, problem.x)
+        if self._snes.getConvergedReason() <= 0:
+            return None
+        return to, problem.x.copy()
+
+    def _distance(self, start: PETSc.Vec, end: PETSc.Vec) -> float:
+        """Return the norm of the displacement [m] of the free dofs from one state to another."""
+        size = len(self._free)
+        moved = (end.array_r[:size] - start.array_r[:size])[self._free]
+        return float(np.sqrt(self._problem.comm.allreduce(moved @ moved, op=MPI.SUM)))
+
+
+def jump_note(jump: Jump, step: int) -> Note:
+    """Return the note of a jump."""
+    text = (
+        f"{100 * jump.part:.0f} % of the displacement of the step to its load are made between the "
+        f"loads {jump.start:.6g} and {jump.end:.6g}: the body jumps to a state far away "
+        f"(snap-through), {jump.ratio:.2g} times as far as expected; the states before and after "
+        "are equilibria, those between need a motion in time, or a prescribed displacement"
+    )
+    return Note("jump", text, step, jump._asdict())

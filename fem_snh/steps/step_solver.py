@@ -1,0 +1,145 @@
+"""Solve one step to a load or a time: the one driver of scenes and of dolfinx programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from petsc4py import PETSc
+
+from fem_snh import solver
+from fem_snh.choices import DEFAULT_PREDICTOR
+from fem_snh.errors import NotSettled
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.cell_pressures import CellPressures
+from fem_snh.steps.poisson_continuation import PoissonContinuation
+
+if TYPE_CHECKING:
+    from fem_snh.steps.time_steps import TimeSteps
+
+
+class StepSolver:
+    """Solve a step: predict, solve until nothing lagged changes, accept or restore the start.
+
+    `Stepper`, `fem_snh.nonlinear_problem.NonlinearProblem` and
+    `fem_snh.dynamic_problem.DynamicProblem` make their steps by it.
+
+    Parameters
+    ----------
+    problem : Problem
+        The discretised problem.
+    snes : PETSc.SNES
+        Its nonlinear solver.
+    predictor : str, optional
+        First guess of a step: see `fem_snh.solver.Predictor`.
+    motion : TimeSteps, optional
+        The integration in time.
+    continuation : PoissonContinuation, optional
+        Solves with other Poisson's ratios, which improve the first guess.
+    pressures : CellPressures, optional
+        Solves each step with the cell pressures as unknowns first.
+    blend : callable, optional
+        Moves the flesh with the bones in it: see `fem_snh.solver.Predictor`.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        The predictor, which keeps the equilibrium that it extrapolates from.
+    guessed : callable or None
+        Called when ``problem.x`` is the first guess of a step.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        snes: PETSc.SNES,
+        predictor: str = DEFAULT_PREDICTOR,
+        motion: TimeSteps | None = None,
+        continuation: PoissonContinuation | None = None,
+        pressures: CellPressures | None = None,
+        blend: Callable[[PETSc.Vec, float, float], None] | None = None,
+    ) -> None:
+        self.problem, self.snes, self.motion = problem, snes, motion
+        self.guessed: Callable[[], None] | None = None
+        self.continuation, self.pressures = continuation, pressures
+        extrapolate = motion.extrapolate if motion else None
+        response = pressures.tangent if pressures else None
+        self.predictor = solver.Predictor(problem, snes, predictor, extrapolate, blend, response)
+        linearised = motion is not None and motion.semi_implicit
+        self._semi_implicit = solver.SemiImplicit(problem, snes) if linearised else None
+
+    def solve(
+        self,
+        load: float,
+        judge: Callable[[solver.Outcome], None] | None = None,
+        *,
+        predict: bool = True,
+        restore: bool = True,
+    ) -> solver.Outcome:
+        """Solve from the problem's state to a load. Collective.
+
+        Parameters
+        ----------
+        load : float
+            The load at the step's end, 0 to 1.
+        judge : callable, optional
+            Called with the outcome of a step that converged, which it may make a failure.
+        predict : bool
+            Whether the first guess is a prediction; otherwise it is the present state.
+        restore : bool
+            Whether a step that fails ends with load and state of its start; otherwise with its last
+            iterate.
+        """
+        problem, motion = self.problem, self.motion
+        start, before = problem.x.copy(), problem.load
+        problem.history.begin_step(problem.split(problem.x)[0])
+        if motion:
+            self.snes.getPythonContext().force_scale = motion.begin_step(load)
+        if self.pressures:
+            self.pressures.begin_step()
+        with solver.callback_errors():
+            outcome = self._solve(load, predict)
+        if judge and outcome.converged:
+            judge(outcome)
+        if outcome.converged:
+            if predict:
+                self.predictor.accept()
+            if motion:
+                motion.end_step()
+            problem.history.end_step(problem.split(problem.x)[0])
+        elif restore:
+            start.copy(problem.x)
+            problem.set_load(before)
+            if motion:
+                motion.cancel_step()
+        return outcome
+
+    def _solve(self, load: float, predict: bool) -> solver.Outcome:
+        """Solve at a load from a first guess; return the outcome of all solves."""
+        problem, outcome = self.problem, solver.Outcome()
+        if self._semi_implicit:
+            problem.set_load(load)
+            return self._semi_implicit.solve()
+        try:
+            if predict:
+                outcome.predicted = self.predictor.predict(load)
+            else:
+                problem.set_load(load)
+        except NotSettled as error:
+            outcome.fail_inner(error)
+            return outcome
+        if self.guessed:
+            self.guessed()
+        if self.continuation:
+            outcome.history += self.continuation.solve(problem)
+        if self.pressures:
+            self.pressures.solve()
+            outcome.history += self.pressures.history
+        solver.solve_until_settled(problem, self.snes, outcome)
+        return outcome
+
+    def destroy(self) -> None:
+        """Destroy the auxiliary solvers. Collective."""
+        for auxiliary in (self.continuation, self.pressures):
+            if auxiliary:
+                auxiliary.destroy()

@@ -1,0 +1,189 @@
+"""Load stepping from 0 to 1: sizes of the steps, halving of failed ones, and their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from time import perf_counter, process_time
+from typing import TYPE_CHECKING, Any
+
+from fem_snh.accuracy.state_notes import unseen_penetrations
+from fem_snh.problem.probes import Probes
+from fem_snh.solver import Outcome
+from fem_snh.steps.jump import Jump, JumpDetector
+from fem_snh.steps.step_size import StepSize
+from fem_snh.steps.step_solver import StepSolver
+
+if TYPE_CHECKING:
+    from fem_snh.runs.bones import BoneRecords
+
+
+class Stepper:
+    """An iterator over the attempted load increments; it yields a row of run.json for each.
+
+    The first increment starts from the problem's load. Every multiple of 1/steps is reached. A
+    step that fails is rolled back and halved; after a step that converges the size doubles.
+
+    Parameters
+    ----------
+    solver : StepSolver
+        Solves one step.
+    steps : int
+        Number of nominal load steps.
+    probes : Probes, optional
+        Points whose displacement is added to each row.
+    bones : BoneRecords, optional
+        Bones whose forces are added to each row.
+    output_every : int, optional
+        Number of nominal steps after which `is_output` is true.
+
+    Attributes
+    ----------
+    size : StepSize
+        The size of the next step.
+    done : bool
+        Whether load 1 is reached.
+    seconds : float
+        Elapsed seconds of the steps.
+    processor : float
+        This rank's processor seconds of the steps.
+    jump : Jump or None
+        The jump in the last step.
+    """
+
+    def __init__(
+        self,
+        solver: StepSolver,
+        steps: int,
+        probes: Probes | None = None,
+        bones: BoneRecords | None = None,
+        output_every: int = 1,
+    ) -> None:
+        self.solver, self.problem, self.steps = solver, solver.problem, steps
+        self.probes, self._bones, self._output_every = probes, bones, output_every
+        self.motion = motion = solver.motion
+        # Without loads a shorter step is the same problem: it is not tried.
+        divisible = self.problem.depends_on_load
+        self.size = motion.step_size(steps) if motion else StepSize(steps, divisible)
+        self._jumps = JumpDetector.of(self.problem, solver.snes, motion is not None)
+        solver.guessed = self._jumps.begin if self._jumps else None
+        self.jump: Jump | None = None
+        self.done = False
+        self.seconds = self.processor = 0.0
+        self._last: dict[str, Any] = {}
+        #: Whether memory was exhausted, in which case a shorter step fails as well.
+        self._out_of_memory = False
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        problem = self.problem
+        for target in (k / self.steps for k in range(1, self.steps + 1)):
+            while problem.load < target:
+                load = problem.load
+                to = self.size.end(load, target)
+                row = self._attempt(load, to)
+                if row["converged"]:
+                    self.size.accept(to, target)
+                    proceed = True
+                else:
+                    proceed = self.size.reject(load, to) and not self._out_of_memory
+                yield row
+                if not proceed:
+                    return
+        self.done = True
+
+    def is_output(self, row: dict[str, Any]) -> bool:
+        """Return whether output is written after a row: each, or each ``output_every`` steps."""
+        every, number = self._output_every, round(row["load"] * self.steps)
+        return every == 1 or (number % every == 0 and row["load"] == number / self.steps)
+
+    def failure_message(self) -> str:
+        """Return the load or time at which the steps stopped before the end, and the reason."""
+        load = self.problem.load
+        at = f"time {load * self.motion.duration:.6g}" if self.motion else f"load {load:.6g}"
+        if self._out_of_memory:
+            return f"stopped at {at}: {self._last['reason']}"
+        return (
+            f"stopped at {at}: a step of 1/{self.size.max_divisions} of the nominal "
+            f"one still fails ({self._last['reason']})"
+        )
+
+    def _attempt(self, load: float, to: float) -> dict[str, Any]:
+        """Solve from ``load`` to load ``to`` and return the row; restore the state on failure."""
+        problem, start, processor_start = self.problem, perf_counter(), process_time()
+        nonfinite, estimate = problem.nonfinite, dict[str, float]()
+        before = problem.x.copy()
+        outcome = self.solver.solve(to, lambda outcome: estimate.update(self._judge(outcome)))
+        nonfinite = problem.nonfinite - nonfinite
+        self._out_of_memory = outcome.out_of_memory
+        converged, history = outcome.converged, outcome.history
+        self.jump = self._jumps.find(load, before) if converged and self._jumps else None
+        self._last = {
+            "load": to,
+            "converged": converged,
+            "reason": outcome.reason,
+            "newton": outcome.newton,
+            "clamped": sum(i.filter in ("clamp", "abs") for i in history),
+            "linear": outcome.linear,
+            "lbfgs": sum(i.lbfgs for i in history),
+            "residual": outcome.residual,
+            "tolerance": self._tolerance(outcome),
+            **problem.history.settling(),
+            **self._linear_residual(outcome),
+            **self._energies(load, to),
+            **(self.solver.pressures.row() if self.solver.pressures else {}),
+            **estimate,
+            **problem.measures(problem.x),
+            "nonfinite": nonfinite,
+            "seconds": perf_counter() - start,
+        }
+        recorded = problem.history.record(problem.split(problem.x)[0]) if converged else {}
+        if converged and (kinds := self._notes(recorded)):
+            self._last["notes"] = kinds
+        if converged and (reactions := problem.reactions(problem.x)):
+            self._last["reactions"] = reactions
+        self._last |= recorded
+        if converged and self.probes:
+            self._last["probes"] = self.probes.values()
+        if converged and self._bones:
+            self._last["bones"] = self._bones.row()
+        self.seconds += perf_counter() - start
+        self.processor += process_time() - processor_start
+        return self._last
+
+    def _tolerance(self, outcome: Outcome) -> float:
+        """Return the norm of the residual [N] at which the step converges."""
+        if outcome.tolerance is not None:
+            return outcome.tolerance
+        return float(self.solver.snes.getPythonContext().scaled_tolerance)
+
+    @staticmethod
+    def _linear_residual(outcome: Outcome) -> dict[str, float]:
+        """Return the relative residual of a linearised step's linear system."""
+        found = outcome.linear_residual
+        return {} if found is None else {"linear_residual": found}
+
+    def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
+        """Return the kinds of notes on the last step, of which the terms have recorded this."""
+        found = {
+            "inverted": self._last["min_J"] <= 0,
+            "jump": self.jump is not None,
+            "penetration": bool(unseen_penetrations(recorded)),
+        }
+        return [kind for kind, noted in found.items() if noted]
+
+    def _energies(self, load: float, to: float) -> dict[str, Any]:
+        """Return the row's energy; in time, time and energies."""
+        if self.motion:
+            return self.motion.row(to, load)
+        problem = self.problem
+        return {"energy": problem.energy(problem.x) if problem.has_energy else None}
+
+    def _judge(self, outcome: Outcome) -> dict[str, float]:
+        """Return the estimate of a time step's error; one above the tolerance is a failure."""
+        motion = self.motion
+        if motion is None or motion.tolerance is None:
+            return {}
+        ratio = motion.error() / motion.tolerance
+        self.size.ratio = ratio
+        if not ratio <= 1:
+            outcome.converged, outcome.reason = False, "ERROR_ABOVE_TOLERANCE"
+        return {"error": ratio * motion.tolerance}

@@ -1,0 +1,161 @@
+"""What steps in time have beside load steps: the motion, its error and its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from petsc4py import PETSc
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import ACTING_FORCES
+from fem_snh.problem.initial_state import initial_velocity
+from fem_snh.problem.problem import Problem
+from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
+
+if TYPE_CHECKING:
+    from fem_snh.dynamics.dynamics import Dynamics
+    from fem_snh.scenes import Start, Time
+
+#: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
+_LEAST_UNIT = 1e-3
+
+
+class TimeSteps:
+    """The steps of a motion in time, as `StepSolver` makes them. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, which has the terms of ``dynamics``.
+    dynamics : Dynamics
+        The motion.
+    duration : float
+        The time [s] in which the load goes from 0 to 1.
+    semi_implicit : bool
+        Whether a step is one linearised step.
+    tolerance : float, optional
+        Largest error of a step, relative to the body's size V^(1/3); the steps are as long as it
+        permits. Default: equal steps.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        dynamics: Dynamics,
+        duration: float,
+        semi_implicit: bool,
+        tolerance: float | None = None,
+    ) -> None:
+        self.dynamics, self.duration, self.semi_implicit = dynamics, duration, semi_implicit
+        self.tolerance = tolerance
+        self._problem = problem
+        inner = [problem.elastic, *dynamics.terms]
+        self._loads = [term for term in problem.terms if term not in inner]
+
+    @property
+    def functions(self) -> dict[str, Any]:
+        """The fields that output may have, by the names of `fem_snh.output_fields.IN_TIME`."""
+        return {"velocity": self.dynamics.v, "acceleration": self.dynamics.a}
+
+    def step_size(self, steps: int) -> StepSize:
+        """Return the sizes of the time steps, of which ``steps`` nominal ones have the duration."""
+        if self.tolerance is None:
+            return StepSize(steps)
+        return AdaptiveStepSize(steps, self.dynamics.integrator.order)
+
+    def extrapolate(self, x: PETSc.Vec, load: float) -> None:
+        """Move the displacement in ``x`` with its velocity, to the time of a load.
+
+        The acceleration is left out: that of the stiff modes is noise on a long time step.
+        """
+        v = self.dynamics.v.x.array[: self.dynamics.mass.num_owned]
+        x.array[: len(v)] += (load - self._before) * self.duration * v
+
+    def begin_step(self, load: float) -> float:
+        """Begin a step from the problem's state to a load; return the unit of its residual [N].
+
+        The unit of a quasi-static step, E V^(2/3), may be far above the forces that accelerate a
+        stiff body: it would not even fall. So the largest of inertial and external forces at the
+        step's start counts as well.
+        """
+        problem = self._problem
+        self._before = problem.load
+        forces = problem.x.duplicate()
+        problem.gradient(problem.x, forces, self._loads)
+        largest = max(forces.norm(), self._inertial_force())
+        self.dynamics.begin_step(problem, load)
+        unit = min(problem.force_scale, ACTING_FORCES * largest)
+        return max(_LEAST_UNIT * problem.force_scale, unit)
+
+    def error(self) -> float:
+        """Return the estimate of the solved step's error, relative to V^(1/3)."""
+        return self.dynamics.local_error(self._problem) / self._problem.length
+
+    def end_step(self) -> None:
+        """Accept the step."""
+        self.dynamics.end_step(self._problem)
+
+    def cancel_step(self) -> None:
+        """End a step that failed, with the state at its start."""
+        self.dynamics.cancel_step()
+
+    def _inertial_force(self) -> float:
+        """Return the norm of M a [N]."""
+        force = _dolfinx.create_vector(self._problem.V)
+        writable_values(force)[:] = self.dynamics.mass.apply(self.dynamics.a.x.array)
+        add_ghosts(force)
+        return float(force.norm())
+
+    def row(self, load: float, before: float) -> dict[str, Any]:
+        """Return what a step from load ``before`` to ``load`` adds to its row of run.json."""
+        duration = self.duration
+        return {
+            "time": load * duration,
+            "time_step": (load - before) * duration,
+            **self.energies(),
+        }
+
+    def energies(self) -> dict[str, Any]:
+        """Return energies and momenta; "energy" is the sum of those that the body has [J]."""
+        found = self.dynamics.energies(self._problem)
+        parts = [found[key] for key in ("kinetic", "elastic", "potential")]
+        return {"energy": None if None in parts else sum(parts), **found}
+
+
+def create_dynamics(
+    time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+) -> Dynamics:
+    """Return the motion of a scene in time, whose terms the problem needs. Collective."""
+    from fem_snh.dynamics.dynamics import Dynamics
+
+    given = {} if time.rho_infinity is None else {"rho_infinity": time.rho_infinity}
+    damping = (time.damping.mass, time.damping.stiffness)
+    return Dynamics(
+        u,
+        regions,
+        dirichlet,
+        time.integrator,
+        mass=time.mass,
+        damping=damping,
+        duration=time.duration,
+        **given,
+    )
+
+
+def start_motion(
+    problem: Problem, dynamics: Dynamics, time: Time, start: Start | None
+) -> TimeSteps:
+    """Set the initial velocity and acceleration at the problem's initial displacement. Collective.
+
+    The initial displacement meets the boundary values at the start.
+    """
+    problem.set_load(problem.load)
+    problem.prescribe(problem.x)
+    problem.history.begin_step(problem.split(problem.x)[0])
+    dynamics.start(problem, initial_velocity(problem, start) if start else None)
+    semi_implicit = time.integrator == "semi_implicit"
+    return TimeSteps(problem, dynamics, time.duration, semi_implicit, time.tolerance)

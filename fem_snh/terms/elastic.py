@@ -1,0 +1,205 @@
+"""The elastic energy: value, derivative and filtered second derivative.
+
+Calls the compiled cell loops of `fem_snh.kernels` on dolfinx spaces, with PETSc vectors and
+matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.cell_loops import FIELDS, CellLoops, compile_cell_loops
+from fem_snh.assembly.element_tables import element_tables, restricted, selection
+from fem_snh.assembly.elements import Element
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.regions import Region
+from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
+from fem_snh.errors import BadInput, choose, on_root
+
+Array = npt.NDArray[Any]
+
+
+class Part(NamedTuple):
+    """A region of the body with the compiled loops over its cells.
+
+    Attributes
+    ----------
+    region : Region
+        Material and cells.
+    loops : CellLoops
+        The compiled loops over this rank's cells of the region.
+    """
+
+    region: Region
+    loops: CellLoops
+
+
+class Elastic:
+    r"""The elastic energy of a body's materials on a finite element space. Collective.
+
+    .. math:: E(u) = \sum_i \int_{\Omega_i} \psi_i(I + \nabla u) \, \mathrm{d}V
+
+    Each material has loops over its own cells, on the element's common tables.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    element : Element
+        Quadrature and volume treatment.
+    regions : sequence of Region
+        The materials psi_i with their cells.
+    Q : dolfinx function space, optional
+        The space of an unknown pressure, in which the energy is stationary, not minimal.
+    pressure_scale : float, optional
+        Unit of the pressure unknown [Pa/m].
+    eigensolver : str, optional
+        Solver for the 3x3 scaling block, one of `fem_snh.choices.EIGENSOLVERS`.
+
+    Attributes
+    ----------
+    parts : list of Part
+        The regions with their energies and loops.
+    jit_seconds : float
+        Time spent generating and compiling C.
+    shape : tuple of int
+        (cells of this rank, nodes per cell).
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a material that the element's volume treatment does not support.
+    """
+
+    name, assembly = "elastic", "kernels"
+    depends_on_load = False
+
+    def __init__(
+        self,
+        V: Any,
+        element: Element,
+        regions: Sequence[Region],
+        Q: Any = None,
+        pressure_scale: float = 1.0,
+        eigensolver: str = EIGENSOLVERS[0],
+    ) -> None:
+        self._comm = V.mesh.comm
+        self._solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
+        tables = element_tables(V, element, Q, pressure_scale)
+        self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
+        start = perf_counter()
+        compiled = [on_root(self._comm, compile_cell_loops, r.material, tables) for r in regions]
+        self.jit_seconds = perf_counter() - start
+        self.parts = [
+            Part(region, CellLoops(kernel, restricted(tables, region.cells, region.fractions)))
+            for region, kernel in zip(regions, compiled, strict=True)
+        ]
+        self._positions: Array | None = None  # of the matrix for which `_targets` are
+        self._free: Array | None = None  # of that matrix
+        self._targets: list[Any] = []
+        self._kept: list[Array] = []
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the stress of every material is the gradient of an energy."""
+        return all(part.region.material.has_energy for part in self.parts)
+
+    def set_load(self, load: float) -> None:
+        """Do nothing: the energy does not depend on the load."""
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy [J]; +inf where u is outside the energy's domain. Collective.
+
+        Raises
+        ------
+        BadInput
+            If a material is defined by a stress and has no energy.
+        """
+        for material in (part.region.material for part in self.parts):
+            if not material.has_energy:
+                raise BadInput(f"material '{material.name}' has no energy, only a stress")
+        values = local_values(u), _if_any(local_values, p)
+        local = sum(part.loops.energy(*values) for part in self.parts)
+        return float(self._comm.allreduce(local, op=MPI.SUM))
+
+    def add_residual(
+        self,
+        u: PETSc.Vec,
+        p: PETSc.Vec | None,
+        r_u: PETSc.Vec,
+        r_p: PETSc.Vec | None,
+    ) -> None:
+        """Add dE/du [N] and dE/dp to all entries of ``r_u`` and ``r_p``, ghosts included."""
+        values = (
+            local_values(u),
+            writable_values(r_u),
+            _if_any(local_values, p),
+            _if_any(writable_values, r_p),
+        )
+        for part in self.parts:
+            part.loops.residual(*values)
+
+    def add_hessian(
+        self,
+        u: PETSc.Vec,
+        p: PETSc.Vec | None,
+        filter: str,
+        target: BlockMatrix,
+        rotations: Array | None = None,
+    ) -> int:
+        """Add d2E/du2 [N/m], filtered at each quadrature point: see `Term.add_hessian`.
+
+        With ``rotations`` (cells, 3, 3), each cell's matrix is that of the rotated cell; the
+        coupling to an unknown pressure is not rotated.
+        """
+        which = POINT_FILTERS.index(choose("filter", filter, POINT_FILTERS))
+        values, pressure = local_values(u), _if_any(local_values, p)
+        filtered = 0
+        for part, struct in zip(self.parts, self._structs(target), strict=True):
+            for k, address in enumerate(target.addresses):
+                struct.values[k] = part.loops.address(address)
+            turned = None
+            if rotations is not None:
+                cells = selection(part.region.cells, len(rotations))
+                turned = np.ascontiguousarray(rotations[cells])
+            struct.rotation = part.loops.pointer(turned)
+            filtered += part.loops.jacobian(values, which, self._solver, struct, pressure)
+        return filtered
+
+    def _structs(self, matrix: BlockMatrix) -> list[Any]:
+        """Return the C structs that tell each part's loops where element matrices are added."""
+        if matrix.block_positions is not self._positions or matrix.free is not self._free:
+            self._positions, self._free = matrix.block_positions, matrix.free
+            self._targets, self._kept = [], []
+            for part in self.parts:
+                cells = selection(part.region.cells, len(matrix.block_positions))
+                positions, constrained = matrix.block_positions[cells], matrix.is_constrained[cells]
+                # The struct has pointers to these arrays, which must live as long.
+                self._kept += [positions, constrained]
+                self._targets.append(
+                    part.loops.target(matrix.row_strides, positions, matrix.free, constrained)
+                )
+        return self._targets
+
+    def cell_fields(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> dict[str, Array]:
+        """Return, for each cell of this rank, the fields of `Problem.cell_fields`."""
+        values = local_values(u), _if_any(local_values, p)
+        fields: dict[str, Array] = {name: np.empty(self.shape[0]) for name in FIELDS}
+        for part in self.parts:
+            for name, value in part.loops.fields(*values).items():
+                fields[name][part.region.cells] = value
+        return fields
+
+
+def _if_any(values: Callable[[PETSc.Vec], Array], vector: PETSc.Vec | None) -> Array | None:
+    """Return the values of a vector that only an unknown pressure has."""
+    return None if vector is None else values(vector)

@@ -1,0 +1,160 @@
+"""What the terms of a problem keep from step to step, and what they report of a step.
+
+`fem_snh.problem.problem.Problem` has a `TermHistory`, which the stepping of a run
+(``fem_snh.steps.stepping``) calls. Terms without a history have none of these methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.errors import NotSettled
+from fem_snh.terms import Term
+from fem_snh.terms.settling import MAX_SOLVES, LaggedChange, largest_change
+
+Array = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class HistoryTerm(Protocol):
+    """A term with quantities that are constant during a solve: multipliers, lagged friction.
+
+    ``u`` is the ghosted displacement. All methods are collective.
+    """
+
+    @property
+    def name(self) -> str:
+        """The term's name, unique among the terms with a history."""
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Reset lagged quantities to those of the last accepted step, whose displacement is u.
+
+        It is called before each attempt of a step, so also after one that failed.
+        """
+
+    def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
+        """Update lagged quantities after a converged solve; return their change.
+
+        The result is the same on all ranks.
+        """
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Keep the present quantities: the step is accepted."""
+
+    def history(self) -> tuple[Array, Array]:
+        """Return this rank's (n, 3) reference coordinates [m] and (n, k) kept values there."""
+
+    def set_history(self, values: Array) -> None:
+        """Set the kept values, (n, k), in the order of `history`."""
+
+
+@runtime_checkable
+class WorkingTerm(Protocol):
+    """A term whose loads move, or which dissipates energy, in a body in motion."""
+
+    def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
+        """Return the work of the term's moving loads in a step, and what it dissipated [J].
+
+        It is called after the solution of a step, before `HistoryTerm.end_step`. Collective.
+
+        Parameters
+        ----------
+        u : PETSc.Vec
+            Ghosted displacement at the step's end.
+        end_weight : float
+            Weight of the forces at the step's end in the work that they do.
+        """
+
+
+@runtime_checkable
+class RecordedTerm(Protocol):
+    """A term that reports scalars of a step."""
+
+    def record(self, u: PETSc.Vec) -> Mapping[str, Mapping[str, Any]]:
+        """Return what the term adds to the step's row of run.json. Collective.
+
+        A table of rows by name, under the key of run.json: {"cavities": {"inner": {...}}}.
+        """
+
+
+class TermHistory:
+    """The history of a problem's terms. All methods are collective.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        The problem's terms.
+
+    Attributes
+    ----------
+    solves : int
+        How often the present step was solved.
+    change : LaggedChange
+        The largest change of lagged quantities after the last solve.
+    """
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        self._terms = [term for term in terms if isinstance(term, HistoryTerm)]
+        self._working = [term for term in terms if isinstance(term, WorkingTerm)]
+        self._recorded = [term for term in terms if isinstance(term, RecordedTerm)]
+        self.solves, self.change = 0, LaggedChange()
+
+    def begin_step(self, u: PETSc.Vec) -> None:
+        """Reset the terms to the last accepted step, whose displacement is ``u``."""
+        self.solves, self.change = 0, LaggedChange()
+        for term in self._terms:
+            term.begin_step(u)
+
+    def update_lagged(self, u: PETSc.Vec) -> bool:
+        """Update lagged quantities after a solve; return whether the step is solved again.
+
+        Raises
+        ------
+        NotSettled
+            On every rank, if they still change after `MAX_SOLVES`.
+        """
+        self.solves += 1
+        self.change = change = largest_change([term.update_lagged(u) for term in self._terms])
+        if not change.settled and self.solves >= MAX_SOLVES:
+            times = f"{change.ratio:.3g} times the tolerance"
+            raise NotSettled(f"{change.what} is {times} after {self.solves} solves")
+        return not change.settled
+
+    def settling(self) -> dict[str, Any]:
+        """Return what a step's row of run.json says of terms with a history.
+
+        ``solves``, how often the step was solved, and ``lagged_change``, how much that last
+        changed lagged quantities, in their tolerance.
+        """
+        if not self._terms:
+            return {}
+        return {"solves": self.solves, "lagged_change": self.change.ratio}
+
+    def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
+        """Return the sums of the terms' work and dissipation in a step: see `WorkingTerm`."""
+        found = [term.step_work(u, end_weight) for term in self._working]
+        return sum(work for work, _ in found), sum(lost for _, lost in found)
+
+    def end_step(self, u: PETSc.Vec) -> None:
+        """Keep the present quantities of the terms: the step is accepted."""
+        for term in self._terms:
+            term.end_step(u)
+
+    def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
+        """Return what the terms add to the step's row of run.json."""
+        found: dict[str, dict[str, Any]] = {}
+        for term in self._recorded:
+            for key, rows in term.record(u).items():
+                found.setdefault(key, {}).update(rows)
+        return found
+
+    @property
+    def by_name(self) -> dict[str, HistoryTerm]:
+        """The terms with a history, by name, for the checkpoint."""
+        return {term.name: term for term in self._terms}

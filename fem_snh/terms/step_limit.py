@@ -1,0 +1,63 @@
+"""Steps that must not be taken as a whole, as their path would cross what their end does not show.
+
+The barrier of self-contact keeps surfaces apart; a step that carries one through the other ends in
+a state that looks admissible. Line search, trust region and predictor therefore ask for the largest
+step that is admissible along its whole path (Li et al. 2020, section 3: continuous collision
+detection).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
+
+import numpy.typing as npt
+
+from fem_snh.terms import Term
+
+Array = npt.NDArray[Any]
+
+
+@runtime_checkable
+class StepLimitingTerm(Protocol):
+    """A term that admits only a part of some steps."""
+
+    def largest_step(self, u: Array, d: Array) -> float:
+        """Return a length in [0, 1] up to which all of the step u + s d is admissible. Collective.
+
+        Parameters
+        ----------
+        u, d : (owned nodes, 3)
+            Displacement and step [m].
+        """
+
+
+class StepLimit:
+    """The largest admissible step of several terms.
+
+    Parameters
+    ----------
+    terms : sequence of StepLimitingTerm
+        The terms.
+    num_nodes : int
+        Number of displacement nodes that this rank owns.
+    """
+
+    def __init__(self, terms: Sequence[StepLimitingTerm], num_nodes: int) -> None:
+        self._terms, self._num_nodes = list(terms), num_nodes
+
+    @classmethod
+    def of(cls, terms: Sequence[Term], num_nodes: int) -> StepLimit | None:
+        """Return the limit of those terms that have one; None if no term does."""
+        limiting = [term for term in terms if isinstance(term, StepLimitingTerm)]
+        return cls(limiting, num_nodes) if limiting else None
+
+    def __call__(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
+        """Return a length in [0, 1] up to which all of the step x + s d is admissible. Collective.
+
+        ``x`` and ``d`` hold unknowns, the displacement's first.
+        """
+        u, step = (v.array_r[: 3 * self._num_nodes].reshape(-1, 3) for v in (x, d))
+        return min(term.largest_step(u, step) for term in self._terms)

@@ -1,0 +1,61 @@
+"""The interface of an energy term."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from petsc4py import PETSc
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+
+
+class Term(Protocol):
+    """A part of a problem's energy, with its derivative.
+
+    ``u`` and ``p`` are the ghosted vectors of the displacement and of the pressure, ``r_u`` and
+    ``r_p`` those of the derivatives with respect to them. Without an unknown pressure ``p`` and
+    ``r_p`` are None.
+    """
+
+    @property
+    def name(self) -> str:
+        """The term's name in run.json."""
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the term's forces are the gradient of its energy."""
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether the term depends on the load parameter."""
+
+    def set_load(self, load: float) -> None:
+        """Set the load parameter."""
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None) -> float:
+        """Return the term's energy [J], summed over the ranks. Collective."""
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add dE/du to ``r_u`` and dE/dp to ``r_p``."""
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the term's Hessian to a matrix, inside of `BlockMatrix.adding`.
+
+        Parameters
+        ----------
+        u, p : PETSc.Vec
+            Ghosted displacement and pressure; the ghosts are current.
+        filter : {"exact", "clamp", "abs"}
+            What becomes of negative eigenvalues.
+        target : BlockMatrix
+            The matrix; `BlockMatrix.add_matrices` adds element matrices to it.
+
+        Returns
+        -------
+        int
+            How many quadrature points or cells of this rank were filtered.
+        """

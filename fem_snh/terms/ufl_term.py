@@ -1,0 +1,225 @@
+r"""Energies and forces given as UFL forms.
+
+dolfinx assembles energy and residual. The Hessian is assembled from FFCx's element matrices, whose
+negative eigenvalues are filtered cell by cell (facet by facet): the sum of the filtered matrices is
+positive semidefinite, as with the closed-form filter of the materials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isnan
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from ufl.algorithms import expand_derivatives
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import copy_to_function
+from fem_snh.choices import FILTERS
+from fem_snh.errors import BadInput, bad_value, choose, on_root
+from fem_snh.kernels import build
+from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
+
+#: Relative asymmetry of element matrices up to which a residual has an energy: far above rounding.
+_SYMMETRIC = 1e-10
+#: Integrals that have one element matrix per cell or facet.
+_KINDS = ("cell", "exterior_facet")
+
+
+class UFLTerm:
+    r"""A term given by a UFL energy or residual of the displacement. Collective.
+
+    ====================  ==========================================================================
+    energy, rank 0        E(u) [J]; residual and Hessian are its derivatives
+    residual, rank 1      R(u; v) [N], linear in the test function v. Constant in u (a dead load) or
+                          linear with a symmetric derivative, it has the energy
+                          :math:`\int_0^1 R(t u; u) \, \mathrm{d}t`. All others have none:
+                          ``has_energy`` is False, and the Hessian is the symmetric part of dR/du.
+    ====================  ==========================================================================
+
+    Parameters
+    ----------
+    form : ufl.Form
+        Integrals over cells (dx) and exterior facets (ds), also of subdomains.
+    u : dolfinx Function
+        The displacement in ``form``: 3 components, Lagrange.
+    name : str, optional
+        The term's name in run.json.
+    on_load : callable, optional
+        ``on_load(load)`` sets the form's constants and functions for a load parameter.
+
+    Attributes
+    ----------
+    has_energy : bool
+        Whether the term's forces are the gradient of an energy.
+    depends_on_load : bool
+        Whether ``on_load`` is given.
+    seconds : float
+        Time spent compiling.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a form that is neither, that does not contain the displacement, or that
+        has other integrals.
+
+    Notes
+    -----
+    Constants and functions in the form may change between solves. A dead load is assembled when
+    `set_load` is called, once per solve.
+    """
+
+    def __init__(
+        self,
+        form: Any,
+        u: Any,
+        name: str = "ufl",
+        on_load: Callable[[float], None] | None = None,
+    ) -> None:
+        check_form(form, u, name)
+        if np.issubdtype(PETSc.ScalarType, np.complexfloating):
+            raise bad_value("PETSc.ScalarType", "complex", "a PETSc configured with real numbers")
+        self.name, self._on_load, self.depends_on_load = name, on_load, on_load is not None
+        self._comm = u.function_space.mesh.comm
+        start = perf_counter()
+        V = u.function_space
+        # A copy: vectors beside the solution's are evaluated, too.
+        self._u = _dolfinx.function(V, "displacement")
+        form = ufl.replace(expand_derivatives(form), {u: self._u})
+        v, w = ufl.TestFunction(V), ufl.TrialFunction(V)
+        energy = None if form.arguments() else form
+        residual = _derivative(form, self._u, v) if energy is not None else form
+        hessian = _derivative(residual, self._u, w)
+        self._force = _dolfinx.create_vector(V) if hessian.empty() else None
+        self._is_current = False
+        self._hessian = None if hessian.empty() else _dolfinx.form(hessian)
+        self._cells = None if self._hessian is None else self._form_cells()
+        if energy is None and self._cells and self._is_linear_and_symmetric(hessian):
+            # u . R(u) has the quadratic part twice and the linear part once.
+            energy = _at_u(residual, self._u) - 0.5 * _at_u(hessian, self._u)
+        self.has_energy = energy is not None or self._hessian is None
+        self._residual = _dolfinx.form(residual)
+        self._energy = None if energy is None or self._force else _dolfinx.form(energy)
+        self.seconds = perf_counter() - start
+
+    @property
+    def has_hessian(self) -> bool:
+        """Whether the forces depend on the displacement."""
+        return self._cells is not None
+
+    def set_load(self, load: float) -> None:
+        """Set the load parameter. A dead load is assembled again, with present constants."""
+        if self._on_load is not None:
+            self._on_load(load)
+        self._is_current = False
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy [J]; +inf where the form is NaN. Collective.
+
+        The energy of a dead load is zero where u is.
+
+        Raises
+        ------
+        BadInput
+            If the term is a force without an energy.
+        """
+        if self._force is not None:
+            return float(self._current_force().dot(u))
+        if self._energy is None:
+            raise BadInput(f"the term '{self.name}' has no energy, only a residual")
+        copy_to_function(u, self._u)
+        energy = _dolfinx.assemble_scalar(self._energy)
+        return float("inf") if isnan(energy) else energy
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
+        if self._force is not None:
+            r_u.array[:] += self._current_force().array_r
+        else:
+            copy_to_function(u, self._u)
+            _dolfinx.add_vector(r_u, self._residual)
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add the Hessian [N/m], filtered by element matrices: see `Term.add_hessian`."""
+        choose("filter", filter, FILTERS)
+        if self._cells is None:
+            return 0
+        copy_to_function(u, self._u)
+        filtered = 0
+        for integral in self._integrals():
+            for cells, matrices, count in self._cells.matrices(integral, filter):
+                target.add_matrices(cells, matrices)
+                filtered += count
+        return filtered
+
+    def _current_force(self) -> PETSc.Vec:
+        """The derivative of a dead load's energy [N], assembled once after `set_load`."""
+        if not self._is_current:
+            _dolfinx.assemble_vector(self._force, self._residual)
+            self._is_current = True
+        return self._force
+
+    def _form_cells(self) -> FormCells:
+        source = form_cells_source(_dolfinx.kernel_arguments(self._hessian))
+        V = self._u.function_space
+        return FormCells(
+            on_root(self._comm, build.library, source),
+            _dolfinx.node_dofs(V).shape[1],
+            _dolfinx.geometry_dofs(V.mesh),
+            _dolfinx.geometry_x(V.mesh),
+        )
+
+    def _integrals(self) -> list[Integral]:
+        """The Hessian's integrals with the present values of coefficients and constants."""
+        constants, coefficients = _dolfinx.pack(self._hessian)
+        return [
+            Integral(i.kernel, i.entities, coefficients[i.key], constants)
+            for i in _dolfinx.integrals(self._hessian)
+        ]
+
+    def _is_linear_and_symmetric(self, hessian: Any) -> bool:
+        """Whether a residual is linear in the displacement with a symmetric derivative."""
+        if self._cells is None or self._u in hessian.coefficients():
+            return False
+        worst = max((self._cells.asymmetry(i) for i in self._integrals()), default=0.0)
+        return bool(self._comm.allreduce(worst, op=MPI.MAX) < _SYMMETRIC)
+
+
+def check_form(form: Any, u: Any, name: str) -> None:
+    """Raise BadInput, with key ``name``, unless ``form`` is an energy or a residual of ``u``."""
+    if not isinstance(form, ufl.Form):
+        raise bad_value(name, form, "a UFL form: an energy (rank 0) or a residual (rank 1)")
+    V, arguments = u.function_space, form.arguments()
+    spaces = [argument.ufl_function_space() for argument in arguments]
+    if len(arguments) > 1:
+        accepted = "an energy (rank 0) or a residual (rank 1); its derivatives are taken here"
+        raise bad_value(name, f"a form of rank {len(arguments)}", accepted)
+    if [*form.ufl_domains()] != [V.mesh.ufl_domain()]:
+        raise bad_value(name, "a form on another mesh", "the mesh of the displacement")
+    if spaces not in ([], [V]):
+        raise bad_value(name, str(spaces[0]), "a test function of the displacement's own space")
+    if not arguments and u not in form.coefficients():
+        raise bad_value(name, "a form without the displacement", f"an energy of {u.name}")
+    kinds = sorted({integral.integral_type() for integral in form.integrals()} - set(_KINDS))
+    if kinds:
+        raise bad_value(name, kinds[0], "integrals over cells (dx) or exterior facets (ds)")
+
+
+def _derivative(form: Any, u: Any, direction: Any) -> Any:
+    return expand_derivatives(ufl.derivative(form, u, direction))
+
+
+def _at_u(form: Any, u: Any) -> Any:
+    """Return the form with its arguments replaced by ``u``."""
+    return ufl.replace(form, dict.fromkeys(form.arguments(), u))

@@ -1,0 +1,1 @@
+"""Plots, pictures, pages and exports, made from the files of a run."""

@@ -1,0 +1,114 @@
+"""``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ or USD files.
+
+The files of a run are read one state at a time: `fem_snh.viewing.export.states`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fem_snh.atomic_files import output_path
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.viewing.render import read_record, series, stored_loads
+from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render.records import duration
+from fem_snh.viewing.render.worker import require, run_elsewhere
+
+#: File types, and the packages that write them beside pyvista.
+TYPES: dict[str, tuple[str, ...]] = {
+    ".vtkhdf": ("h5py",),
+    ".obj": (),
+    ".usd": ("pxr",),
+    ".usda": ("pxr",),
+    ".usdc": ("pxr",),
+}
+#: What a user installs for them.
+_EXTRAS = {"h5py": "'fem_snh[export]'", "pxr": "'fem_snh[usd]'"}
+#: Bounds of the number of OBJ files between stored loads; the names have four digits.
+MIN_FRAMES, MAX_FRAMES = 2, 10_000
+#: Upper bound of the time that a state takes [s], after which the process counts as hung.
+_STATE_TIMEOUT = 900.0
+
+
+def main(
+    folder: Path,
+    out: Path,
+    frames: int | None = None,
+    report: Callable[[int, int], None] | None = None,
+    field: str | None = None,
+) -> list[Path]:
+    """Export the states of a run and return the paths of the files.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path
+        ``NAME.vtkhdf``: one file with mesh, all fields and all stored loads. ``NAME.obj``: a
+        sequence ``NAME_0000.obj``, ``NAME_0001.obj``, ... of the deformed surface.
+        ``NAME.usd``, ``.usda``, ``.usdc``: the deformed surface over time.
+        Of a body in a lattice, all of them have its skin.
+    frames : int, optional
+        Number of OBJ files, evenly spaced over the load: between the stored loads the displacement
+        is interpolated by monotone cubic polynomials (PCHIP). Default: one for each stored load.
+    report : callable, optional
+        Called with the numbers of states written and of all states.
+    field : str, optional
+        A field or component that colours the vertices of OBJ and USD files, as in pictures.
+
+    Raises
+    ------
+    BadInput
+        For another file type, if a package is missing, or if a file cannot be read or written.
+    """
+    folder, out = Path(folder), output_path("OUT", out)
+    kind = out.suffix.lower()
+    if kind not in TYPES:
+        raise bad_value("OUT", str(out), f"a file {' or '.join(TYPES)}")
+    if frames is not None and kind != ".obj":
+        raise bad_value("--frames", frames, "a file .obj beside it")
+    if frames is not None and not MIN_FRAMES <= frames <= MAX_FRAMES:
+        raise bad_value("--frames", frames, f"a number from {MIN_FRAMES} to {MAX_FRAMES}")
+    if field is not None and kind == ".vtkhdf":
+        raise bad_value("--field", field, "a file .obj or .usd beside it")
+    require("export", ("pyvista",) if field is None else ("pyvista", "matplotlib"))
+    for package in TYPES[kind]:
+        require(f"a file {kind}", (package,), _EXTRAS[package])
+    record = read_record(folder)
+
+    pvd = series(folder)
+    if field is not None:
+        check_field(pvd, field)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
+    job: dict[str, Any] = {"pvd": str(pvd), "out": str(out)}
+    if kind == ".vtkhdf":
+        _write_elsewhere("fem_snh.viewing.export.vtkhdf", job | {"record": record}, pvd, report)
+        return [out]
+    if kind != ".obj":
+        job |= {"duration": duration(record), "field": field}
+        _write_elsewhere("fem_snh.viewing.export.usd", job, pvd, report)
+        return [out]
+
+    from fem_snh.viewing.export.obj import write_sequence
+    from fem_snh.viewing.export.states import States
+
+    return write_sequence(out, States(pvd), frames, report, field)
+
+
+def _write_elsewhere(
+    program: str, job: dict[str, Any], pvd: Path, report: Callable[[int, int], None] | None
+) -> None:
+    """Write a file in a process of its own, which prints how many states it has written."""
+
+    def show(line: str) -> None:
+        numbers = line.split()
+        if report and len(numbers) == 2 and all(number.isdigit() for number in numbers):
+            report(int(numbers[0]), int(numbers[1]))
+
+    timeout = _STATE_TIMEOUT * (1 + len(stored_loads(pvd)))
+    run_elsewhere(job, program, show, timeout)

@@ -1,0 +1,88 @@
+"""Draw graphs of runs (against load), sweeps (against nu), accuracy-cost studies and extremes.
+
+The command ``plot`` and the studies call them. They read files only: run.json, or the CSV file of a
+study.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.figure import Figure
+
+from fem_snh.atomic_files import output_path, replace_file
+from fem_snh.errors import BadInput
+from fem_snh.viewing.plots.newton import newton_figure
+from fem_snh.viewing.plots.runs import run_figure
+from fem_snh.viewing.plots.sweeps import read_sweep, read_table, sweep_figure
+from fem_snh.viewing.plots.tradeoff import tradeoff_figure
+from fem_snh.viewing.render import read_record
+
+
+def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -> Path:
+    """Plot run folders in one graph, or the CSV file of one study, and return the picture's path.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Folders of runs, or one CSV file or folder of a study.
+    out : Path, optional
+        The picture; default: history.png in the folder of a single run, comparison.png above
+        several, and the name of the CSV file with .png.
+    newton : bool
+        Add a panel with the Newton iterations per step.
+
+    Raises
+    ------
+    BadInput
+        If a file is missing, cannot be read or has no results, or ``out`` cannot be written.
+    """
+    paths = [Path(p) for p in paths]
+    if not paths:
+        raise BadInput(
+            "nothing to plot: give folders of runs, or one sweep.csv, tradeoff.csv or extremes.csv"
+        )
+    tables = [_table_in(p) for p in paths]
+    if any(t.suffix == ".csv" for t in tables):
+        if len(tables) > 1:
+            raise BadInput(f"{tables[0]}: plot one table at a time, without run folders")
+        figure, default = _table_figure(tables[0]), tables[0].with_suffix(".png")
+    else:
+        figure = run_figure([read_record(p) for p in paths], newton)
+        above = Path(os.path.commonpath([p.resolve() for p in paths]))
+        default = paths[0] / "history.png" if len(paths) == 1 else above / "comparison.png"
+    return save(figure, output_path("--out", out) if out is not None else default)
+
+
+def _table_in(path: Path) -> Path:
+    """Return the CSV file in a study's folder, or any other path unchanged."""
+    for name in ("sweep.csv", "tradeoff.csv", "extremes.csv"):
+        if (path / name).is_file():
+            return path / name
+    return path
+
+
+def _table_figure(path: Path) -> Figure:
+    table = read_table(path)
+    if "passed" in table:
+        return newton_figure(table, path)
+    if "error_displacement" in table:
+        return tradeoff_figure(table, path)
+    return sweep_figure(read_sweep(path))
+
+
+def save(figure: Figure, out: Path) -> Path:
+    """Write a figure and create its folder; the suffix of ``out`` determines the format."""
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    kind = out.suffix.lower().removeprefix(".")
+    if kind not in kinds:
+        raise BadInput(f"{out}: cannot be written: expected a file .{', .'.join(sorted(kinds))}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
+    replace_file(out, lambda file: figure.savefig(file, dpi=200, format=kind))
+    return out

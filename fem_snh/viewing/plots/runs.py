@@ -1,0 +1,136 @@
+"""Draw graphs of runs: volume change and iterations per step against the load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+
+from fem_snh.errors import BadInput
+from fem_snh.viewing.plots.energies import draw_energies
+from fem_snh.viewing.plots.style import (
+    colour,
+    failure,
+    from_zero,
+    legend,
+    legend_entry,
+    plain,
+    style,
+    subplots,
+)
+from fem_snh.viewing.render import number, one_line
+from fem_snh.viewing.render.records import (
+    axis_label,
+    duration,
+    load_range,
+    material_name,
+    materials,
+    poisson_ratio,
+)
+
+# Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
+PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}
+PAPER_STRETCH = 3.4
+
+
+def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figure:
+    """Return a graph of volume change and iterations per step, a line per record (run.json).
+
+    If all runs are in time, a panel shows energies.
+    """
+    steps = [steps_of(record) for record in records]
+    panels = ["volume", "linear", *(["newton"] if newton else [])]
+    in_time = all(duration(record) is not None for record in records)
+    figure, axes = subplots(len(panels) + in_time)
+    if in_time:
+        draw_energies(axes.pop(), records, names(records))
+    for index, (record, table, name) in enumerate(zip(records, steps, names(records), strict=True)):
+        good, bad = table[table["converged"]], table[~table["converged"]]
+        for panel, ax in zip(panels, axes, strict=True):
+            start = good.head(0)
+            if panel == "volume":  # the state at rest is the first point
+                start = pd.DataFrame({"x": [load_range(record)[0]], "volume": [0.0]})
+            line = pd.concat([start, good]) if len(start) else good
+            ax.plot(line["x"], line[panel], label=name, **style(index, len(line)))
+            ax.plot(bad["x"], bad[panel], **failure(index))
+    _paper_marks(axes[0], records)
+    load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
+    labels = ("volume change [%]", "linear iterations per step", "Newton iterations per step")
+    for ax, label in zip(axes, labels, strict=False):
+        ax.set_xlabel(load)
+        ax.set_ylabel(label)
+        if label.endswith("step"):
+            from_zero(ax)
+            ax.yaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
+        else:
+            ax.axhline(0, lw=0.8, color="0.6", zorder=1)
+        if not in_time and all(_turns(load_range(record)) for record in records):
+            ax.xaxis.set_major_locator(MultipleLocator(load_range(records[0])[1] / 4))
+            ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: number(x)))
+    if any((~table["converged"]).any() for table in steps):
+        legend_entry(axes[0], "not converged", "x")
+    legend(figure, axes[0])
+    common = {str(record["scene"]) for record in records}
+    nus = {poisson_ratio(record) for record in records}
+    if len(common) == len(nus) == 1:
+        figure.suptitle(rf"{plain(common.pop())}  ·  $\nu$ = {nus.pop()}", fontsize=11)
+    return figure
+
+
+def steps_of(record: dict[str, Any]) -> pd.DataFrame:
+    """Return a row per load step: x (load parameter), volume [%], linear, newton, converged."""
+    try:
+        table = pd.DataFrame(record["steps"])
+        low, high = load_range(record)
+        return pd.DataFrame(
+            {
+                "x": low + table["load"].astype(float) * (high - low),
+                "volume": 100 * (table["volume_ratio"].astype(float) - 1),
+                "linear": table["linear"].astype(float),
+                "newton": table["newton"].astype(float),
+                "converged": table["converged"].astype(bool),
+            }
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        what = "no step yet" if not record["steps"] else f"steps without {one_line(error)}"
+        raise BadInput(f"run of '{record['scene']}': nothing to plot: {what}") from None
+
+
+def names(records: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a legend entry per record: the material and the values that differ between them."""
+    traits = [
+        {
+            "nu": f"ν = {poisson_ratio(r)}",
+            "scene": str(r["scene"]),
+            "hessian": f"{r.get('hessian')} Hessian",
+            "element": str(r.get("element")),
+            "cells": f"{r.get('cells')} cells",
+        }
+        for r in records
+    ]
+    differ = [k for k in traits[0] if len({t[k] for t in traits}) > 1]
+    return [
+        plain(", ".join([material_name(r), *(t[k] for k in differ)]))
+        for r, t in zip(records, traits, strict=True)
+    ]
+
+
+def _paper_marks(ax: Axes, records: Sequence[dict[str, Any]]) -> None:
+    """Mark the volume changes of Smith et al. 2018 beside runs of their experiment."""
+    drawn = False
+    for index, record in enumerate(records):
+        name, nu = (materials(record)[0][key] for key in ("name", "nu"))
+        same = record["scene"] == "stretch" and nu == 0.49 and name in PAPER
+        if same and max(load_range(record)) > PAPER_STRETCH - 1e-9:
+            ax.plot(PAPER_STRETCH, PAPER[name], "D", ms=8, mfc="none", mec=colour(index), mew=1.5)
+            drawn = True
+    if drawn:
+        legend_entry(ax, "Smith et al. 2018", "D")
+
+
+def _turns(span: tuple[float, float]) -> bool:
+    return "π" in number(span[1]) and span[0] == 0

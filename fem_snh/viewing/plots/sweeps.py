@@ -1,0 +1,165 @@
+"""Draw graphs of a sweep: iterations, volume and time against Poisson's ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from fem_snh.errors import BadInput
+from fem_snh.files import check_regular
+from fem_snh.viewing.plots.style import (
+    failure,
+    from_zero,
+    legend,
+    legend_entry,
+    plain,
+    style,
+    subplots,
+    thousands,
+)
+from fem_snh.viewing.render import one_line
+from fem_snh.viewing.render.records import pretty
+
+#: The columns that are plotted, with their axis labels.
+MEASURES = {
+    "newton": "Newton iterations",
+    "linear": "linear iterations",
+    "volume_ratio": "volume change [%]",
+    "seconds": "time [s]",
+}
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Return a CSV file as a table; raise BadInput if it cannot be read."""
+    try:
+        check_regular(path)
+        return pd.read_csv(path)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
+        raise BadInput(f"{path}: cannot be read as CSV: {one_line(error)}") from None
+
+
+def read_sweep(path: Path) -> pd.DataFrame:
+    """Return the table of a sweep, with the volume change [%] as ``volume_ratio``.
+
+    Missing results of a failed point are NaN.
+
+    Raises
+    ------
+    BadInput
+        If the file is not the table of a sweep or has no results.
+    """
+    table = read_table(path)
+    missing = [c for c in ("nu", "material", "converged", *MEASURES) if c not in table]
+    if missing:
+        raise BadInput(f"{path}: not the table of a sweep: has no column {', '.join(missing)}")
+    try:
+        for column in ("nu", *MEASURES):
+            table[column] = pd.to_numeric(table[column])
+    except ValueError as error:
+        raise BadInput(f"{path}: column {column}: {one_line(error)}") from None
+    table["converged"] = table["converged"].astype(str).str.lower() == "true"
+    table["volume_ratio"] = 100 * (table["volume_ratio"] - 1)
+    nothing_done = ~table["converged"] & (table["newton"] == 0)
+    table.loc[nothing_done, ["newton", "linear"]] = float("nan")
+    table = table[table["nu"] < 0.5].copy()  # nu = 1/2 is not on the logarithmic axis
+    if table[list(MEASURES)].isna().all(axis=None):
+        raise BadInput(f"{path}: holds no result yet")
+    return table
+
+
+def sweep_figure(table: pd.DataFrame) -> Figure:
+    """Return panels against nu, with a line per material and combination of other values.
+
+    If nu has one value only, the first other number that was varied takes its place. A failed point
+    is a cross at its value, or above the panel if it has none.
+    """
+    varied = varied_columns(table)
+    numbers = [c for c in varied if pd.api.types.is_numeric_dtype(table[c])]
+    axis = numbers[0] if numbers and table["nu"].nunique() == 1 else "nu"
+    # The axis is log(1/2 - nu), with the incompressible limit to the right.
+    position = (0.5 - table["nu"]) if axis == "nu" else table[axis].astype(float)
+    table = table.assign(position=position).sort_values(axis)
+    figure, axes = subplots(len(MEASURES))
+    lost = False
+    for index, (name, rows) in enumerate(_series(table, [c for c in varied if c != axis])):
+        for ax, measure in zip(axes, MEASURES, strict=True):
+            value = rows[measure]
+            line = value.where(rows["converged"])
+            ax.plot(rows["position"], line, label=plain(name), **style(index, len(rows)))
+            ax.plot(rows["position"], value.where(~rows["converged"]), **failure(index))
+            lost |= _cross_above(ax, rows["position"][~rows["converged"] & value.isna()], index)
+    ticks = table.drop_duplicates(axis)[[axis, "position"]]
+    for ax, (measure, label) in zip(axes, MEASURES.items(), strict=True):
+        ax.set_ylabel(label)
+        ax.set_xlabel(r"Poisson's ratio $\nu$" if axis == "nu" else plain(axis))
+        _place_ticks(
+            ax, ticks["position"].tolist(), [f"{v:.6g}" for v in ticks[axis]], axis == "nu"
+        )
+        _scale(ax, measure, table[measure])
+    if not table["converged"].all():
+        legend_entry(axes[0], "not converged" + " (above: no result)" * lost, "x")
+    legend(figure, axes[0])
+    if "scene" in table and table["scene"].nunique() == 1:
+        same = [] if axis == "nu" else [rf"$\nu$ = {table['nu'].iloc[0]:g}"]
+        scene = plain(str(table["scene"].iloc[0]))
+        figure.suptitle("  ·  ".join([scene, *same]), fontsize=11)
+    return figure
+
+
+def varied_columns(table: pd.DataFrame) -> list[str]:
+    """Return the columns before ``converged`` that vary, without material and nu."""
+    requested = table.columns[: table.columns.get_loc("converged")]
+    skip = ("point", "material", "nu", *MEASURES)
+    return [c for c in requested if c not in skip and table[c].nunique(dropna=False) > 1]
+
+
+def _series(table: pd.DataFrame, varied: list[str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    for key, rows in table.groupby(["material", *varied], sort=False, dropna=False):
+        material, *rest = key
+        extra = [_label(name, value) for name, value in zip(varied, rest, strict=True)]
+        yield ", ".join([pretty(str(material)), *extra]), rows
+
+
+def _label(name: str, value: Any) -> str:
+    return value if isinstance(value, str) else f"{name} {value}"
+
+
+def _cross_above(ax: Axes, positions: pd.Series, index: int) -> bool:
+    """Draw crosses above the panel, a line for each series; return whether there are any."""
+    if positions.empty:
+        return False
+    taken = sum(line.get_gid() == "lost" for line in ax.lines)
+    above = {"transform": ax.get_xaxis_transform(), "clip_on": False, "in_layout": False}
+    height = 1.02 + 0.04 * taken
+    ax.plot(positions, [height] * len(positions), gid="lost", **above, **failure(index))
+    ax.set_title(" ", fontsize=8 * (taken + 1.5))  # makes room for the crosses
+    return True
+
+
+def _place_ticks(ax: Axes, positions: list[float], labels: list[str], towards_half: bool) -> None:
+    if towards_half:
+        ax.set_xscale("log")
+        ax.set_xlim(2 * max(positions), min(positions) / 2)
+    ax.xaxis.set_major_locator(FixedLocator(positions))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xticklabels(labels, rotation=45 if len(labels) > 5 else 0)
+
+
+def _scale(ax: Axes, measure: str, values: pd.Series) -> None:
+    """Start the axis at zero, or make it logarithmic if the values span a factor of 30."""
+    positive = values[values > 0]
+    if measure == "volume_ratio":
+        ax.axhline(0, lw=0.8, color="0.6", zorder=1)
+    elif len(positive) and positive.max() > 30 * positive.min():
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(thousands))
+    else:
+        from_zero(ax)

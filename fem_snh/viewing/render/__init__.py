@@ -1,0 +1,228 @@
+"""Draw the deformed body from a run folder, coloured by J or another field.
+
+A separate process (``fem_snh.viewing.render.drawing``) draws: see `fem_snh.viewing.render.worker`.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from fem_snh.atomic_files import output_path
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.run_record import load_record
+from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render.records import (
+    load_name,
+    load_unit,
+    material_name,
+    obstacle_poses,
+    parameter,
+    poisson_ratio,
+    step_at,
+)
+from fem_snh.viewing.render.worker import draw_elsewhere, require
+
+#: Types of pictures.
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: the files that hold its fields, its label, its load and the run's obstacles."""
+
+    files: list[str]
+    label: str
+    load: float = 0.0
+    obstacles: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Job:
+    """The input of the drawing process."""
+
+    field: str
+    title: str
+    panels: list[Panel]
+    out: str
+    opacity: float = 1.0
+
+
+def main(
+    folder: Path,
+    out: Path | None = None,
+    loads: Sequence[float] | None = None,
+    field: str = "J",
+    modes: bool = False,
+    opacity: float = 1.0,
+) -> Path:
+    """Draw the body of a run at some loads or times side by side and return the path of the PNG.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path, optional
+        Default: ``folder/<field>.png``.
+    loads : sequence of float, optional
+        In 0..1, or times [s] of a run in time; default: all load steps if there are at most four,
+        else those at 1/3, 2/3, 1.
+    field : str
+        A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
+        vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
+    modes : bool
+        Draw eigenmodes instead (`fem_snh.viewing.render.modes.main`); ``loads`` are their numbers.
+    opacity : float
+        Opacity of the body, between 0 and 1: bones are seen through a translucent one.
+
+    Raises
+    ------
+    BadInput
+        If files are missing or cannot be read, a load was not stored, or nothing can draw here.
+    """
+    folder = Path(folder)
+    if modes:
+        from fem_snh.viewing.render.modes import main as draw_modes
+
+        return draw_modes(folder, out, loads)
+    record = read_record(folder)
+    stored = stored_loads(series(folder))
+    check_field(series(folder), field)
+    out = picture_path(out) if out is not None else folder / f"{field}.png"
+    chosen = choose_loads(sorted(stored), loads)
+    panels = [panel(record, folder, stored[t], t) for t in chosen]
+    draw(Job(field, title(record), panels, str(out), check_opacity(opacity)))
+    return out
+
+
+def picture_path(out: str | Path) -> Path:
+    """Return the path of a picture; raise BadInput unless it is a file of `PICTURES`."""
+    out = output_path("--out", out)
+    if out.suffix.lower() not in PICTURES:
+        raise bad_value("--out", str(out), f"a file {', '.join(PICTURES)}")
+    return out
+
+
+def check_opacity(opacity: float) -> float:
+    """Return the opacity; raise BadInput unless it is between 0 and 1."""
+    if not 0 < opacity <= 1:
+        raise bad_value("--opacity", opacity, "a number above 0, up to 1")
+    return opacity
+
+
+def panel(record: dict[str, Any], folder: Path, files: Sequence[Path], load: float) -> Panel:
+    """Return the panel of a run at a stored load or time."""
+    label = panel_label(record, load)
+    return Panel([str(file) for file in files], label, load, obstacle_poses(record, folder, load))
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return ``folder/run.json``; raise BadInput if it is missing or no record of a run."""
+    path = folder / "run.json"
+    if not path.exists():
+        raise BadInput(f"{folder}: no run.json here: give the folder of a run (--out DIR)")
+    return load_record(path)
+
+
+def series(folder: Path) -> Path:
+    """Return the collection of a run's states: of the skin if a lattice carries one."""
+    skin = folder / "skin.pvd"
+    return skin if skin.is_file() else folder / "fields.pvd"
+
+
+def stored_loads(pvd: Path) -> dict[float, list[Path]]:
+    """Return {load: .vtu files} of a collection (.pvd) that dolfinx's VTKFile wrote.
+
+    The collection names .vtu files or .pvtu files, which name one .vtu per rank. dolfinx 0.5 lists
+    each file once per field; duplicates are removed.
+    """
+    found: dict[float, list[Path]] = {}
+    for data in _elements(pvd, "DataSet"):
+        file = pvd.parent / data.get("file", "")
+        pieces = [file]
+        if file.suffix == ".pvtu":
+            pieces = [file.parent / p.get("Source", "") for p in _elements(file, "Piece")]
+        missing = [p for p in pieces if not p.is_file()]
+        if missing:
+            raise BadInput(f"{missing[0]}: missing, but {file.name} refers to it")
+        found.setdefault(float(data.get("timestep", "nan")), []).extend(pieces)
+    if not found:
+        raise BadInput(f"{pvd}: holds no fields")
+    return {load: list(dict.fromkeys(pieces)) for load, pieces in found.items()}
+
+
+def _elements(path: Path, tag: str) -> list[ET.Element]:
+    try:
+        return list(ET.parse(path).iter(tag))
+    except FileNotFoundError:
+        raise BadInput(f"{path}: missing: the run has stored no fields") from None
+    except (OSError, ET.ParseError) as error:
+        raise BadInput(f"{path}: cannot be read: {one_line(error)}") from None
+
+
+def choose_loads(stored: list[float], wanted: Sequence[float] | None) -> list[float]:
+    """Return the stored loads to draw; raise BadInput if a requested one was not stored."""
+    if wanted:
+        same = 1e-6 * max(map(abs, stored))
+        for load in wanted:
+            if not any(math.isclose(load, s, abs_tol=same) for s in stored):
+                raise BadInput(f"no fields at load {load:g}: stored are {_listed(stored)}")
+        return [min(stored, key=lambda s: abs(s - load)) for load in wanted]
+    steps = [s for s in stored if s > 0] or stored
+    if len(steps) <= 4:
+        return steps
+    return [steps[round(i * len(steps) / 3) - 1] for i in (1, 2, 3)]
+
+
+def _listed(loads: list[float]) -> str:
+    return ", ".join(f"{load:g}" for load in loads)
+
+
+def title(record: dict[str, Any]) -> str:
+    """Return scene, material, nu, element and number of cells in one line."""
+    ratio = f"ν = {poisson_ratio(record)}"
+    parts = [str(record["scene"]), material_name(record), ratio]
+    if "cells" in record and "element" in record:
+        parts.append(f"{record['cells']:,} {record['element']} cells".replace(",", "\u2009"))
+    return "  ·  ".join(parts)
+
+
+def panel_label(record: dict[str, Any], load: float) -> str:
+    """Return name and value of the load or time, and volume change and smallest J of its step."""
+    value = parameter(record, load)
+    label = f"{load_name(record)} {number(value) if not load_unit(record) else f'{value:.3g}'}"
+    label += load_unit(record)
+    step = step_at(record, load)
+    if step is None:
+        return label
+    if step.get("volume_ratio") is not None:
+        change = f"{100 * (step['volume_ratio'] - 1):+.2f}".replace("-", "\u2212")
+        label += f"  ·  volume {change} %"
+    if step.get("min_J") is not None:
+        label += f"  ·  min J {step['min_J']:.2f}"
+    return label if step.get("converged", True) else label + "  ·  not converged"
+
+
+def number(x: float) -> str:
+    """Return ``x`` as text: a simple fraction of pi, or three digits."""
+    turn = Fraction(x / math.pi).limit_denominator(12)
+    if turn == 0 or not math.isclose(x, turn * math.pi, rel_tol=1e-9):
+        return f"{x:.3g}"
+    top = {1: "π", -1: "-π"}.get(turn.numerator, f"{turn.numerator}π")
+    return top if turn.denominator == 1 else f"{top}/{turn.denominator}"
+
+
+def one_line(error: object) -> str:
+    """Return the first line of an error's message."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def draw(job: Job) -> None:
+    """Draw in a separate process; raise BadInput if it cannot."""
+    require("render", ("pyvista", "matplotlib"))
+    draw_elsewhere(asdict(job))

@@ -1,0 +1,71 @@
+"""Draw several runs side by side, one body each; studies and benchmarks call it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from fem_snh.errors import BadInput
+from fem_snh.viewing import render
+from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render.records import material_name
+
+#: What separates the parts of a label.
+_DOT = "  ·  "
+
+
+def main(
+    folders: Sequence[Path],
+    out: Path,
+    load: float | None = None,
+    labels: Sequence[str] | None = None,
+    field: str = "J",
+) -> Path:
+    """Draw the bodies of runs side by side, with one scale and colour map, and return the PNG.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of the runs, one panel each.
+    load : float, optional
+        In 0..1; default: the last one that each run has stored.
+    labels : sequence of str, optional
+        Labels of the panels, before load and volume; default: the names of the materials. What
+        all panels share is in the title.
+    field : str
+        As for `fem_snh.viewing.render.main`.
+
+    Raises
+    ------
+    BadInput
+        As from `fem_snh.viewing.render.main`.
+    """
+    out = render.picture_path(out)
+    folders = [Path(folder) for folder in folders]
+    records = [render.read_record(folder) for folder in folders]
+    if not records:
+        raise BadInput("nothing to draw: give folders of runs")
+    names = labels or [material_name(record) for record in records]
+    panels = []
+    for folder, record, name in zip(folders, records, names, strict=True):
+        stored = render.stored_loads(render.series(folder))
+        check_field(render.series(folder), field)
+        (at,) = render.choose_loads(sorted(stored), [max(stored) if load is None else load])
+        panel = render.panel(record, folder, stored[at], at)
+        panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
+    title = _common([render.title(record) for record in records])
+    if len(panels) > 1:
+        shared = _common([panel.label for panel in panels])
+        for index, panel in enumerate(panels):
+            own = [part for part in panel.label.split(_DOT) if part not in shared]
+            panels[index] = replace(panel, label=_DOT.join(own))
+        title += [part for part in shared if part not in title]
+    render.draw(render.Job(field, _DOT.join(title), panels, str(out)))
+    return out
+
+
+def _common(texts: Sequence[str]) -> list[str]:
+    """Return the parts that all texts have."""
+    parts = [text.split(_DOT) for text in texts]
+    return [part for part in parts[0] if all(part in other for other in parts)]

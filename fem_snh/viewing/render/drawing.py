@@ -1,0 +1,260 @@
+"""Draw panels with PyVista and arrange them with matplotlib: the worker process of ``render``.
+
+``python -m fem_snh.viewing.render.drawing`` reads a job (`render.Job` as JSON) from standard input.
+It exits with 2 for a mistake in the files, which the last line on standard error names, and with
+another code than 0 if it cannot draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from fem_snh.atomic_files import replace_file
+from fem_snh.errors import BadInput
+from fem_snh.viewing.render.fields import label
+from fem_snh.viewing.render.obstacles import Obstacles, add_solid
+from fem_snh.viewing.render.surfaces import Body, body
+from fem_snh.viewing.render.worker import serve
+
+#: Width of the picture [pixels].
+WIDTH = 1600
+#: Heights of the title, of a panel's label and of the colour bar [pixels].
+TOP, LABEL, FOOT = 90, 50, 130
+#: Size of the labels [points], and the mean width of their characters in it [pixels] (measured).
+LABEL_SIZE, CHARACTER = 8.5, 12.5
+#: Largest height of a panel [pixels].
+TALLEST = 1200
+#: Pixels per inch, which relate sizes of fonts to pixels.
+DPI = 200
+#: Directions towards the viewer: of any body, and of one long in x or in y, seen from its side.
+TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.15))
+#: Position (right, up) and intensity of the key light and the fill light at the camera.
+LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
+
+
+def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
+    """Return colour map, range and open ends of the colour bar, which all panels share.
+
+    The range excludes the lowest and highest percent of the values. J is centred at 1, so that grey
+    means no change of volume; other fields that change sign are centred at 0.
+    """
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise BadInput(f"'{field}' has no finite value")
+    low, high = np.percentile(values, [1, 99])
+    signed = field != "energy_density" and low < 0 < high
+    if field == "mode":
+        return "viridis", Normalize(0, 1), "neither"
+    centre = 1.0 if field == "J" else 0.0 if signed else None
+    if centre is not None:
+        half = round_up(max(high - centre, centre - low, 1e-3))
+        half = min(half, 1.0) if field == "J" else half  # cells with J < 0 are inverted
+        low, high = centre - half, centre + half
+    elif high <= low:
+        high = low + max(abs(low), 1.0) * 1e-3
+    under, over = values.min() < low, values.max() > high
+    extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[under, over]
+    return ("coolwarm" if centre is not None else "viridis"), Normalize(low, high), extend
+
+
+def colour_function(field: str, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function from values (n,) to the sRGB colours (n, 3), from 0 to 1, of a field.
+
+    ``values`` are all that share the range.
+    """
+    name, norm, _ = colours(field, values)
+    return lambda some: np.asarray(colormaps[name](norm(some)))[:, :3]
+
+
+def round_up(x: float) -> float:
+    """Round up to 1, 1.5, 2, 3, 4, 5, 6, 8 or 10 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return next(m for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= x * (1 - 1e-9)) * power
+
+
+@dataclass
+class View:
+    """A parallel projection for all panels; sizes are in units of the model."""
+
+    centre: np.ndarray
+    towards: np.ndarray
+    width: float
+    height: float
+
+
+def bounds(bodies: Sequence[Body]) -> np.ndarray:
+    """Return the lowest and the highest coordinates (2, 3) of bodies, deformed and at rest."""
+    points = [p for b in bodies for p in (b.surface.points, b.ghost.points) if len(p)]
+    return np.array(
+        [
+            np.min([p.min(axis=0) for p in points], axis=0),
+            np.max([p.max(axis=0) for p in points], axis=0),
+        ]
+    )
+
+
+def view(bodies: Sequence[Body], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
+    """Return a view from the front, right and above, or from the side of a long body.
+
+    ``obstacles`` are the surfaces of all panels; with some, the view is that of all together.
+    """
+    points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
+    size = np.ptp(points, axis=0)
+    points = np.concatenate([points, *(o.points for panel in obstacles for o in panel)])
+    towards = np.array(TOWARDS)
+    if size.max() > 2 * np.median(size) and size.argmax() != 2:
+        towards = np.array(TOWARDS_LONG[size.argmax()])
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(towards, right), towards])
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height = (high - low)[:2] * 1.04
+    return View((low + high) / 2 @ axes, towards, width, height)
+
+
+def draw_body(
+    item: Body,
+    where: View,
+    field: str,
+    cmap: str,
+    norm: Normalize,
+    pixels: int,
+    scale: int = 2,
+    obstacles: Sequence[pv.PolyData] = (),
+    opacity: float = 1.0,
+) -> np.ndarray:
+    """Return a panel as an RGB array (height, pixels, 3): averaged from one ``scale`` as large.
+
+    ``opacity`` is that of the body, through which its bones are seen.
+    """
+    shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
+    plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
+    plotter.background_color = "white"
+    for side, up, strength in LIGHTS:
+        light = pv.Light(light_type="camera light", intensity=strength)
+        light.position = (side, up, 1.0)
+        plotter.add_light(light)
+    plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    plotter.add_mesh(
+        item.surface,
+        scalars=field,
+        cmap=cmap,
+        clim=(norm.vmin, norm.vmax),
+        opacity=opacity,
+        show_scalar_bar=False,
+        smooth_shading=True,
+        split_sharp_edges=True,
+        feature_angle=35,
+        ambient=0.5,
+        diffuse=0.8,
+        specular=0.08,
+        specular_power=15,
+    )
+    if item.edges is not None:
+        # Moved towards the viewer, in front of the faces; the projection is parallel.
+        edges = item.edges.translate(list(2e-3 * where.width * where.towards))
+        plotter.add_mesh(edges, color="black", opacity=0.3, line_width=pixels / 350, lighting=False)
+    plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
+    if item.ghost.n_cells:  # a round body has no sharp edge
+        plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=pixels / 300, lighting=False)
+    for obstacle in obstacles:
+        add_solid(plotter, obstacle, smooth_shading=True, split_sharp_edges=True)
+    camera = plotter.camera
+    camera.SetParallelProjection(True)
+    distance = 10 * (where.width + where.height)
+    camera.focal_point = where.centre
+    camera.position = where.centre + distance * where.towards
+    camera.up = (0.0, 0.0, 1.0)
+    camera.parallel_scale = where.height / 2
+    plotter.renderer.ResetCameraClippingRange()
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    if image is None or np.all(image == image[0, 0]):
+        raise RuntimeError("OpenGL drew an empty picture")
+    offsets = range(scale)
+    averaged = np.mean([image[i::scale, j::scale] for i in offsets for j in offsets], axis=0)
+    # Rounding the colours to multiples of 4 is invisible and halves the file.
+    return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
+
+
+def add_colour_bar(
+    figure: Figure, height: int, field: str, cmap: str, norm: Normalize, extend: str
+) -> None:
+    """Add the colour bar of a field at the bottom of a figure ``height`` pixels high."""
+    ticks = MaxNLocator(5 if field == "mode" else 7)
+    bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
+    colour = ScalarMappable(norm, cmap)
+    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
+    bar.tick_params(labelsize=8)
+    bar.set_xlabel(label(field), fontsize=8.5, labelpad=2)
+
+
+def draw(job: dict[str, Any]) -> None:
+    """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
+    field = job["field"]
+    bodies = [body(panel["files"], field) for panel in job["panels"]]
+    cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
+    limits = bounds(bodies)
+    shapes = [Obstacles(p["obstacles"]).at(p["load"], limits) for p in job["panels"]]
+    where = view(bodies, shapes)
+    count = len(bodies)
+    columns = count if count <= 3 else (count + 1) // 2
+    if where.width > 2 * where.height:
+        columns = 1 if count <= 4 else 2
+    rows = -(-count // columns)
+    wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
+    wide = min(wide, round(TALLEST * where.width / where.height))
+    images = [
+        draw_body(item, where, field, cmap, norm, wide, obstacles=around, opacity=job["opacity"])
+        for item, around in zip(bodies, shapes, strict=True)
+    ]
+    tall = images[0].shape[0]
+    height = TOP + rows * (LABEL + tall) + FOOT
+    figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
+    figure.text(
+        0.5,
+        1 - TOP / 2 / height,
+        job["title"],
+        ha="center",
+        va="center",
+        fontsize=11,
+        parse_math=False,
+    )
+    longest = max(len(panel["label"]) for panel in job["panels"])
+    size = LABEL_SIZE * min(1.0, 0.95 * wide / (CHARACTER * longest))
+    for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
+        row, column = divmod(i, columns)
+        left = (WIDTH - columns * wide) // 2 + column * wide
+        low = height - TOP - (row + 1) * (LABEL + tall)
+        figure.figimage(image, left, low)
+        x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
+        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=size, parse_math=False)
+    add_colour_bar(figure, height, field, cmap, norm, extend)
+    out = Path(job["out"])
+    options: dict[str, Any] = {
+        "dpi": DPI,
+        "format": out.suffix[1:],
+        "pil_kwargs": {"optimize": True},
+    }
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
+    replace_file(out, lambda file: figure.savefig(file, **options))
+
+
+if __name__ == "__main__":
+    serve(draw)

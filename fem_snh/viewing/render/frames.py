@@ -1,0 +1,133 @@
+"""Draw the frames of a movie: the worker process of `fem_snh.viewing.render.movie`.
+
+``python -m fem_snh.viewing.render.frames`` reads a `movie.MovieJob` as JSON from standard input and
+prints the number of frames drawn. Exit codes: see `fem_snh.viewing.render.worker`.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from math import floor, log10
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from fem_snh.atomic_files import remove
+from fem_snh.errors import BadInput
+from fem_snh.viewing.render.drawing import (
+    DPI,
+    FOOT,
+    LABEL,
+    TOP,
+    add_colour_bar,
+    bounds,
+    colours,
+    draw_body,
+    view,
+)
+from fem_snh.viewing.render.interpolation import InterpolatedStates
+from fem_snh.viewing.render.obstacles import Obstacles
+from fem_snh.viewing.render.surfaces import body_of
+from fem_snh.viewing.render.worker import serve
+
+#: Pixels: the width of a frame, and the largest height of the body in it.
+_WIDTH, _TALLEST = 1280, 720
+#: Colours of a GIF's palette, which is chosen once, from the last frame.
+_GIF_COLOURS = 256
+
+
+def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
+    """Yield the frames as RGB arrays (height, width, 3) uint8, of even height and width."""
+    field, loads = job["field"], job["loads"]
+    states = InterpolatedStates(loads, [state["files"] for state in job["states"]], field)
+    # The view and the range of colours are those of all stored states together.
+    bodies = [body_of(states.grid(load), field) for load in loads]
+    cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
+    limits, obstacles = bounds(bodies), Obstacles(job["obstacles"])
+    where = view(bodies, [obstacles.at(load, limits) for load in loads])
+    wide = min(_WIDTH, round(_TALLEST * where.width / where.height))
+    del bodies
+    decimals = max(0, 2 - floor(log10(abs(job["names"][-1] - job["names"][0]) or 1.0)))
+    figure = None
+    for load in np.linspace(loads[0], loads[-1], job["frames"]):
+        item = body_of(states.grid(load), field)
+        around = obstacles.at(load, limits)
+        image = draw_body(
+            item, where, field, cmap, norm, wide, 1, obstacles=around, opacity=job["opacity"]
+        )
+        if figure is None:
+            height = TOP + LABEL + image.shape[0] + FOOT
+            height += height % 2
+            figure = Figure(figsize=(_WIDTH / DPI, height / DPI), dpi=DPI)
+            canvas = FigureCanvasAgg(figure)
+            y = 1 - TOP / 2 / height
+            figure.text(
+                0.5, y, job["title"], ha="center", va="center", fontsize=8, parse_math=False
+            )
+            label = figure.text(
+                0.5, 1 - TOP / height, "", ha="center", va="center", fontsize=7, parse_math=False
+            )
+            shown = figure.figimage(image, (_WIDTH - wide) // 2, FOOT)
+            add_colour_bar(figure, height, field, cmap, norm, extend)
+        shown.set_data(image)
+        value = float(np.interp(load, loads, job["names"]))
+        label.set_text(f"{job['load_name']} {value:.{decimals}f}{job['load_unit']}")
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def write(job: dict[str, Any]) -> None:
+    """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
+    out = Path(job["out"])
+    new = out.with_name(f".{out.stem}.new{out.suffix}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.suffix.lower() == ".gif":
+            _write_gif(new, job)
+        else:
+            _write_mp4(new, job)
+        new.replace(out)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {error.strerror or error}") from None
+    finally:
+        remove(new)
+
+
+def _write_mp4(path: Path, job: dict[str, Any]) -> None:
+    import imageio
+
+    settings: dict[str, Any] = {"codec": "libx264", "quality": 6, "macro_block_size": 2}
+    movie: Any = imageio.get_writer(path, fps=job["frames_per_second"], **settings)
+    with movie:
+        for count, frame in enumerate(frames(job), 1):
+            movie.append_data(frame)
+            print(count, flush=True)
+
+
+def _write_gif(path: Path, job: dict[str, Any]) -> None:
+    drawn = []
+    for count, frame in enumerate(frames(job), 1):
+        compressed = io.BytesIO()  # whole frames would need gigabytes
+        Image.fromarray(frame).save(compressed, "PNG", compress_level=1)
+        drawn.append(compressed)
+        print(count, flush=True)
+    palette = Image.open(drawn[-1]).quantize(_GIF_COLOURS)
+    images = [
+        Image.open(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in drawn
+    ]
+    images[0].save(
+        path,
+        save_all=True,
+        append_images=images[1:],
+        duration=round(1000 / job["frames_per_second"]),
+        loop=0,
+    )
+
+
+if __name__ == "__main__":
+    serve(write)

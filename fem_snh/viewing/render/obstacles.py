@@ -1,0 +1,169 @@
+"""Draw the obstacles and the bones of a run: triangles of their shapes, at their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+
+from fem_snh.errors import BadInput
+from fem_snh.geometry.bones import AffineTable, Motion, RigidMotion
+from fem_snh.geometry.motions import PoseTable
+from fem_snh.geometry.shapes import Shape, from_record
+from fem_snh.viewing.render.surfaces import boundary
+
+#: Colour and opacity of obstacles and of bones; a body must be translucent to show its bones.
+STYLES = {"obstacles": ("#a0a0a0", 0.35), "bones": ("#e3d9bf", 1.0)}
+#: The name of a surface's data that is its kind.
+_KIND = "kind"
+#: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
+#: diagonal: a plane has no end, and a distant obstacle would make the body small.
+_MARGIN = 0.25
+#: Points along an edge of the grid on which a smooth union is sampled: 1 % of the picture.
+_GRID = 100
+#: Divisions of a circle.
+_CIRCLE = 120
+
+
+class Obstacles:
+    """The obstacles and the bones of a run, as `fem_snh.viewing.render.records.obstacle_poses` has
+    them.
+
+    Parameters
+    ----------
+    records : sequence of dict
+        ``kind``, a key of `STYLES`; ``shape``, a table of one key; ``loads``; ``poses``, at each
+        load the rows [R | c] of an obstacle, which are slerped, or [A | c] of a bone.
+    """
+
+    def __init__(self, records: Sequence[dict[str, Any]]) -> None:
+        self._items = []
+        for record in records:
+            poses = np.array(record["poses"], dtype=float)
+            loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
+            motion: Motion = AffineTable(loads, poses)
+            if drawn_as == "obstacles":
+                motion = RigidMotion(PoseTable(loads, poses[:, :, :3], poses[:, :, 3]))
+            ((kind, keys),) = record["shape"].items()
+            self._items.append((kind, keys, motion, drawn_as))
+
+    def at(self, load: float, bounds: np.ndarray) -> list[pv.PolyData]:
+        """Return the surfaces at a load, as far as they are near the bodies.
+
+        Parameters
+        ----------
+        load : float
+            The load, from 0 to 1.
+        bounds : (2, 3) array
+            Lowest and highest coordinates of the bodies in all panels [length].
+        """
+        margin = _MARGIN * np.linalg.norm(bounds[1] - bounds[0])
+        box = np.array([bounds[0] - margin, bounds[1] + margin])
+        found = []
+        for kind, keys, motion, drawn_as in self._items:
+            matrix = np.eye(4)
+            matrix[:3] = motion.affine(load)
+            # The box in the shape's own coordinates: centre and radius.
+            inverse = np.linalg.inv(matrix[:3, :3])
+            centre = inverse @ (box.mean(axis=0) - matrix[:3, 3])
+            radius = float(np.linalg.norm(box[1] - box[0]) * np.linalg.norm(inverse, 2)) / 2
+            surface: Any = triangles(kind, keys, centre, radius)
+            surface.transform(matrix, inplace=True)
+            cut = surface.clip_box(list(box.T.ravel()), invert=False)
+            if cut.n_cells:
+                found.append(boundary(cut, 0))
+                found[-1].add_field_data([drawn_as], _KIND)
+        return found
+
+
+def add_solid(plotter: Any, surface: pv.PolyData, **options: Any) -> None:
+    """Add a surface of `Obstacles` to a plotter, in the colour of its kind."""
+    colour, opacity = STYLES[str(surface.field_data[_KIND][0])]
+    plotter.add_mesh(surface, color=colour, opacity=opacity, **options)
+
+
+def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.PolyData:
+    """Return the surface of a shape at its reference position.
+
+    Parameters
+    ----------
+    kind : str
+        The key of the shape in a scene.
+    keys : dict or str
+        Its values; of ``surface`` the path of an STL file.
+    centre, radius : (3,) array, float
+        A ball that holds all that is shown [length]: surfaces without an end are cut off there.
+
+    Raises
+    ------
+    BadInput
+        For a file that cannot be read, and a kind that this version does not know.
+    """
+    if kind == "plane":
+        n = np.array(keys["normal"]) / np.linalg.norm(keys["normal"])
+        foot = centre - n * ((centre - keys["point"]) @ n)
+        size = 2 * radius
+        return pv.Plane(center=tuple(foot), direction=tuple(n), i_size=size, j_size=size)
+    if kind == "sphere":
+        return _sphere(keys["radius"]).translate(keys["center"])
+    if kind == "box":
+        half = np.array(keys["size"]) / 2
+        box: Any = pv.Box(np.column_stack([-half, half]).ravel())
+        angle = float(np.linalg.norm(keys["rotation"]))
+        if angle:
+            box.rotate_vector(keys["rotation"], np.degrees(angle), inplace=True)
+        return box.translate(keys["center"])
+    if kind == "surface":
+        try:
+            return pv.read(keys)
+        except Exception as error:  # VTK's readers document no exceptions
+            raise BadInput(f"{keys}: cannot be read: {error}") from None
+    if kind == "union":
+        parts = [triangles(k, v, centre, radius) for table in keys for k, v in table.items()]
+        return parts[0].append_polydata(*parts[1:]) if parts[1:] else parts[0]
+    if kind == "smooth_union":
+        return _level_set(from_record({kind: keys}), centre, radius)
+    if kind not in ("cylinder", "capsule"):
+        raise BadInput(f"run.json: a shape '{kind}': expected one that this version draws")
+    start, end = np.array(keys["from"]), np.array(keys["to"])
+    t = (end - start) / np.linalg.norm(end - start)
+    if kind == "cylinder":
+        middle, length = (start + end) / 2, float(np.linalg.norm(end - start))
+        if keys.get("infinite"):
+            middle, length = start + t * ((centre - start) @ t), 2 * radius
+        return pv.Cylinder(
+            center=tuple(middle),
+            direction=tuple(t),
+            radius=keys["radius"],
+            height=length,
+            resolution=_CIRCLE,
+        )
+    capsule = _sphere(keys["radius"])  # its halves are moved apart
+    points = capsule.points @ _basis(t).T
+    capsule.points = points + np.where((points @ t > 0)[:, None], end, start)
+    return capsule
+
+
+def _sphere(radius: float) -> Any:
+    return pv.Sphere(radius=radius, theta_resolution=_CIRCLE, phi_resolution=_CIRCLE // 2)
+
+
+def _level_set(shape: Shape, centre: np.ndarray, radius: float) -> pv.PolyData:
+    """Return the triangles of a shape's surface within a cube around a ball."""
+    grid = pv.ImageData(
+        dimensions=(_GRID,) * 3,
+        spacing=(2 * radius / (_GRID - 1),) * 3,
+        origin=tuple(centre - radius),
+    )
+    grid["distance"] = shape.distance(np.asarray(grid.points, dtype=float))
+    found: pv.PolyData = grid.contour([0.0], scalars="distance", method="flying_edges")
+    return found
+
+
+def _basis(t: np.ndarray) -> np.ndarray:
+    """Return a rotation matrix whose third column is a unit vector."""
+    first = np.cross(t, np.eye(3)[np.argmin(np.abs(t))])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(t, first), t])

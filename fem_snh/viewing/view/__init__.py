@@ -1,0 +1,80 @@
+"""``fem-snh view``: a run as one HTML page: its body in three dimensions, curves, steps, settings.
+
+The page needs no other file and no network: it holds the viewer, which is vtk.js as trame packs it,
+and a scene for each state. `fem_snh.viewing.view.scenes` exports the scenes in a process of its own
+(`fem_snh.viewing.render.worker`); `fem_snh.viewing.view.page` writes the page.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fem_snh.atomic_files import output_path, replace_file
+from fem_snh.errors import BadInput
+from fem_snh.viewing.render import Panel, panel, read_record, series, stored_loads
+from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render.worker import draw_elsewhere, require
+
+#: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
+MAX_STATES = 13
+
+
+@dataclass(frozen=True)
+class ViewJob:
+    """The input of `fem_snh.viewing.view.scenes`: it writes a scene for each state into a
+    folder."""
+
+    field: str
+    states: list[Panel]
+    folder: str
+
+
+def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
+    """Write the page of a run and return its path.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    out : Path, optional
+        The page; default: ``folder/view.html``.
+    field : str
+        The field that the colours show, or a component of it: see `fem_snh.viewing.render.main`.
+
+    Raises
+    ------
+    BadInput
+        If a package or a file is missing, a file cannot be read, or the page cannot be written.
+    """
+    folder = Path(folder)
+    out = output_path("--out", out) if out is not None else folder / "view.html"
+    if out.suffix not in (".html", ".htm"):
+        raise BadInput(f"--out {out}: expected a file .html")
+    require("view", ("pyvista", "matplotlib"))
+    require("view", ("trame_vtk",), "'fem_snh[view]'")
+    record = read_record(folder)
+    stored = stored_loads(series(folder))
+    check_field(series(folder), field)
+    states = [panel(record, folder, stored[load], load) for load in choose_states(sorted(stored))]
+
+    from fem_snh.viewing.view.page import page  # imports matplotlib
+
+    with tempfile.TemporaryDirectory() as scratch:
+        draw_elsewhere(asdict(ViewJob(field, states, scratch)), "fem_snh.viewing.view.scenes")
+        scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
+    replace_file(out, page(record, [state.label for state in states], scenes))
+    return out
+
+
+def choose_states(loads: list[float]) -> list[float]:
+    """Return at most `MAX_STATES` of the loads, evenly chosen, with the first and the last."""
+    if len(loads) <= MAX_STATES:
+        return loads
+    last, intervals = len(loads) - 1, MAX_STATES - 1
+    return [loads[round(k * last / intervals)] for k in range(MAX_STATES)]
