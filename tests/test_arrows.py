@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from layers import ALLOWED, FORBIDDEN, LAYER, LAZY, THIRD_PARTY
+from layers import CALLERS, COMMON, FORBIDDEN, PARTS, THIRD_PARTY
 from same_on_every_debian import SAME_ON_EVERY_DEBIAN
 
 import fem_snh
@@ -16,65 +16,74 @@ import fem_snh
 PACKAGE = Path(fem_snh.__file__).parent
 
 
+def module_of(path: Path) -> str:
+    """Return a file's module name within the package, e.g. "terms.elastic"; "" for the package."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
 def part_of(path: Path) -> str:
-    """Return the part that a file belongs to; "" for ``__init__`` files of the package and fem."""
-    first, *rest = path.relative_to(PACKAGE).with_suffix("").parts
-    if first == "fem" and rest != ["__init__"]:
-        return f"fem.{rest[0]}"
-    return "" if first in ("__init__", "fem") else first
+    """Return the folder, or the module beside the folders, that a file belongs to."""
+    return module_of(path).split(".")[0]
 
 
 def imports(path: Path) -> set[str]:
-    """Return the full names of all that a file imports, at its top or inside functions."""
-    found: set[str] = set()
+    """Return the full names of all that a file imports, at its top, in functions, or for types."""
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: expected absolute imports"
             module = node.module or ""
-            found |= {f"{module}.{alias.name}" for alias in node.names}
-    return found
+            names |= {f"{module}.{alias.name}" for alias in node.names}
+    return names
 
 
 def imported_parts(names: set[str]) -> set[str]:
     """Return the parts of the package among imported names."""
-    modules = (name.split(".")[1:] for name in names if name.startswith("fem_snh."))
-    parts = {f"fem.{m[1]}" if m[0] == "fem" and len(m) > 1 else m[0] for m in modules}
-    return parts & set(LAYER)
+    parts = {name.split(".")[1] for name in names if name.startswith("fem_snh.")}
+    return parts & {*PARTS, *COMMON, *CALLERS}
+
+
+def lies_in(module: str, homes: set[str]) -> bool:
+    """Whether a module is one of some modules and folders, or inside one of them."""
+    return any(f"{module}.".startswith(f"{home}.") for home in homes)
 
 
 FILES = sorted(PACKAGE.rglob("*.py"))
 every_file = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 
 
-def test_every_part_has_a_layer():
-    assert {part_of(path) for path in FILES} - {""} == set(LAYER)
+def test_every_part_has_its_position():
+    assert {part_of(path) for path in FILES} - {""} == {*PARTS, *COMMON, *CALLERS}
 
 
 @every_file
 def test_imports_point_down(path):
+    """No cycle between folders: each imports those before it, lazily and for types as well."""
     part = part_of(path)
     if not part:
-        return  # fem_snh/__init__.py imports lazily; see below
-    known = (
-        imported_parts(imports(path))
-        - {part}
-        - LAZY.get(path.relative_to(PACKAGE).as_posix(), set())
-    )
-    allowed = ALLOWED.get(part, set())
-    upwards = {other for other in known - allowed if LAYER[other] >= LAYER[part]}
-    assert not upwards, f"{part} must not import {sorted(upwards)}"
-    assert known <= ALLOWED.get(part, known), f"{part} must not import {sorted(known - allowed)}"
+        return  # fem_snh/__init__.py gives the public names
+    others = imported_parts(imports(path)) - {part}
+    if part in COMMON:
+        allowed = set(COMMON[: COMMON.index(part)])
+    elif part in CALLERS:
+        allowed = {*COMMON, *PARTS[: PARTS.index(CALLERS[part]) + 1], *CALLERS}
+    else:
+        allowed = {*COMMON, *PARTS[: PARTS.index(part)]}
+    assert others <= allowed, f"{part} must not import {sorted(others - allowed)}"
 
 
 @every_file
 def test_third_party_packages(path):
-    part = part_of(path)
-    found = {name.split(".")[0] for name in imports(path)}
+    module = module_of(path)
+    packages = {name.split(".")[0] for name in imports(path)}
     for package, homes in THIRD_PARTY.items():
-        assert package not in found or part in homes, f"{part} must not import {package}"
-    assert not found & FORBIDDEN.get(part, set())
+        assert package not in packages or lies_in(module, homes), f"{module} imports {package}"
+    for home, forbidden in FORBIDDEN.items():
+        if lies_in(module, {home}):
+            assert not packages & forbidden, f"{module} imports {sorted(packages & forbidden)}"
 
 
 @every_file

@@ -33,7 +33,7 @@ from fem_snh.steps.stepping import Stepper
 if TYPE_CHECKING:
     from fem_snh.dynamics.dynamics import Dynamics
     from fem_snh.problem.bone_nodes import BoneNodes
-    from fem_snh.runs.bones import BoneRecords
+    from fem_snh.problem.bone_records import BoneRecords
     from fem_snh.terms import Term
 
 
@@ -146,7 +146,7 @@ def _why_condensed(scene: scenes.Scene) -> str:
 
 
 def _bone_records(problem: Problem) -> BoneRecords:
-    from fem_snh.runs.bones import BoneRecords
+    from fem_snh.problem.bone_records import BoneRecords
 
     return BoneRecords(problem)
 

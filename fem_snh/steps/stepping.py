@@ -14,7 +14,7 @@ from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
 
 if TYPE_CHECKING:
-    from fem_snh.runs.bones import BoneRecords
+    from fem_snh.problem.bone_records import BoneRecords
 
 
 class Stepper:
