@@ -151,7 +151,7 @@ def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
-    vibrates. The mean square of ``mode`` over the mass is the square of `Problem.length`.
+    vibrates. The mean square of ``mode`` over the mass is the square of ``Problem.length``.
 
     Parameters
     ----------

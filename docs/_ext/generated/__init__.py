@@ -16,7 +16,7 @@ from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from generated import builtin, commands, fields, grid, modules, petsc, scene
+from generated import builtin, commands, fields, grid, modules, parts, petsc, scene
 
 WRITERS: dict[str, Callable[..., str]] = {
     "commands": commands.markdown,
@@ -24,6 +24,7 @@ WRITERS: dict[str, Callable[..., str]] = {
     "grid": grid.markdown,
     "materials": builtin.materials,
     "modules": modules.markdown,
+    "parts": parts.markdown,
     "petsc-options": petsc.markdown,
     "scene": scene.markdown,
     "scenes": builtin.scenes,
