@@ -1,7 +1,7 @@
 """Notes on a result: what its reader must know beside "converged".
 
 A scene's run has them in run.json and in `fem_snh.runs.Result.notes`, a program in
-`fem_snh.NonlinearProblem.notes`.
+``fem_snh.NonlinearProblem.notes``.
 """
 
 from __future__ import annotations

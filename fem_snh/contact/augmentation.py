@@ -8,7 +8,7 @@ from fem_snh.terms.settling import relative
 
 #: Default tolerance of the gap in the height of the cell at the surface.
 TOLERANCE = 1e-3
-#: With the default tolerance the sum of the pressures' changes by an augmentation, k |g|, is below
+#: With the default tolerance the sum of the pressures' changes by an augmentation, k ``|g|``, is below
 #: this part of the force, too: a small load leaves a small gap, without any augmentation. What the
 #: force then lacks is smaller by E/(k h), which is a tenth or less.
 FORCE_TOLERANCE = 0.02

@@ -190,7 +190,7 @@ class Problem:
 
     @property
     def rounding_force(self) -> float:
-        """A bound of the residual's rounding error [N]: `_ROUNDING` times the forces of strain 1.
+        """A bound of the residual's rounding error [N]: ``_ROUNDING`` times the forces of strain 1.
 
         It grows with coordinates far from the origin. Collective.
         """
