@@ -8,9 +8,9 @@ from fem_snh.terms.settling import relative
 
 #: Default tolerance of the gap in the height of the cell at the surface.
 TOLERANCE = 1e-3
-#: With the default tolerance the sum of the pressures' changes by an augmentation, k ``|g|``, is below
-#: this part of the force, too: a small load leaves a small gap, without any augmentation. What the
-#: force then lacks is smaller by E/(k h), which is a tenth or less.
+#: With the default tolerance the sum of the pressures' changes by an augmentation, k ``|g|``, is
+#: below this part of the force, too: a small load leaves a small gap, without any augmentation.
+#: What the force then lacks is smaller by E/(k h), which is a tenth or less.
 FORCE_TOLERANCE = 0.02
 #: Below this part of the tolerance of the gap forces are not looked at: with the default stiffness
 #: pressures of 1e-5 E, as of surfaces that just part, may be noise of Newton's method.
