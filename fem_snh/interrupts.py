@@ -47,7 +47,9 @@ class Interrupts:
             signal.signal(number, handler)
 
     def _interrupt(self, number: int, _: Any) -> None:
-        """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt."""
+        """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt, once."""
+        if self._received:
+            return  # the run is ending already, and writes its status
         if self._delay and number != signal.SIGALRM:
             signal.setitimer(signal.ITIMER_REAL, self._delay)
             return

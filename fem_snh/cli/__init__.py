@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 import time
 import traceback
@@ -52,6 +53,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
     """Run ``command(argv)``; turn every exception into an exit code and at most one line."""
+    _open_standard_streams()
     # PETSc's handler reports every signal as a crash, SIGPIPE from `| head` included.
     if "-no_signal_handler" not in (options := os.environ.get("PETSC_OPTIONS", "")):
         os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler"
@@ -73,9 +75,27 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
             return _stop(f"cannot write: {error.strerror}", 2)
         return _stop(str(error), 2) if error.filename else _crash()
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # pressed again
         return _stop("interrupted; what was computed is kept", 130)
     except Exception:  # a bug: its traceback, and no rank waits for this one
         return _crash()
+
+
+def _open_standard_streams() -> None:
+    """Open the null device for standard streams that are closed.
+
+    Libraries expect the streams, and the next file that is opened would have the number of one.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
 
 
 def _dispatch(argv: list[str]) -> int:

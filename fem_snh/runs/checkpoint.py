@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -98,7 +99,10 @@ class Writer:
         flush = monotonic() > self._flushed + _FLUSH_INTERVAL
         path = self._folder.path / CHECKPOINT
         self._folder.announce(CHECKPOINT)
-        replace_file(path, lambda file: np.savez(file, **content), sync=flush)
+        # Where the disk is full, zipfile would report it a second time when Python deletes it.
+        archive = BytesIO()
+        np.savez(archive, **content)
+        replace_file(path, lambda file: file.write(archive.getbuffer()), sync=flush)
         if flush:
             self._flushed = monotonic()
 
