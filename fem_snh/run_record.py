@@ -52,7 +52,11 @@ def _check(test: Callable[[Any], bool], accepted: str) -> Check:
 
 
 _number = _check(is_number, "a number")
-_number_or_null = _check(lambda v: v is None or is_number(v), "a number or null")
+# A step that failed may have an infinite residual or energy, which only run.json has as null.
+_number_or_null = _check(
+    lambda v: v is None or (isinstance(v, int | float) and not isinstance(v, bool)),
+    "a number or null",
+)
 _positive = _check(lambda v: is_number(v) and v > 0, "a number > 0")
 _whole = _check(lambda v: isinstance(v, int) and not isinstance(v, bool), "a whole number")
 _flag = _check(lambda v: isinstance(v, bool), "true or false")
