@@ -80,7 +80,14 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     solver = create_solver()
     points = V.tabulate_dof_coordinates()
     dofs = 3 * V.dofmap.index_map.size_global
-    record: dict[str, Any] = {"dofs": dofs, "ranks": comm.size, "steps": [], "converged": False}
+    record: dict[str, Any] = {
+        "scene": scene.name,
+        "material": {"name": energy.name, "nu": energy.nu},
+        "dofs": dofs,
+        "ranks": comm.size,
+        "steps": [],
+        "converged": False,
+    }
     load, size = 0.0, 1.0 / scene.steps
     while load < 1 and "status" not in record and size > 2.0**-HALVINGS / scene.steps * 0.75:
         to = min(load + size, 1.0) if load + size < 1 - 1e-12 else 1.0

@@ -9,9 +9,10 @@
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
 
 Each subpackage uses those before it: `materials` (symbolic energies), `kernels` (their generated
-C), `linalg` (linear solvers), `scenes` (experiments), `fem` (mesh, elements, assembly), `solver`
-(projected Newton, a PETSc SNES), `runs` (load steps, output), `plots` and `render` (figures),
-`studies` (parameter studies), `reports` (properties of materials), `cli` (the program fem-snh).
+C), `viewing` (plots and pictures), `mesh`, `linalg` (linear solvers), `constitutive` (a material at
+a point), `solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads),
+`scenes` (experiments), `contact`, `studies` (many runs), `problem`, `dynamics`, `steps` (the
+driver), `output`, `runs` (a scene in, a result out), `cli` (the program fem-snh).
 """
 
 from __future__ import annotations

@@ -32,11 +32,11 @@ def test_orders_at_one_half_are_of_elements_with_a_pressure() -> None:
 
 def test_quadrature() -> None:
     rows = list(quadrature.rows(elements="Q1P0", nus="0.3", cells=2, repeat=1))
-    assert [row["points"] for row in rows] == [1, 8, 27]
-    assert [row["default"] for row in rows] == [False, True, False]
-    assert [row["spurious"] for row in rows] == [12, 0, 0] and all(row["ok"] for row in rows)
-    assert rows[0]["volume_error"] > 1e-7 > 1e-13 > rows[1]["volume_error"]
-    assert rows[1]["error"][0.3] == pytest.approx(rows[2]["error"][0.3], rel=1e-3)
+    assert [row["points"] for row in rows] == [8, 27]
+    assert [row["default"] for row in rows] == [True, False]
+    assert [row["spurious"] for row in rows] == [0, 0] and all(row["ok"] for row in rows)
+    assert max(row["volume_error"] for row in rows) < 1e-13
+    assert rows[0]["error"][0.3] == pytest.approx(rows[1]["error"][0.3], rel=1e-3)
     assert all(row["cost"] > 0 for row in rows)
 
 

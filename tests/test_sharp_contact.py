@@ -22,6 +22,7 @@ from fem_snh.contact.surfaces.embedded_surface import embedded_surface
 from fem_snh.geometry.closest_points import PseudoNormals, closest_points, triangle_normals
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 
 COMM = MPI.COMM_WORLD
@@ -59,7 +60,7 @@ def press(kind: str, comm: MPI.Comm, element: str, steps: int = 3, depth: float 
     )
     snes = solver.create(p)
     snes.getPythonContext().options["snes_scaled_tol"] = 1e-9
-    rows = list(Stepper(p, snes, steps, "none"))
+    rows = list(Stepper(StepSolver(p, snes, "none"), steps))
     assert all(row["converged"] for row in rows)
     surface = p.terms[1].surface
     x = surface.positions(local_values(p.split(p.x)[0]).reshape(-1, 3))

@@ -1,1 +1,13 @@
-"""A material at a point: energy, stress, filtered Hessian, UFL form, and its report."""
+"""A material at a point: energy, stress, filtered Hessian, UFL form, and its report.
+
+    >>> m = fem_snh.material("stable_neo_hookean", nu=0.49)
+    >>> print(m.report())
+    >>> m.report().plot("stable_neo_hookean.png")
+
+`material` makes a `Material`, whose kernels are those of the assembly. Its report characterises it:
+`curves` computes stress against stretch, `drucker` the region of a positive tangent, `stability`
+the four stability properties of Smith et al. 2018, `minima` all equilibrium shapes of an element,
+`collapse` the behaviour as J -> 0 and under inversion, and `table` compares materials. Only
+reflection stability uses the symbolic expression, because the kernels fix one convention for the
+sign of the stretches.
+"""

@@ -15,8 +15,9 @@ from fem_snh.materials.keywords import MAX_EXPONENT
 #: Largest number, and the inverse of the smallest one: products with moduli and stretches, and
 #: derivatives, stay in the range of double precision.
 LARGEST_NUMBER = 1e100
-#: Most operations and symbols; the longest built-in energy has some 200.
-MAX_SIZE = 2000
+#: Most operations and symbols, repeated ones counted again. The longest built-in energy, the filter
+#: of `filtered_neo_hookean` on the volume, has some thousands.
+MAX_SIZE = 50_000
 
 
 def _exponential(x: complex) -> complex:

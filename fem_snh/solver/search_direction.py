@@ -168,6 +168,8 @@ class SearchDirection:
             self._apply(self._double_precision, A, P, f, d, direction)
         elif reason in _INDEFINITE and not semidefinite:
             return None
+        elif reason == _Linear.DIVERGED_INDEFINITE_PC and filtered:
+            return None  # of a preconditioner that the user chose: no refinement makes it better
         slope = self._slope(A, f, d, filtered)
         last = semidefinite or (self.hessian == "exact" and direction.filter == "none needed")
         if self._accurate or (slope is None and last):
