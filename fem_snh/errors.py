@@ -65,7 +65,9 @@ def nearest_file(path: Path) -> str:
 
 
 def shown(value: object) -> str:
-    """Return the ``repr`` of a value in one line, cut if it is long."""
+    """Return the ``repr`` of a value in one line, cut if it is long; numpy's as Python's."""
+    if getattr(value, "shape", None) == () and hasattr(value, "item"):
+        value = value.item()  # numpy 2 has np.True_ and np.float64(1.0)
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # Python prints no whole number of more than 4300 digits
