@@ -262,6 +262,8 @@ class NonlinearProblem:
             conditions.start = self.x.array_r[conditions.dofs]
         problem.set_load(0.0)
         problem.prescribe(self.x)
+        # The equilibria of an earlier path are none to extrapolate this one from.
+        self._steps[PREDICTORS[self._predictor]].predictor.before = None
         try:
             yield from self._rows(number)
         finally:
