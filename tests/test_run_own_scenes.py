@@ -52,13 +52,14 @@ def test_a_scene_made_in_python(comm):
     assert abs(u[:, 1:]).max() < 1e-6
 
 
-def own_mesh(path, scale=1.0):
+def own_mesh(path, scale=1.0, cells=2):
     """The unit cube as a user's .msh, with numbered and named groups."""
     with gmsh_model._session() as gmsh:
-        gmsh.onelab.setNumber("cells", [2.0])
+        gmsh.onelab.setNumber("cells", [float(cells)])
         gmsh.open(str(gmsh_input.source_path("cube")))
         gmsh.model.mesh.generate(3)
         gmsh.option.setNumber("Mesh.ScalingFactor", scale)
+        gmsh.option.setNumber("Mesh.Binary", 1)  # text has 16 digits: one too few for a double
         gmsh.write(str(path))
 
 
@@ -103,17 +104,14 @@ def test_a_toml_scene_with_traction_is_linear_elasticity_when_small(comm, folder
 def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalization):
     """A body of a millimetre and of steel takes the iterations of a metre of jelly.
 
-    In a trust region linear solves are tight and in double precision: its matrices are nearly
-    singular, so that rounding errors change a tenth of the iterations of loose solves, and a
-    fortieth of those of tight ones.
+    On 4 cells in each direction: on 2, conjugate gradients exhaust the Krylov space, and rounding
+    decides when.
     """
-    tight = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-8, "snes_forcing_max": 0.0}
-    petsc, bound = (tight, 0.05) if globalization == "trust_region" else ({}, 0.0)
     found = []
-    # Powers of two scale without rounding, on which the iterations of inexact solves depend.
+    # Powers of two scale without rounding.
     length, modulus = 2.0**-10, 2.0**20
     for name, scale, E in (("large", 1.0, 1.0), ("small", length, modulus)):
-        on_root(comm, own_mesh, folder / f"{name}.msh", scale)
+        on_root(comm, own_mesh, folder / f"{name}.msh", scale, 4)
         scene = bar(
             mesh=folder / f"{name}.msh",
             material=MaterialChoice(name="stable_neo_hookean", E=E, nu=0.49),
@@ -125,14 +123,13 @@ def test_size_and_stiffness_are_units_to_a_toml_scene(comm, folder, globalizatio
                     rotate=Rotate(axis=(0, 0, 1), through=(0.5 * scale,) * 3, angle=1.0),
                 )
             ],
-            petsc=petsc,
         )
         found.append(solve(Scene(**scene), globalization=globalization).steps)
     for one, other in zip(*found, strict=True):
         assert [one[k] for k in ("newton", "clamped", "reason")] == [
             other[k] for k in ("newton", "clamped", "reason")
         ]
-        assert other["linear"] == pytest.approx(one["linear"], abs=2, rel=bound)
+        assert other["linear"] == pytest.approx(one["linear"], abs=2)
         assert other["energy"] / (modulus * length**3) == pytest.approx(one["energy"], rel=1e-8)
 
 
