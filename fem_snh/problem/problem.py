@@ -26,8 +26,8 @@ from fem_snh.errors import choose
 from fem_snh.mesh.mesh import volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
-from fem_snh.mixed.taylor_hood import SaddlePoint
 from fem_snh.problem.measures import Reactions, body_measures
+from fem_snh.problem.mixed.taylor_hood import SaddlePoint
 from fem_snh.problem.regime import Regime
 from fem_snh.terms import Term, elastic_term
 from fem_snh.terms.history import TermHistory

@@ -24,7 +24,7 @@ import numpy as np
 
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.linalg.matrix_parts import Diagonal, Submatrix
-from fem_snh.mixed.pressure_masses import PressureMasses
+from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: The sums of N's rows, as a multiple of those of :math:`B H^{-1} B^T` for plane waves
 #: (docs/results/elements_cell_pressures.md).

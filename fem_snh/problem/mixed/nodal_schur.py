@@ -13,7 +13,7 @@ import numpy as np
 from fem_snh._petsc import aij_blocks, nonzero_state
 from fem_snh.linalg.halo import Halo
 from fem_snh.linalg.matrix_parts import Diagonal
-from fem_snh.mixed.pressure_masses import PressureMasses
+from fem_snh.problem.mixed.pressure_masses import PressureMasses
 
 #: Factor of the shear part of the Schur complement's approximation. In the interior 1 would be
 #: right, but at clamped boundaries and large strains it is too small, which costs more iterations
