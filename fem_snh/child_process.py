@@ -28,6 +28,11 @@ _SECONDS = 60, 100_000
 #: Prefixes of the variables by which an MPI launcher tells a process that it is a rank: those of
 #: Open MPI, PMIx, PRRTE, and of MPICH's Hydra.
 _LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDI_", "HYDRA_")
+#: Variables that tell a process its rank (Open MPI, PMIx, MPICH), and the number of ranks.
+RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
+#: The user's permission for Open MPI to run as root.
+RUN_AS_ROOT = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
 
 
 def call(library: str, function: Callable[..., T], *args: Any, size: int | None = None) -> T:
@@ -99,6 +104,11 @@ def import_path() -> dict[str, str]:
     package = str(Path(__file__).resolve().parents[1])
     paths = dict.fromkeys([*(path for path in sys.path if path), package])
     return {"PYTHONPATH": os.pathsep.join(paths)}
+
+
+def is_rank() -> bool:
+    """Return whether an MPI launcher has started this process."""
+    return any(name in os.environ for name in (*RANK_VARIABLES, *_SIZES))
 
 
 def without_launcher(variables: Mapping[str, str], kept: Collection[str] = ()) -> dict[str, str]:

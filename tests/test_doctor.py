@@ -86,3 +86,13 @@ def test_table_says_what_to_do(
     assert shown.count("missing") == 3
     for remedy in ("set CC", "set FEM_SNH_CACHE", "mpirun --oversubscribe"):
         assert remedy in shown
+
+
+def test_probes_do_not_import_from_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("numpy", "tempfile", "cffi"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('the user's own file')\n")
+    monkeypatch.chdir(tmp_path)
+    for row in ("packages", "cache folder"):
+        assert doctor.find(row).state == "ok", doctor.find(row)

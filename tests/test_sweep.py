@@ -42,6 +42,14 @@ def test_points_are_named_by_what_differs() -> None:
     assert list(combinations({"cells": [2]})) == ["point"]
 
 
+def test_no_two_points_share_a_folder() -> None:
+    """Characters that a folder cannot have are replaced, and may have been the only difference."""
+    for values in (["a b", "a_b", "a/b", "a b"], [True, "true"], ["", "_"]):
+        points = combinations({"key": values})
+        assert [point["key"] for point in points.values()] == list(dict.fromkeys(values))
+    assert list(combinations({"key": ["a b", "a_b"]})) == ["key=a_b", "key=a_b-2"]
+
+
 def test_a_point_is_a_command_line() -> None:
     words = run_arguments(
         "twist", Path("d"), {"nu": -0.1, "material": "a"}, {"ksp_rtol": 1, "v": None}

@@ -19,6 +19,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from fem_snh.child_process import is_rank
 from fem_snh.errors import BadInput, Failed, choose
 
 if TYPE_CHECKING:
@@ -37,8 +38,6 @@ COMMANDS = {
     "export": ("export", "write a run as one VTKHDF file, or its surface as OBJ files"),
     "doctor": ("tools", "check the installation"),
 }
-#: Variables set by MPI launchers; without them there is one rank, and MPI is not started.
-_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE")
 #: Errors of a full disk, which can also concern standard output.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 #: Seconds that a failing rank waits for the others to fail in the same way: their errors may be
@@ -142,8 +141,8 @@ def usage() -> str:
 
 def _communicator() -> Any:
     """Return MPI's world communicator if there are other ranks, otherwise None."""
-    if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHED):
-        return None
+    if "mpi4py.MPI" not in sys.modules and not is_rank():
+        return None  # MPI is not started
     try:
         from mpi4py import MPI
     except (ImportError, RuntimeError):

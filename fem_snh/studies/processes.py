@@ -14,7 +14,14 @@ from typing import IO, Any
 
 import psutil
 
-from fem_snh.child_process import import_path, python, without_launcher
+from fem_snh.child_process import (
+    RANK_VARIABLES,
+    RUN_AS_ROOT,
+    import_path,
+    is_rank,
+    python,
+    without_launcher,
+)
 from fem_snh.errors import BadInput
 
 # Open MPI: jobs side by side must not be bound to the same cores, and a laptop may oversubscribe.
@@ -28,9 +35,6 @@ _SHARING = {
     "PRTE_MCA_bindto": "none",
     "PRTE_MCA_mapby": ":oversubscribe",
 }
-_ROOT = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-#: Environment variables that tell a process its rank: Open MPI, PMIx, MPICH.
-_RANK_VARIABLES = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 #: Seconds between SIGTERM and SIGKILL.
 _GRACE = 5.0
 #: Seconds between two measurements of the memory.
@@ -43,17 +47,16 @@ def environment() -> dict[str, str]:
     If this process is an MPI rank itself, the variables of its launcher are removed.
     """
     env = dict(os.environ)
-    if _is_rank():
-        kept = {*_ROOT, *_SHARING, "OMPI_MCA_btl_vader_single_copy_mechanism"}  # the user's own
+    if is_rank():
+        kept = {
+            *RUN_AS_ROOT,
+            *_SHARING,
+            "OMPI_MCA_btl_vader_single_copy_mechanism",
+        }  # the user's own
         env = without_launcher(env, kept)
     if os.geteuid() == 0:
-        env = _ROOT | env
+        env = dict.fromkeys(RUN_AS_ROOT, "1") | env
     return _SHARING | env | import_path()
-
-
-def _is_rank() -> bool:
-    """Return whether this process is an MPI rank."""
-    return any(key in os.environ for key in ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"))
 
 
 def program(ranks: int, module: str = "fem_snh") -> list[str]:
@@ -138,7 +141,7 @@ class Child:
             env=environment() | {"TMPDIR": self._files.name} | dict(variables or {}),
             start_new_session=True,
         )
-        if _is_rank():  # mpirun may have bound this rank to one core; the child may use them all
+        if is_rank():  # mpirun may have bound this rank to one core; the child may use them all
             os.sched_setaffinity(self._process.pid, range(os.cpu_count() or 1))
 
     def ranks(self) -> list[int]:
@@ -226,5 +229,5 @@ def _rank(process: psutil.Process) -> int | None:
         variables = process.environ()
     except psutil.Error:
         return None  # it has just ended
-    values = [variables[key] for key in _RANK_VARIABLES if key in variables]
+    values = [variables[key] for key in RANK_VARIABLES if key in variables]
     return int(values[0]) if values else None

@@ -134,11 +134,15 @@ def _draw_bodies(out: Path, points: list[str], field: str) -> str:
 
 def combinations(lists: Mapping[str, list[Any]]) -> dict[str, dict[str, Any]]:
     """Return the values of every point by its name, which contains the values that differ."""
-    points = {}
+    points: dict[str, dict[str, Any]] = {}
     for chosen in itertools.product(*lists.values()):
         values = dict(zip(lists, chosen, strict=True))
         parts = [f"{key}={value_text(v)}" for key, v in values.items() if len(lists[key]) > 1]
-        points[folder_name(parts) or "point"] = values
+        name = plain = folder_name(parts) or "point"
+        for number in itertools.count(2):  # other values can have the same name: "a b", "a_b"
+            if points.setdefault(name, values) == values:
+                break
+            name = f"{plain}-{number}"
     return points
 
 
