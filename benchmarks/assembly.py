@@ -17,9 +17,9 @@ from fem_snh import _dolfinx
 from fem_snh.assembly import elements
 from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.regions import Region, whole_body
-from fem_snh.constitutive import ufl_forms
-from fem_snh.constitutive.material import Material
-from fem_snh.constitutive.material import material as make_material
+from fem_snh.kernels import ufl_forms
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.material import material as make_material
 from fem_snh.materials import names
 from fem_snh.mesh import mesh
 from fem_snh.terms import Elastic

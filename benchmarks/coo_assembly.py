@@ -17,7 +17,7 @@ from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, deformed, hessian, times
 from fem_snh import _dolfinx, c_declarations
 from fem_snh.choices import EIGENSOLVERS, FILTERS
-from fem_snh.constitutive.material import material as make_material
+from fem_snh.kernels.material import material as make_material
 from fem_snh.terms import Elastic
 
 # The petsc4py of PETSc 3.18 (Debian 12) lacks these functions. PetscCount is ptrdiff_t.

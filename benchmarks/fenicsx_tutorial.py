@@ -26,8 +26,8 @@ from fem_snh import _dolfinx, scenes
 from fem_snh._petsc import mumps_out_of_memory
 from fem_snh.assembly import elements
 from fem_snh.atomic_files import replace_file
-from fem_snh.constitutive import ufl_forms
-from fem_snh.constitutive.material import material
+from fem_snh.kernels import ufl_forms
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
 from fem_snh.runs import make_mesh
 

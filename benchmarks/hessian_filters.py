@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS, element
-from fem_snh.constitutive.material import material
 from fem_snh.errors import choose
+from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem

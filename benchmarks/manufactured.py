@@ -24,8 +24,8 @@ import ufl
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import Element
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem

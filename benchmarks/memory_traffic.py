@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import Row
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import element as element_of
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem

@@ -17,8 +17,8 @@ from benchmarks import Row, policy, split_list
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.errors import choose
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem

@@ -15,8 +15,8 @@ from benchmarks.assembly import times
 from benchmarks.manufactured import Manufactured, bent_cube
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS, Element, element
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem

@@ -12,7 +12,7 @@ from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, Hessian, deformed, times
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import Region
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 
 #: Time of several materials' assembly relative to one material's.
 LIMIT = 1.05

@@ -22,8 +22,8 @@ from fem_snh.assembly.assembled_matrix import create_matrix
 from fem_snh.assembly.elements import element as element_of
 from fem_snh.assembly.regions import whole_body
 from fem_snh.choices import FILTERS
-from fem_snh.constitutive import ufl_forms
-from fem_snh.constitutive.material import material as make_material
+from fem_snh.kernels import ufl_forms
+from fem_snh.kernels.material import material as make_material
 from fem_snh.mesh import mesh
 from fem_snh.terms import Elastic, UFLTerm
 

@@ -13,7 +13,7 @@ from benchmarks import Row, split_list
 from benchmarks.manufactured import bent_cube
 from benchmarks.quadrature import dense, spurious_modes
 from fem_snh.assembly.elements import ELEMENTS, Element, element
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import DIRECT_SOLVER
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.problem.create_problem import create_problem

@@ -8,11 +8,11 @@
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
 
-Each subpackage uses those before it: `materials` (symbolic energies), `kernels` (their generated
-C), `viewing` (plots and pictures), `mesh`, `linalg` (linear solvers), `constitutive` (a material at
-a point), `solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads),
-`scenes` (experiments), `contact`, `studies` (many runs), `problem`, `dynamics`, `steps` (the
-driver), `output`, `runs` (a scene in, a result out), `cli` (the program fem-snh).
+Each subpackage uses those before it: `materials` (symbolic energies), `viewing` (plots and
+pictures), `kernels` (compiled energies, a material at a point), `mesh`, `linalg` (linear solvers),
+`solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads), `scenes`
+(experiments), `contact`, `studies` (many runs), `problem`, `dynamics`, `steps` (the driver),
+`output`, `runs` (a scene in, a result out), `cli` (the program fem-snh).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
-    from fem_snh.constitutive.material import material
     from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
+    from fem_snh.kernels.material import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
 
@@ -35,7 +35,7 @@ __all__ = [
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
 _MODULES = {
-    "material": "constitutive.material",
+    "material": "kernels.material",
     "run": "runs",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
-from fem_snh.constitutive.material import Material
 from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.errors import bad_value, check_number
+from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.dolfinx_problem import check_materials, create_dolfinx_problem
 from fem_snh.problem.problem import Problem

@@ -14,8 +14,8 @@ from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.state_notes import inversion_note, locking_note
 from fem_snh.assembly.elements import with_cell_pressures
-from fem_snh.constitutive.material import Material
 from fem_snh.errors import ResultNote, bad_value, check_whole, choose
+from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
 from fem_snh.problem.create_problem import with_element
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem

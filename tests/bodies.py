@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem

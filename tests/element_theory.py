@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.eigensolvers import stretches
 from fem_snh import materials
-from fem_snh.constitutive.material import Material, material
+from fem_snh.kernels.material import Material, material
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly

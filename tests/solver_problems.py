@@ -11,7 +11,7 @@ from bodies import Condition, Hold, cube, problem, set_values, wave
 
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
 #: The trust region, entered where the filtered steps make little progress.

@@ -26,7 +26,7 @@ from bodies import (
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive import ufl_forms
+from fem_snh.kernels import ufl_forms
 
 mpi = pytest.mark.mpi
 elements = pytest.mark.parametrize("element", MINIMISING)

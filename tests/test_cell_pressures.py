@@ -12,8 +12,8 @@ from volume_energies import mixed_problem, mpi, set_state
 
 import fem_snh
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.cell_pressures import CellPressures

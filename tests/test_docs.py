@@ -128,7 +128,7 @@ def test_blocks_of_a_page(tmp_path: Path) -> None:
 EXAMPLES: dict[str, dict[str, Any]] = {
     "fem_snh": {"F": np.eye(3)},
     "fem_snh.scenes": {},
-    "fem_snh.constitutive": {"fem_snh": fem_snh},
+    "fem_snh.kernels.reports": {"fem_snh": fem_snh},
     "fem_snh.studies.sweep": {},
     "fem_snh.studies.tradeoff.study": {},
     "fem_snh.studies.extremes": {},

@@ -14,8 +14,8 @@ import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Region
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.terms import Elastic
 from fem_snh.terms.elastic_forms import ElasticForms
 

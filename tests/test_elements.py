@@ -15,7 +15,7 @@ from element_theory import THEORY, poissons, problem
 from benchmarks.manufactured import Manufactured, solve_to_rounding
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)

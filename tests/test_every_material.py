@@ -20,9 +20,9 @@ from points import (
 
 from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.constitutive import ufl_forms
-from fem_snh.constitutive.material import Material
 from fem_snh.errors import BadInput
+from fem_snh.kernels import ufl_forms
+from fem_snh.kernels.material import Material
 from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.invariants import SIGMA
 

@@ -23,8 +23,8 @@ from scipy.optimize import brentq
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.terms.pressure import Pressure
 

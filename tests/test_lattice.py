@@ -14,9 +14,9 @@ from running import solve
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Plane, Shape, Sphere, from_record
+from fem_snh.kernels.material import material
 from fem_snh.mesh import lattice, mesh
 from fem_snh.problem.create_problem import create_problem
 

@@ -14,7 +14,7 @@ from motions import advance, displacement, equal_steps, moving, run
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS, MASSES
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 
 mpi = pytest.mark.mpi

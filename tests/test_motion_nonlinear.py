@@ -13,7 +13,7 @@ from one_cell import CORNERS, OneCell
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 
 mpi = pytest.mark.mpi
 TURNS = 10

@@ -23,8 +23,8 @@ from fem_snh.assembly.ghosted_vectors import (
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import Filling, cell_constant, regions_of_groups
 from fem_snh.choices import INTEGRATORS, MASSES
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.terms import mass_matrix
 

@@ -11,9 +11,9 @@ import sympy
 from points import every_name, exact, make, vec
 
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
-from fem_snh.constitutive.material import material
 from fem_snh.kernels.codegen.divided_differences import DividedDifference
 from fem_snh.kernels.codegen.increments import Increments
+from fem_snh.kernels.material import material
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.studies.extremes import pointwise
 from fem_snh.studies.extremes.pointwise.bounds import compare

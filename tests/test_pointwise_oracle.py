@@ -8,7 +8,7 @@ import pytest
 import sympy
 from points import every_name, exact, make
 
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
 from fem_snh.studies.extremes.pointwise.bounds import compare
 from fem_snh.studies.extremes.pointwise.oracle import exactly, filtered, norm
 

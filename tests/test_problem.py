@@ -21,8 +21,8 @@ from bodies import (
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi

@@ -14,10 +14,10 @@ from bodies import Condition, Hold, dense
 import fem_snh
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.contact.reference.pressure import SelfContactPressure
 from fem_snh.contact.reference.reference import ReferenceContact
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.steps.step_solver import StepSolver

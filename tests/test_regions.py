@@ -13,7 +13,7 @@ from bodies import dense, norm, set_values, wave
 
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run

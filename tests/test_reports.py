@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from fem_snh import materials
-from fem_snh.constitutive import stability
-from fem_snh.constitutive import table as tables
-from fem_snh.constitutive.evaluate import diagonal, eigenvalues, inside, stress
-from fem_snh.constitutive.material import Material, material
-from fem_snh.constitutive.report import Report
-from fem_snh.constitutive.signed_stretches import Signed
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import Material, material
+from fem_snh.kernels.reports import stability
+from fem_snh.kernels.reports import table as tables
+from fem_snh.kernels.reports.evaluate import diagonal, eigenvalues, inside, stress
+from fem_snh.kernels.reports.report import Report
+from fem_snh.kernels.reports.signed_stretches import Signed
 
 every_name = pytest.mark.parametrize("name", materials.names())
 

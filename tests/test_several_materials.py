@@ -16,8 +16,8 @@ from running import solve
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling, Region, check_partition
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 

@@ -12,8 +12,8 @@ from solver_problems import TRUST, half_turn, options, solve, twist
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import HESSIANS
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.solver import trust_region
 from fem_snh.solver.options import OPTIONS

@@ -16,8 +16,8 @@ from solver_problems import (
 
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run

@@ -9,11 +9,11 @@ import pytest
 import sympy
 
 from fem_snh import materials
-from fem_snh.constitutive import stability
-from fem_snh.constitutive.evaluate import stress
-from fem_snh.constitutive.material import Material, material
-from fem_snh.constitutive.minima import minima
-from fem_snh.constitutive.report import Report
+from fem_snh.kernels.material import Material, material
+from fem_snh.kernels.reports import stability
+from fem_snh.kernels.reports.evaluate import stress
+from fem_snh.kernels.reports.minima import minima
+from fem_snh.kernels.reports.report import Report
 from fem_snh.materials.invariants import SIGMA
 
 every_name = pytest.mark.parametrize("name", materials.names())

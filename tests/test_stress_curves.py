@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fem_snh import materials
-from fem_snh.constitutive import curves, drucker
-from fem_snh.constitutive.collapse import collapses
-from fem_snh.constitutive.evaluate import diagonal, stress
-from fem_snh.constitutive.material import Material, material
-from fem_snh.constitutive.report import Report, domain
+from fem_snh.kernels.material import Material, material
+from fem_snh.kernels.reports import curves, drucker
+from fem_snh.kernels.reports.collapse import collapses
+from fem_snh.kernels.reports.evaluate import diagonal, stress
+from fem_snh.kernels.reports.report import Report, domain
 
 every_name = pytest.mark.parametrize("name", materials.names())
 

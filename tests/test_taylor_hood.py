@@ -18,7 +18,7 @@ from volume_energies import (
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
 # --- Taylor-Hood, derived by UFL -----------------------------------------------------------------

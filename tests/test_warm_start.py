@@ -10,7 +10,7 @@ import pytest
 
 import fem_snh
 from fem_snh import cache, materials
-from fem_snh.constitutive.compiled import compile_kernel
+from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.materials import models
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.numbers import Numbers, numbers_of, stored

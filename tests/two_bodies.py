@@ -11,9 +11,9 @@ from bodies import Condition, Hold
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.constitutive.material import material
 from fem_snh.contact.pair.body_contact import BodyContact
 from fem_snh.contact.pair.surface_pair import BodyPair
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem

@@ -12,7 +12,7 @@ from bodies import Hold, cube, wave
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
-from fem_snh.constitutive.material import material
+from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
 mpi = pytest.mark.mpi

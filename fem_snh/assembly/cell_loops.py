@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.constitutive.compiled import Compiled, compile_kernel
-from fem_snh.constitutive.material import Material
 from fem_snh.kernels import build
+from fem_snh.kernels.compiled import Compiled, compile_kernel
 from fem_snh.kernels.headers import header
+from fem_snh.kernels.material import Material
 
 #: Results of `CellLoops.fields`, in the order of fields_cells (cell_api.h).
 FIELDS = ("volume", "deformed_volume", "min_J", "energy", "min_eigenvalue")

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.constitutive.material import Material
 from fem_snh.errors import BadInput, bad_value, check_number
+from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh, cell_volumes
 
 Array = npt.NDArray[Any]

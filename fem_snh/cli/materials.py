@@ -147,7 +147,7 @@ def _print_source(name: str, numbers: dict[str, Any]) -> None:
 
 def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
     """Print the report of a material, draw it, or both."""
-    from fem_snh.constitutive.material import material
+    from fem_snh.kernels.material import material
 
     found = material(name, **numbers).report()
     if args.report:
@@ -162,7 +162,7 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
     from rich.console import Console
     from rich.table import Table
 
-    from fem_snh.constitutive.table import rows, write
+    from fem_snh.kernels.reports.table import rows, write
 
     found = []
     with Console(stderr=True).status("compiling and evaluating") as status:

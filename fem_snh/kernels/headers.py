@@ -8,7 +8,7 @@ from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 
 #: The SVD and the eigensolvers.
 SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
-#: The loops over points for `fem_snh.constitutive.material.Material`.
+#: The loops over points for `fem_snh.kernels.material.Material`.
 POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
 
 

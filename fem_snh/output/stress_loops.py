@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
-from fem_snh.constitutive.compiled import Compiled
-from fem_snh.constitutive.material import Material
 from fem_snh.kernels import build
+from fem_snh.kernels.compiled import Compiled
 from fem_snh.kernels.headers import header
+from fem_snh.kernels.material import Material
 
 Array = npt.NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from fem_snh.assembly.elements import ELEMENTS, Element
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
-from fem_snh.constitutive.material import Material
 from fem_snh.errors import bad_value
+from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.measures import Reactions, group_cells
 from fem_snh.problem.problem import Problem

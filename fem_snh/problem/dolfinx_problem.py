@@ -17,9 +17,9 @@ from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, 
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.constitutive.material import Material
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import bad_value, check_whole, unknown_name
+from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry
 from fem_snh.problem.problem import Problem
 from fem_snh.terms import Term, UFLTerm

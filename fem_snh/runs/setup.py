@@ -16,8 +16,8 @@ from fem_snh import scenes, solver
 from fem_snh._petsc import default_options, option_used
 from fem_snh.assembly import elements
 from fem_snh.assembly.regions import Filling
-from fem_snh.constitutive.material import material
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state

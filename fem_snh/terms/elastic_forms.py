@@ -21,9 +21,9 @@ from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.assembly.regions import Region, cell_constant
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.constitutive.ufl_forms import energy_density
-from fem_snh.constitutive.ufl_stretches import FUNCTIONS
 from fem_snh.errors import bad_value
+from fem_snh.kernels.ufl_forms import energy_density
+from fem_snh.kernels.ufl_stretches import FUNCTIONS
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES
 from fem_snh.materials.keywords import BOUNDS

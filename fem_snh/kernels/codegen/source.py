@@ -1,6 +1,6 @@
 """Assemble the C source of a material's kernels from headers and generated functions.
 
-`fem_snh.constitutive.material`, `fem_snh.assembly.cell_loops` and ``fem-snh materials NAME
+`fem_snh.kernels.material`, `fem_snh.assembly.cell_loops` and ``fem-snh materials NAME
 --source`` call it.
 """
 

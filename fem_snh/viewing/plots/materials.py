@@ -1,4 +1,4 @@
-"""Draw the report of a material (`fem_snh.constitutive.report.Report`) in one picture."""
+"""Draw the report of a material (`fem_snh.kernels.reports.report.Report`) in one picture."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _ROUNDING = 1e-8
 _TOP, _REASON, _ROW = 0.97, 0.065, 0.145
 #: Characters of a reason that fit into its panel.
 _LONGEST_REASON = 62
-#: Colour of each verdict of `fem_snh.constitutive.stability`.
+#: Colour of each verdict of `fem_snh.kernels.reports.stability`.
 _VERDICTS = {"passed": COLOURS[2], "failed": COLOURS[1], "not applicable": "0.45"}
 _LABELS = {
     "uniaxial": ("stretch", r"$P_{00}/E$"),

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from fem_snh import materials
-from fem_snh.constitutive.material import material as make_material
+from fem_snh.kernels.material import material as make_material
 from fem_snh.references import file_of, is_reference
 from fem_snh.studies.extremes.cases import Case, Record, Row, case_columns
 from fem_snh.studies.extremes.pointwise.bounds import compare

@@ -37,7 +37,7 @@ import numpy as np
 from mpmath import mpf
 
 from fem_snh.choices import EIGENSOLVERS
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
 from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly, norm
 
 ROUNDINGS = 100

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_snh.constitutive.evaluate import Array, diagonal, stress
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.reports.evaluate import Array, diagonal, stress
 
 #: Collapse to a plane and to a point: which stretches tend to 0.
 PATHS = {"flattened (1, 1, s)": (0.0, 0.0, 1.0), "shrunk (s, s, s)": (1.0, 1.0, 1.0)}

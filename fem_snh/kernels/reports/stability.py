@@ -18,10 +18,10 @@ from itertools import combinations_with_replacement, permutations
 
 import numpy as np
 
-from fem_snh.constitutive.evaluate import Array, diagonal, eigenvalues, inside, stress
-from fem_snh.constitutive.material import Material
-from fem_snh.constitutive.minima import Minima
-from fem_snh.constitutive.signed_stretches import Signed
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.reports.evaluate import Array, diagonal, eigenvalues, inside, stress
+from fem_snh.kernels.reports.minima import Minima
+from fem_snh.kernels.reports.signed_stretches import Signed
 from fem_snh.materials.normalise import lame
 
 #: The verdicts on a property.

@@ -7,7 +7,7 @@ for UFL and diagonalise F at the point of evaluation,
 .. math:: B = U^T F V
 
 has the stretches of F, is linear in F, and is diagonal at that point.
-`fem_snh.constitutive.ufl_stretches` expands the energy around the diagonal of B.
+`fem_snh.kernels.ufl_stretches` expands the energy around the diagonal of B.
 
 UFL has no operator that has the value of its operand and the derivative 0. It differentiates
 ``conditional(c, a, b)`` with constants a and b to 0, so `freeze` assembles a number from binary

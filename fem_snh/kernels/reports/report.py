@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fem_snh.constitutive import collapse, curves, drucker, minima, stability
-from fem_snh.constitutive.collapse import Collapse
-from fem_snh.constitutive.curves import Curve
-from fem_snh.constitutive.drucker import Interval, Region
-from fem_snh.constitutive.material import Material
-from fem_snh.constitutive.minima import Minima
-from fem_snh.constitutive.stability import Stability
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.reports import collapse, curves, drucker, minima, stability
+from fem_snh.kernels.reports.collapse import Collapse
+from fem_snh.kernels.reports.curves import Curve
+from fem_snh.kernels.reports.drucker import Interval, Region
+from fem_snh.kernels.reports.minima import Minima
+from fem_snh.kernels.reports.stability import Stability
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
 
 Array = npt.NDArray[Any]
 

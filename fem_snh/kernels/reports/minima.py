@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.constitutive.evaluate import Array, inside
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.reports.evaluate import Array, inside
 from fem_snh.kernels.svd_eigen import svd
 from fem_snh.materials.normalise import lame
 

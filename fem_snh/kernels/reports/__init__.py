@@ -1,10 +1,9 @@
-"""A material at a point: energy, stress, filtered Hessian, UFL form, and its report.
+"""Characterise a material: stability, admissible region, stress curves, equilibrium shapes.
 
     >>> m = fem_snh.material("stable_neo_hookean", nu=0.49)
     >>> print(m.report())
     >>> m.report().plot("stable_neo_hookean.png")
 
-`material` makes a `Material`, whose kernels are those of the assembly. Its report characterises it:
 `curves` computes stress against stretch, `drucker` the region of a positive tangent, `stability`
 the four stability properties of Smith et al. 2018, `minima` all equilibrium shapes of an element,
 `collapse` the behaviour as J -> 0 and under inversion, and `table` compares materials. Only

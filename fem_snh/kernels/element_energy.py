@@ -1,15 +1,15 @@
 """Choose the energy that an element evaluates: the material's, whole or without its volume term.
 
-`fem_snh.constitutive.compiled` calls it before it generates a kernel.
+`fem_snh.kernels.compiled` calls it before it generates a kernel.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from fem_snh.constitutive.compiled import ElementConstants
 from fem_snh.errors import BadInput
 from fem_snh.kernels.codegen import source
+from fem_snh.kernels.compiled import ElementConstants
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.volume_split import split

@@ -1,6 +1,6 @@
 r"""Energies of the principal stretches as UFL expressions, right at equal stretches.
 
-With the matrix B of `fem_snh.constitutive.ufl_frame`, which is diagonal at the point of evaluation,
+With the matrix B of `fem_snh.kernels.ufl_frame`, which is diagonal at the point of evaluation,
 an isotropic energy is, up to third order in the entries off the diagonal,
 
 .. math::
@@ -27,8 +27,8 @@ from typing import Any
 import sympy
 import ufl
 
-from fem_snh.constitutive.ufl_frame import Named, PrincipalFrame
 from fem_snh.kernels.codegen.derivatives import Derivatives
+from fem_snh.kernels.ufl_frame import Named, PrincipalFrame
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 

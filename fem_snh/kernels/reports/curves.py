@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from fem_snh.constitutive.evaluate import Array, stress
-from fem_snh.constitutive.material import Material
+from fem_snh.kernels.material import Material
+from fem_snh.kernels.reports.evaluate import Array, stress
 from fem_snh.kernels.svd_eigen import svd
 
 #: A test: the function of (prescribed, free stretch) that returns three stretches, and the index of

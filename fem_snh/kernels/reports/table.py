@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh import materials
-from fem_snh.constitutive import stability
-from fem_snh.constitutive.minima import minima
-from fem_snh.constitutive.report import domain
 from fem_snh.errors import BadInput
+from fem_snh.kernels.reports import stability
+from fem_snh.kernels.reports.minima import minima
+from fem_snh.kernels.reports.report import domain
 
 #: The columns in order; the columns ``*_reason`` give the reason of a verdict that is not "passed".
 COLUMNS = (
@@ -57,7 +57,7 @@ def rows(
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
     """Return the row of one material; raise BadInput if it does not accept the parameters."""
-    from fem_snh.constitutive.material import material
+    from fem_snh.kernels.material import material
 
     m = material(name, E, nu, **keywords)
     found = minima(m)

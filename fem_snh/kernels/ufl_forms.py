@@ -12,9 +12,9 @@ from typing import Any
 import sympy
 import ufl
 
-from fem_snh.constitutive.ufl_frame import PrincipalFrame
-from fem_snh.constitutive.ufl_stretches import FUNCTIONS, off_diagonal_terms, trace_of_stretch
 from fem_snh.errors import BadInput
+from fem_snh.kernels.ufl_frame import PrincipalFrame
+from fem_snh.kernels.ufl_stretches import FUNCTIONS, off_diagonal_terms, trace_of_stretch
 from fem_snh.materials.energy import Energy
 
 
@@ -43,7 +43,7 @@ def energy_density(energy: Energy, F: Any) -> Any:
     Notes
     -----
     An energy of the invariants I_C, II_C and J is written in F itself. Energies of the principal
-    stretches, and of I1, their sum, have the form of `fem_snh.constitutive.ufl_stretches`.
+    stretches, and of I1, their sum, have the form of `fem_snh.kernels.ufl_stretches`.
     """
     if not energy.has_energy:
         raise BadInput(f"material '{energy.name}' has no energy, only a stress")

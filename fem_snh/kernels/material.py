@@ -14,16 +14,16 @@ import numpy.typing as npt
 
 from fem_snh import materials
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
-from fem_snh.constitutive.compiled import compile_kernel
 from fem_snh.errors import BadInput, choose
 from fem_snh.kernels import build
+from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.kernels.headers import POINTWISE, header
 from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
 from fem_snh.materials.parameters import check_constants
 
 if TYPE_CHECKING:
-    from fem_snh.constitutive.report import Report
+    from fem_snh.kernels.reports.report import Report
     from fem_snh.materials.energy import Energy
 
 Array = npt.NDArray[np.float64]
@@ -191,20 +191,20 @@ class Material:
         -----
         UFL's first and second derivative are those of `pk1` and `hessian`, also at equal stretches
         and for an inverted F. An energy of the principal stretches has the form of
-        `fem_snh.constitutive.ufl_stretches`: a relative accuracy of 1e-12 while no stretch is more
+        `fem_snh.kernels.ufl_stretches`: a relative accuracy of 1e-12 while no stretch is more
         than 30 times another, wrong third derivatives, and a size that only compilers of forms can
         handle: evaluate it by ``dolfinx.fem.Expression``, not by UFL's ``psi(point)``. Outside the
         energy's domain the value is NaN. Where the energy has no Hessian (`arap`, `corotational`
         and `fixed_corotational` where two signed stretches sum to zero), neither has the
         expression.
         """
-        from fem_snh.constitutive.ufl_forms import energy_density  # imports UFL
+        from fem_snh.kernels.ufl_forms import energy_density  # imports UFL
 
         return energy_density(self.expression, F)
 
     def report(self) -> Report:
         """Return the stress curves, the stability and the admissible region of this material."""
-        from fem_snh.constitutive.report import report  # imports scipy
+        from fem_snh.kernels.reports.report import report  # imports scipy
 
         return report(self)
 

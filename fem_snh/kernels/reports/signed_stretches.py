@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from fem_snh.constitutive.evaluate import Array
+from fem_snh.kernels.reports.evaluate import Array
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 

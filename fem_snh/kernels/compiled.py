@@ -16,7 +16,7 @@ from fem_snh.kernels import build
 from fem_snh.materials.keywords import BOUNDS
 
 if TYPE_CHECKING:
-    from fem_snh.constitutive.material import Material
+    from fem_snh.kernels.material import Material
 
 
 class ElementConstants(NamedTuple):
@@ -71,8 +71,8 @@ def compile_kernel(
         if path := build.stored(record.pop("library")):
             values = tuple(record.pop("values"))
             return Compiled(path, ElementConstants(values, **record))
-    from fem_snh.constitutive.element_energy import element_energy
     from fem_snh.kernels.codegen.source import kernel_source
+    from fem_snh.kernels.element_energy import element_energy
 
     chosen = element_energy(material.expression, volume)
     path = build.library(kernel_source(chosen.energy, definitions, after, chosen.functions))
