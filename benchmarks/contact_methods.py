@@ -15,7 +15,7 @@ from typing import Any
 
 from benchmarks import Row, contact_patch, plates, split_list
 from fem_snh.choices import CONTACT_METHODS
-from fem_snh.contact.surfaces import stiffness
+from fem_snh.contact import law
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Hold, MaterialChoice, Scene, load
@@ -122,11 +122,11 @@ def rows(
 
 def measure(name: str, scene: Scene, exact: float | None, factor: float) -> Row:
     """Return what a run costs, its force over the exact one, and its penetration."""
-    default, stiffness.FACTOR = stiffness.FACTOR, stiffness.FACTOR * factor
+    default, law.FACTOR = law.FACTOR, law.FACTOR * factor
     try:
         result = run(scene, progress=False)
     finally:
-        stiffness.FACTOR = default
+        law.FACTOR = default
     steps = [step for step in result.steps if step["converged"]]
     touching = [row for step in steps for row in _contacts(step)]
     size = result.problem.length

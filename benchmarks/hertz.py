@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import Row, split_list
 from benchmarks.pressed_ball import force_ratio
-from fem_snh.contact.obstacle.contact_output import ContactFields
+from fem_snh.contact.fields import ContactFields
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.scenes import load
@@ -68,7 +68,7 @@ def rows(
 
 def measure(body: str, depth: float, element: str, cells: int, factor: float, method: str) -> Row:
     """Return a run's force, radius and peak pressure over those of Hertz, and its cost."""
-    import fem_snh.contact.surfaces.stiffness as module
+    import fem_snh.contact.law as module
 
     default, module.FACTOR = module.FACTOR, module.FACTOR * factor
     try:

@@ -16,7 +16,7 @@ from bodies import Condition, Hold
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.barrier.ipc import IPC
+from fem_snh.contact.barrier import IPC
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem

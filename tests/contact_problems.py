@@ -13,7 +13,7 @@ import numpy as np
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.obstacle.contact import Contact, ObstacleContact
+from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
 from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion

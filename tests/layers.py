@@ -67,7 +67,7 @@ THIRD_PARTY = {
     "matplotlib": {"viewing"},
     "pydantic": {"scenes"},
     "slepc4py": {"dynamics"},
-    "ipctk": {"contact.barrier"},
+    "ipctk": {"contact.collisions"},
 }
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.
 _PARALLEL = {"mpi4py", "petsc4py"}

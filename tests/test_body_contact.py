@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
 
 from fem_snh import solver
-from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle_contact import Contact
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 

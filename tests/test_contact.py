@@ -12,10 +12,10 @@ from contact_problems import contact_problem, plane, press, translation
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts
-from fem_snh.contact.obstacle.contact import Contact
-from fem_snh.contact.obstacle.contact_output import ContactFields
-from fem_snh.contact.surfaces.search import NearFacets
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.fields import ContactFields
+from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_pair import NearFacets
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import NotSettled
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.shapes import Sphere

@@ -10,7 +10,7 @@ from bodies import cube
 from test_dolfinx_shim import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.contact.embedded_surface import EmbeddedSurface, embedded_surface
 from fem_snh.mesh import mesh
 
 pytestmark = pytest.mark.mpi

@@ -7,7 +7,7 @@ import pytest
 from bodies import cube
 from contact_problems import accurate_snes, constant, contact_problem, march, nodes_mean, plane
 
-from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle_contact import Contact
 from fem_snh.runs import run
 from fem_snh.scenes import Scene
 from fem_snh.steps.step_solver import StepSolver

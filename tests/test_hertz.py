@@ -8,8 +8,8 @@ from bodies import Hold
 from contact_problems import contact_problem, plane, press, translation
 
 from benchmarks.pressed_ball import force_ratio
-from fem_snh.contact.obstacle.contact import Contact
-from fem_snh.contact.obstacle.contact_output import ContactFields
+from fem_snh.contact.fields import ContactFields
+from fem_snh.contact.obstacle_contact import Contact
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.mesh import mesh

@@ -7,7 +7,7 @@ import pytest
 from contact_problems import constant, contact_problem, march, plane
 
 from fem_snh import _dolfinx
-from fem_snh.contact.obstacle.contact import Contact
+from fem_snh.contact.obstacle_contact import Contact
 from fem_snh.mesh import mesh
 
 G = 9.81

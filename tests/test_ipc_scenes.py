@@ -14,9 +14,8 @@ from scipy.sparse import random as random_matrix
 
 import fem_snh
 from fem_snh import _dolfinx
-from fem_snh.contact.barrier.ipc_matrix import SurfaceMatrix
-from fem_snh.contact.barrier.ipc_surface import CollisionSurface
-from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface
+from fem_snh.contact.collisions import CollisionSurface
+from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Scene, validate
 from fem_snh.viewing.export.states import States

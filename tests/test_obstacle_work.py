@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 from two_bodies import ROLLERS
 
 import fem_snh
-from fem_snh.contact.obstacle.contact import Contact
-from fem_snh.contact.obstacle.obstacle_work import PointForces, obstacle_work
+from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_work import PointForces, obstacle_work
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Cylinder

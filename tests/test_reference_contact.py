@@ -14,7 +14,7 @@ from bodies import Condition, Hold, dense
 import fem_snh
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.contact.reference.pressure import SelfContactPressure
+from fem_snh.contact.fields import SelfContactPressure
 from fem_snh.contact.reference.reference import ReferenceContact
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material

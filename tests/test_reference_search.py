@@ -9,12 +9,10 @@ from scipy.spatial.transform import Rotation
 from test_dolfinx_shim import ELEMENTS
 
 from fem_snh import _dolfinx
-from fem_snh.contact.reference.approaching import approaching
-from fem_snh.contact.reference.closer_targets import CloserTargets
+from fem_snh.contact.embedded_surface import embedded_surface
 from fem_snh.contact.reference.deformed_cells import DeformedCells
-from fem_snh.contact.reference.neighbourhood import Neighbourhood, body_numbers
-from fem_snh.contact.reference.reference_surface import ReferenceSurface
-from fem_snh.contact.surfaces.embedded_surface import embedded_surface
+from fem_snh.contact.reference.samples import Neighbourhood, body_numbers
+from fem_snh.contact.reference.targets import CloserTargets, ReferenceSurface, approaching
 from fem_snh.geometry.closest_points import closest_points, triangle_normals
 from fem_snh.mesh import mesh
 
@@ -106,18 +104,18 @@ def surface_of(comm, source, **parameters):
 def test_surfaces_that_face_each_other_approach(comm):
     """Only the faces of two blocks that face each other, up to the distance and no farther."""
     x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=0.3)
-    points, every = x[triangles].mean(axis=1), np.arange(len(triangles))
-    found = approaching(points, outward, every, x[triangles], outward, 0.31)
+    points = x[triangles].mean(axis=1)
+    found = approaching(points, outward, x[triangles], outward, 0.31)
     faces = np.isclose(points[:, 2], 1.0) | np.isclose(points[:, 2], 1.3)
     np.testing.assert_array_equal(np.sort(found.sample), np.flatnonzero(faces))
     target = np.einsum("nk,nki->ni", found.coordinates, x[triangles[found.triangle]])
     expected = points[found.sample] + 0.3 * outward[found.sample]
     np.testing.assert_allclose(target, expected, atol=1e-12)
-    assert not len(approaching(points, outward, every, x[triangles], outward, 0.29).sample)
+    assert not len(approaching(points, outward, x[triangles], outward, 0.29).sample)
     # A surface is not approached from behind: the blocks overlap.
     x, triangles, outward = surface_of(comm, "two_blocks", cells=3, gap=-0.1)
     points = x[triangles].mean(axis=1)
-    assert not len(approaching(points, outward, every, x[triangles], outward, 0.31).sample)
+    assert not len(approaching(points, outward, x[triangles], outward, 0.31).sample)
 
 
 def test_targets_move_to_the_closest_point(comm):

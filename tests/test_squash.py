@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.squash import distance
 from fem_snh import _dolfinx
-from fem_snh.contact.obstacle.contact_pair import ContactPair
-from fem_snh.contact.surfaces.search import NearFacets
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.obstacle_pair import ContactPair, NearFacets
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh import mesh_checks

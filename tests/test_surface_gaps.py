@@ -11,8 +11,7 @@ import pytest
 from bodies import dense, wave
 from two_bodies import TwoBlocks
 
-from fem_snh.contact.surfaces.closest_facets import ClosestFacets
-from fem_snh.contact.surfaces.gaps import measure_gaps
+from fem_snh.contact.gaps import ClosestFacets, measure_gaps
 
 #: A displacement that bends the surfaces, in the height of a block.
 BEND = 0.05

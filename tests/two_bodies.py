@@ -11,8 +11,8 @@ from bodies import Condition, Hold
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.contact.pair.body_contact import BodyContact
-from fem_snh.contact.pair.surface_pair import BodyPair
+from fem_snh.contact.body_contact import BodyContact
+from fem_snh.contact.surface_pair import BodyPair
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
 from fem_snh.problem.create_problem import create_problem

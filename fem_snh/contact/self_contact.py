@@ -85,6 +85,6 @@ class SelfContact:
             from fem_snh.contact.reference.reference import ReferenceContact
 
             return ReferenceContact(V, body, regions, self.stiffness)
-        from fem_snh.contact.barrier.ipc import IPC
+        from fem_snh.contact.barrier import IPC
 
         return IPC(V, body, regions, self.stiffness, self.distance, self.friction)

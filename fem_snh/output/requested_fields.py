@@ -39,11 +39,11 @@ class RequestedFields:
         if set(names) & set(AT_OBSTACLES):
             kinds = [term.name for term in problem.terms]
             if "obstacle" in kinds:
-                from fem_snh.contact.obstacle.contact_output import ContactFields
+                from fem_snh.contact.fields import ContactFields
 
                 self._contact = ContactFields(problem.V, problem.terms)
             if "self_contact" in kinds:
-                from fem_snh.contact.reference.pressure import SelfContactPressure
+                from fem_snh.contact.fields import SelfContactPressure
 
                 term = problem.terms[kinds.index("self_contact")]
                 self._self_contact = SelfContactPressure(problem.V, term)

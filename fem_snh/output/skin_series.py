@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface, carried_points
+from fem_snh.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.mesh.skin import Skin
 from fem_snh.output.triangle_file import triangle_file

@@ -76,8 +76,8 @@ def load_terms(
         constant = [None if s.table is None else scene.amplitudes([s])[0] for s in scene.spring]
         terms.append(Spring(u, mesh, scene.spring, constant))
     if scene.contact:
-        from fem_snh.contact.pair.body_contact import BodyContact
-        from fem_snh.contact.pair.surface_pair import BodyPair
+        from fem_snh.contact.body_contact import BodyContact
+        from fem_snh.contact.surface_pair import BodyPair
 
         pairs = []
         for contact in scene.contact:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from fem_snh.assembly.regions import Region
-from fem_snh.contact.obstacle.contact import Contact, ObstacleContact
+from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
 from fem_snh.errors import on_every
 from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.scenes import Scene, obstacle_names, read_obstacles

@@ -14,10 +14,9 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.barrier.ipc_matrix import SurfaceMatrix
+from fem_snh.contact.embedded_surface import SurfaceMatrix, embedded_surface
 from fem_snh.contact.reference.pairs import ContactPairs
 from fem_snh.contact.reference.target_search import TargetSearch
-from fem_snh.contact.surfaces.embedded_surface import embedded_surface
 from fem_snh.errors import choose
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.terms.settling import LaggedChange, relative

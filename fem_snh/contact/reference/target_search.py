@@ -9,23 +9,23 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.regions import Region
-from fem_snh.contact.reference.approaching import approaching
-from fem_snh.contact.reference.closer_targets import CloserTargets
+from fem_snh.contact.embedded_surface import EmbeddedSurface
 from fem_snh.contact.reference.crossing_edges import SurfaceEdges
 from fem_snh.contact.reference.deformed_cells import OUTSIDE, DeformedCells
-from fem_snh.contact.reference.neighbourhood import Neighbourhood, body_numbers, intersect
 from fem_snh.contact.reference.pairs import ContactPairs
-from fem_snh.contact.reference.reference_surface import ReferenceSurface
 from fem_snh.contact.reference.samples import (
     SHARP,
+    Neighbourhood,
     SurfaceSamples,
+    body_numbers,
     cell_sizes,
     cell_stiffness,
+    intersect,
     smallest_at_points,
     surface_values,
     triangle_areas,
 )
-from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface
+from fem_snh.contact.reference.targets import CloserTargets, ReferenceSurface, approaching
 from fem_snh.geometry.closest_points import PseudoNormals, triangle_normals
 
 Array = npt.NDArray[Any]
@@ -226,9 +226,8 @@ class TargetSearch:
         first, last = (len(samples) * (rank + i) // ranks for i in (0, 1))
         chosen = np.setdiff1d(np.arange(first, last), inside.astype(int))
         rows, directions = samples.directions(chosen, normals[chosen], outward)
-        owner, distance = chosen[rows], _APPROACH * self.size
-        corners, every = x[self._surface.triangles], np.arange(len(rows))
-        found = approaching(points[owner], directions, every, corners, outward, distance)
+        owner, corners = chosen[rows], x[self._surface.triangles]
+        found = approaching(points[owner], directions, corners, outward, _APPROACH * self.size)
         sample = owner[found.sample]
         apart = ~intersect(self._around[sample], self._near.triangles[found.triangle])
         order = np.lexsort((found.distance, sample))

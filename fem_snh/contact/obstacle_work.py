@@ -10,8 +10,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.obstacle.contact_pair import ContactPair
-from fem_snh.contact.obstacle.friction import Friction
+from fem_snh.contact.friction import Friction
+from fem_snh.contact.obstacle_pair import ContactPair
 from fem_snh.geometry.motions import Obstacle
 
 Array = npt.NDArray[Any]

@@ -9,10 +9,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.augmentation import PenaltyGrowth, multiplier_change
-from fem_snh.contact.pair.surface_pass import SurfacePass
-from fem_snh.contact.surfaces.deepest_point import DeepestPoint
-from fem_snh.contact.surfaces.gathered_surface import GatheredSurface, Side
+from fem_snh.contact.deepest_point import DeepestPoint
+from fem_snh.contact.gathered_surface import GatheredSurface, Side
+from fem_snh.contact.law import PenaltyGrowth, multiplier_change
+from fem_snh.contact.surface_pass import SurfacePass
 from fem_snh.errors import bad_value
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
 

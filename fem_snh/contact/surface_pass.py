@@ -7,10 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.surfaces.closest_facets import ClosestFacets
-from fem_snh.contact.surfaces.deepest_point import DeepestPoint, facet_grid
-from fem_snh.contact.surfaces.gaps import Gaps, gap_derivative, gap_second_derivative, measure_gaps
-from fem_snh.contact.surfaces.gathered_surface import GatheredSurface, Side
+from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
+from fem_snh.contact.gaps import (
+    ClosestFacets,
+    Gaps,
+    gap_derivative,
+    gap_second_derivative,
+    measure_gaps,
+)
+from fem_snh.contact.gathered_surface import GatheredSurface, Side
 
 Array = npt.NDArray[Any]
 

@@ -14,10 +14,13 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.choices import FILTERS
-from fem_snh.contact.barrier.ipc_energy import BarrierEnergy
-from fem_snh.contact.barrier.ipc_matrix import Blocks, SurfaceMatrix
-from fem_snh.contact.barrier.ipc_surface import CollisionSurface
-from fem_snh.contact.surfaces.embedded_surface import EmbeddedSurface, embedded_surface
+from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
+from fem_snh.contact.embedded_surface import (
+    Blocks,
+    EmbeddedSurface,
+    SurfaceMatrix,
+    embedded_surface,
+)
 from fem_snh.errors import NotSettled, choose
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.terms.settling import LaggedChange

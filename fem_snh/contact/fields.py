@@ -19,10 +19,11 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.contact.obstacle.contact import ObstacleContact
-from fem_snh.contact.surfaces.deepest_point import DeepestPoint
-from fem_snh.contact.surfaces.stiffness import surface_mean
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.deepest_point import DeepestPoint
+from fem_snh.contact.embedded_surface import EmbeddedSurface
+from fem_snh.contact.law import surface_mean
+from fem_snh.contact.obstacle_contact import ObstacleContact
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
@@ -130,3 +131,48 @@ class ContactFields:
         add_ghosts(vector)
         update_ghosts(vector)
         return np.array(local_values(vector))
+
+
+class SelfContactPressure:
+    r"""The force of self-contact per reference area of the surface, at the nodes. Collective.
+
+    With the weights :math:`W` of the surface's points :math:`i` (`EmbeddedSurface`) and a third of
+    their triangles' areas :math:`A_i`,
+
+    .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
+
+    where :math:`f_a` is the nodal force of contact. At other nodes it is zero.
+
+    Parameters
+    ----------
+    V : dolfinx function space
+        The displacement's space.
+    term : ReferenceContact or IPC
+        The contact.
+    """
+
+    def __init__(self, V: Any, term: Any) -> None:
+        self._V, self._term = V, term
+        surface: EmbeddedSurface = term.surface
+        a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
+        thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+        points = np.bincount(surface.triangles.ravel(), np.repeat(thirds, 3), len(surface.points))
+        weighted = surface.weights * points[:, None]
+        areas = np.bincount(
+            surface.columns.ravel(), weighted.ravel(), minlength=len(surface.support.nodes)
+        )
+        self._areas = np.zeros((sum(_dolfinx.num_nodes(V)), 3))
+        surface.support.add_own(np.repeat(areas[:, None], 3, axis=1), self._areas)
+
+    def evaluate(self, u: PETSc.Vec) -> Array:
+        """Return the pressure [Pa] at this rank's nodes, ghosts included, (nodes,). Collective."""
+        forces = _dolfinx.create_vector(self._V)
+        values = writable_values(forces)
+        values[:] = 0
+        self._term.add_residual(u, None, forces, None)
+        nodal = values.reshape(-1, 3)
+        size = np.linalg.norm(nodal, axis=1)
+        area = self._areas[:, 0]
+        nodal[:] = np.divide(size, area, out=np.zeros_like(size), where=area > 0)[:, None]
+        update_ghosts(forces)
+        return np.array(local_values(forces).reshape(-1, 3)[:, 0])

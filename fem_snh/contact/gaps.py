@@ -1,6 +1,6 @@
-r"""The gap between the quadrature points of one surface and the facets of another.
+r"""The facets of a surface that are closest to points of another one, and the gaps between them.
 
-Each point x of the first surface has one facet of the other, which is constant during a solve. With
+Each point x of one surface has one facet of the other, which is constant during a solve. With
 the facet's nodes at :math:`y_b`, the closest point is :math:`y(\xi) = \sum_b N_b(\xi) y_b`, where
 :math:`(x - y) \cdot y_{,\alpha} = 0`, and the gap is :math:`g = n \cdot (x - y)` with the outward
 normal n. With the metric :math:`m_{\alpha\beta} = y_{,\alpha} \cdot y_{,\beta}`, the curvature
@@ -26,16 +26,127 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.surfaces.gathered_surface import FacetShape, Side
+from fem_snh.contact.gathered_surface import FacetShape, Side
+from fem_snh.contact.triangle_search import Candidates, TriangleTree
 
 Array = npt.NDArray[Any]
 
+#: How many of the closest triangles' midpoints are examined: more where these few do not prove that
+#: no other triangle is closer. Contact is with one of the closest hundred triangles, or with none.
+_EXAMINED = (12, 48, 192)
+#: Distances in radii of triangles below which two are equal.
+_EQUAL = 1e-6
+#: Rounding of barycentric coordinates on edges and at nodes.
+_ON_EDGE = 1e-9
 #: Newton's method for the closest point: reference coordinates change by less at the end ...
 _CONVERGED = 1e-13
 #: ... which it reaches in 1 iteration on flat triangles, in about 4 on curved facets.
 _MAX_IT = 20
 #: A closest point further outside of its facet, in reference coordinates, is no contact.
 _OUTSIDE = 1.0
+
+
+class Closest(NamedTuple):
+    """The closest facets of some points.
+
+    Attributes
+    ----------
+    facet : (n,) int
+        The facet that a point may touch; -1 if there is none.
+    start : (n, 2)
+        Approximate reference coordinates of the closest point on it.
+    """
+
+    facet: Array
+    start: Array
+
+
+class ClosestFacets:
+    """A surface of triangles around the midpoint of each facet, and the search in it.
+
+    Facets of degree 1 are searched as they are (a quadrilateral as four triangles), those of degree
+    2 with their midside nodes (six or eight triangles). The facet that is found is used with its
+    own shape functions.
+
+    Parameters
+    ----------
+    shape : FacetShape
+        The facets' shape functions.
+    side : Side
+        The facets.
+    """
+
+    def __init__(self, shape: FacetShape, side: Side) -> None:
+        self._side, self._shape = side, shape
+        self._center = shape.evaluate(shape.center[None], 0)[0][0]
+        a, b = shape.outline, np.roll(shape.outline, -1)
+        self._facet = np.repeat(np.arange(len(side)), len(a))
+        self._corners = np.stack([side.nodes[:, a].ravel(), side.nodes[:, b].ravel()], axis=1)
+        center = np.broadcast_to(shape.center, (len(a), 2))
+        reference = np.stack([center, shape.nodes[a], shape.nodes[b]], axis=1)
+        self._reference = np.tile(reference, (len(side), 1, 1))
+        edges = np.sort(self._corners, axis=1)
+        _, which, counts = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+        rim = counts[which.ravel()] == 1
+        # For each triangle, whether its edge and its two nodes are on the surface's own edge.
+        nodes = np.isin(self._corners, self._corners[rim])
+        self._on_rim = np.column_stack([rim, nodes])
+
+    def find(self, x: Array, points: Array, normals: Array, reach: float) -> Closest:
+        """Return the facets that points of another surface may touch.
+
+        It is the closest facet within reach whose outward normal is opposed to the point's. There
+        is none if the point has passed it without being inside of the body, by the sign of its
+        distance from the surface, and if the point is beside the edge of the surface.
+
+        Parameters
+        ----------
+        x : (m, 3)
+            Positions of the nodes [m].
+        points, normals : (n, 3)
+            The points [m] and the outward normals of their own surface.
+        reach : float
+            Largest distance [m].
+        """
+        centers = np.einsum("k,fki->fi", self._center, x[self._side.nodes])
+        T = np.concatenate([centers[self._facet][:, None], x[self._corners]], axis=1)
+        normal = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
+        # The outline runs anticlockwise on the reference facet.
+        normal *= self._side.outward[self._facet][:, None]
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal /= np.maximum(length, np.finfo(float).tiny)
+        tree = TriangleTree(T)
+        equal = _EQUAL * tree.radius
+        facet, start = np.full(len(points), -1), np.zeros((len(points), 2))
+
+        def receive(rows: Array, found: Candidates) -> Array:
+            heights = np.einsum("nki,nki->nk", found.arm, normal[found.triangle])
+
+            def closest(distances: Array) -> Array:
+                """Return the closest triangle; of several the one that a point is most before."""
+                smallest = distances.min(axis=1, keepdims=True)
+                near = distances <= smallest + equal
+                return np.asarray(np.where(near, np.abs(heights), -1.0).argmax(axis=1))
+
+            row, facing = np.arange(len(rows)), np.where(found.cosine < 0, found.distance, np.inf)
+            column = closest(facing)
+            distance, height = facing[row, column], heights[row, column]
+            chosen = found.choose(column)
+            inside = heights[row, closest(found.distance)] <= equal
+            # Barycentric coordinates: zero of the midpoint on the edge, one of a node at the node.
+            xi = chosen.coordinates
+            on_edge = np.column_stack([xi[:, :1] < _ON_EDGE, xi[:, 1:] > 1 - _ON_EDGE])
+            aside = np.where(np.isfinite(distance), distance, 0.0) ** 2 - height**2
+            beside = (self._on_rim[chosen.triangle] & on_edge).any(axis=1) & (aside > equal**2)
+            touches = (distance <= reach) & ((height >= 0) | inside) & ~beside
+            facet[rows] = np.where(touches, self._facet[chosen.triangle], -1)
+            start[rows] = np.einsum("nb,nbi->ni", xi, self._reference[chosen.triangle])
+            return np.minimum(distance, reach)
+
+        low, high = tree.low - tree.radius - reach, tree.high + tree.radius + reach
+        close = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+        tree.search(points, normals, normal, close, _EXAMINED, receive)
+        return Closest(facet, start)
 
 
 class Gaps(NamedTuple):

@@ -15,11 +15,10 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.augmentation import TOLERANCE
-from fem_snh.contact.pair.surface_pair import BodyPair, SurfacePair
-from fem_snh.contact.surfaces.gathered_surface import GatheredSurface
-from fem_snh.contact.surfaces.stiffness import cell_heights, default_stiffness, surface_mean
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.gathered_surface import GatheredSurface
+from fem_snh.contact.law import TOLERANCE, cell_heights, default_stiffness, surface_mean
+from fem_snh.contact.surface_pair import BodyPair, SurfacePair
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import bad_value, choose
 from fem_snh.terms.settling import LaggedChange, largest_change
 
@@ -41,7 +40,7 @@ class BodyContact:
 
     During a solve each point has one facet of the other surface, the closest one at the start of
     the step. After a solve the search is repeated, and the step is solved again until the forces
-    have settled. `fem_snh.contact.surfaces.gaps` has the derivatives of the gap.
+    have settled. `fem_snh.contact.gaps` has the derivatives of the gap.
 
     Parameters
     ----------

@@ -16,12 +16,17 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import nodal_vectors, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.augmentation import TOLERANCE, PenaltyGrowth, multiplier_change
-from fem_snh.contact.obstacle.contact_pair import ContactPair
-from fem_snh.contact.obstacle.friction import Friction
-from fem_snh.contact.obstacle.obstacle_work import ObstacleWork
-from fem_snh.contact.surfaces.stiffness import cell_heights, default_stiffness
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.friction import Friction
+from fem_snh.contact.law import (
+    TOLERANCE,
+    PenaltyGrowth,
+    cell_heights,
+    default_stiffness,
+    multiplier_change,
+)
+from fem_snh.contact.obstacle_pair import ContactPair
+from fem_snh.contact.obstacle_work import ObstacleWork
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.terms.settling import LaggedChange, largest_change
@@ -168,7 +173,7 @@ class ObstacleContact:
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
         """Return the rows of the obstacles for run.json: see `obstacle_rows`. Collective."""
-        from fem_snh.contact.obstacle.contact_output import obstacle_rows
+        from fem_snh.contact.fields import obstacle_rows
 
         return {"obstacles": obstacle_rows(self, nodal_vectors(u))}
 

@@ -9,8 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.obstacle.contact_pair import ContactPoints
-from fem_snh.contact.surfaces.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.obstacle_pair import ContactPoints
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.terms.settling import relative
 

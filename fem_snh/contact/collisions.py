@@ -1,7 +1,7 @@
-"""A surface of triangles for ipctk: distances, intersections, steps without a collision.
+"""The barrier of a surface's collisions, and their friction: no MPI, no finite elements.
 
-Only this file and `fem_snh.contact.barrier.ipc_friction` import ipctk, whose API changes between
-minor versions. Its vertices are rows of arrays in Fortran order, its distances are squared.
+Only this module imports ipctk, whose API changes between minor versions. Its vertices are rows of
+arrays in Fortran order, its distances are squared.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.sparse import csgraph, csr_matrix
 
 from fem_snh.errors import BadInput
+from fem_snh.terms.settling import relative
 
 Array = npt.NDArray[Any]
 
@@ -193,3 +194,185 @@ class CollisionSurface:
 def _rows(x: Array) -> Array:
     """Return points as ipctk expects them."""
     return np.asfortranarray(x, dtype=float)
+
+
+#: Slip of a step below which surfaces stick, in activation distances: far below what is seen, and
+#: large enough that Newton's method meets no kink.
+_STICKING = 0.05
+
+
+class SurfaceFriction:
+    r"""The energy of friction in a step, of the displacement since its start. Not collective.
+
+    With the lagged normal force :math:`\ell_k` of a collision and its tangential displacement s_k,
+
+    .. math:: E = \sum_k \mu \ell_k f_0(|s_k|), \qquad
+        f_0'(y) = \begin{cases} 2 y/\epsilon - y^2/\epsilon^2 & y < \epsilon \\ 1 \end{cases}
+
+    (Li et al. 2020, eq. 13 to 16).
+
+    Parameters
+    ----------
+    surface : CollisionSurface
+        The surface.
+    coefficient : float
+        Coulomb's coefficient mu.
+    distance : float
+        The barrier's activation distance [m].
+    """
+
+    def __init__(self, surface: CollisionSurface, coefficient: float, distance: float) -> None:
+        self._surface, self._mu, self._ipctk = surface, coefficient, surface.ipctk
+        self._potential = self._ipctk.FrictionPotential(_STICKING * distance)
+        self._start: Array = np.zeros(0)
+        self._collisions = self._ipctk.TangentialCollisions()
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a collision with friction."""
+        return not self._collisions.empty()
+
+    def begin_step(self, x: Array) -> None:
+        """Start a step at points x (n, 3) [m], without forces until `lag`."""
+        self._start = np.array(x)
+        self._collisions = self._ipctk.TangentialCollisions()
+
+    def lag(self, x: Array, collisions: Any, barrier: Any) -> None:
+        """Set normal forces and tangent planes to those of collisions at points x (n, 3)."""
+        if self._mu > 0:
+            self._collisions = self._lagged(x, collisions, barrier)
+
+    def change(self, x: Array, collisions: Any, barrier: Any) -> float:
+        """Return the norm of how `lag` would change the forces at x [N]."""
+        if not self._mu > 0:
+            return 0.0
+        after = self._gradient(self._lagged(x, collisions, barrier), x)
+        return float(np.linalg.norm(after - self.gradient(x)))
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J] at points x (n, 3)."""
+        if not self.acts:
+            return 0.0
+        return float(self._potential(self._collisions, self._surface.mesh, self._slip(x)))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative [N] by the points, (n, 3)."""
+        return self._gradient(self._collisions, x) if self.acts else np.zeros(x.shape)
+
+    def hessian(self, x: Array, projection: Any) -> Any:
+        """Return the projected second derivative [N/m], a sparse (3 n, 3 n) matrix."""
+        mesh = self._surface.mesh
+        return self._potential.hessian(self._collisions, mesh, self._slip(x), projection)
+
+    def _lagged(self, x: Array, collisions: Any, barrier: Any) -> Any:
+        found = self._ipctk.TangentialCollisions()
+        mesh, points = self._surface.mesh, np.asfortranarray(x)
+        found.build(mesh, points, collisions, barrier, self._mu)
+        return found
+
+    def _gradient(self, collisions: Any, x: Array) -> Array:
+        mesh, slip = self._surface.mesh, self._slip(x)
+        return np.asarray(self._potential.gradient(collisions, mesh, slip)).reshape(-1, 3)
+
+    def _slip(self, x: Array) -> Array:
+        """Return the displacement since the start of the step."""
+        return np.asfortranarray(x - self._start)
+
+
+#: The sparsity pattern has all pairs within this many activation distances.
+_PATTERN = 2.0
+#: Friction has settled when new normal forces change its forces by less than this fraction of them.
+_SETTLED = 1e-3
+
+
+class BarrierEnergy:
+    r"""The energy of a barrier between all parts of a surface, and of friction. Not collective.
+
+    .. math:: E = \kappa \hat d \sum_k w_k\, b(d_k/\hat d), \qquad
+        b(s) = -(s^2 - 1)^2 \ln s^2 \quad \text{for}\ s < 1
+
+    over pairs of points, edges and triangles of distance d_k and area w_k (Li et al. 2020, eq. 6;
+    Li et al. 2023 for the areas). Points ``x`` are (n, 3) [m].
+
+    Parameters
+    ----------
+    surface : CollisionSurface
+        The surface.
+    stiffness : float
+        The stiffness kappa [Pa].
+    distance : float
+        The activation distance [m].
+    friction : float
+        Coulomb's coefficient.
+
+    Attributes
+    ----------
+    friction : SurfaceFriction
+        The energy of friction.
+    """
+
+    def __init__(
+        self, surface: CollisionSurface, stiffness: float, distance: float, friction: float
+    ) -> None:
+        self._surface, self._distance, self._coefficient = surface, distance, friction
+        ipctk = surface.ipctk
+        self._barrier = ipctk.BarrierPotential(distance, stiffness, True)
+        projections = ipctk.PSDProjectionMethod
+        self._projections = {
+            "exact": projections.NONE,
+            "clamp": projections.CLAMP,
+            "abs": projections.ABS,
+        }
+        self.friction = SurfaceFriction(surface, friction, distance)
+        self._last: tuple[Array, Any] | None = None
+
+    def collisions(self, x: Array) -> Any:
+        """Return the ipctk.NormalCollisions at points x, of the last call if x is the same."""
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = x, self._surface.collisions(x, self._distance)
+        return self._last[1]
+
+    def energy(self, x: Array) -> float:
+        """Return the energy of the barrier, without friction [J]."""
+        return float(self._barrier(self.collisions(x), self._surface.mesh, x))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the derivative of the energy and of that of friction, (n, 3) [N]."""
+        found = self._barrier.gradient(self.collisions(x), self._surface.mesh, x)
+        return np.asarray(found).reshape(-1, 3) + self.friction.gradient(x)
+
+    def hessian(self, x: Array, filter: str) -> Any:
+        """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""
+        projection = self._projections[filter]
+        found = self._barrier.hessian(self.collisions(x), self._surface.mesh, x, projection)
+        return found + self.friction.hessian(x, projection) if self.friction.acts else found
+
+    def pattern(self, x: Array) -> Any:
+        """Return a sparse matrix of ones, where the Hessian of a wider barrier has entries."""
+        wide = _PATTERN * self._distance
+        barrier = self._surface.ipctk.BarrierPotential(wide, 1.0, True)
+        found = barrier.hessian(self._surface.collisions(x, wide), self._surface.mesh, x)
+        found.data[:] = 1.0
+        return found
+
+    def begin_step(self, x: Array) -> None:
+        """Start the slip of a step at points x; `lag` gives it forces."""
+        self._surface.forget()
+        self._last = None
+        self.friction.begin_step(x)
+
+    def lag(self, x: Array) -> None:
+        """Set the normal forces of friction to those at points x."""
+        self.friction.lag(x, self.collisions(x), self._barrier)
+
+    def settle(self, x: Array) -> float:
+        """Update the normal forces of friction; return the change of its forces, in its tolerance.
+
+        They are kept where the change is below the tolerance.
+        """
+        change = self.friction.change(x, self.collisions(x), self._barrier)
+        normal = self.gradient(x) - self.friction.gradient(x)
+        ratio = relative(change, self._coefficient * float(np.linalg.norm(normal)), _SETTLED)
+        if not ratio <= 1:
+            self.lag(x)
+        return ratio

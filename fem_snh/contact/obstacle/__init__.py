@@ -1,1 +1,0 @@
-"""Contact with rigid obstacles: gap, normal force, friction, and their output."""

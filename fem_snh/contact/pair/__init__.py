@@ -1,1 +1,0 @@
-"""Contact between two surfaces of a mesh."""

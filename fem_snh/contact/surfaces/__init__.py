@@ -1,1 +1,0 @@
-"""Surfaces in contact: quadrature, gathering on every rank, closest facets, gaps."""
