@@ -12,7 +12,7 @@ Each subpackage uses those before it: `materials` (symbolic energies), `viewing`
 pictures), `kernels` (compiled energies, a material at a point), `mesh`, `linalg` (linear solvers),
 `solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads), `scenes`
 (experiments), `contact`, `studies` (many runs), `problem`, `dynamics`, `steps` (the driver),
-`output`, `runs` (a scene in, a result out), `cli` (the program fem-snh).
+`runs` (a scene in, a result out), `cli` (the program fem-snh).
 """
 
 from __future__ import annotations

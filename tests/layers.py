@@ -21,7 +21,6 @@ PARTS = (
     "dynamics",
     "accuracy",
     "steps",
-    "output",
     "runs",
     "cli",
 )
@@ -58,7 +57,7 @@ THIRD_PARTY = {
         "kernels.ufl_forms",
         "terms",
         "problem.mixed.pressure_masses",
-        "output.nodal_projection",
+        "runs.output.nodal_projection",
     },
     "gmsh": {"mesh"},
     "pyvista": {"viewing"},

@@ -8,8 +8,8 @@ from element_theory import problem
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.output.field_values import FieldValues
-from fem_snh.output.point_fields import POINT_FIELDS
+from fem_snh.runs.output.field_values import FieldValues
+from fem_snh.runs.output.point_fields import POINT_FIELDS
 
 E, NU = 2.0, 0.45
 MU, LAM = E / 2 / (1 + NU), E * NU / (1 + NU) / (1 - 2 * NU)

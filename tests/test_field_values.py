@@ -12,10 +12,10 @@ from bodies import Hold
 from stress_states import affine, close, displaced, evaluated, quadrature_points, slope, torsion
 
 from fem_snh import _dolfinx
-from fem_snh.output.field_values import FieldValues
-from fem_snh.output.nodal_projection import NodalProjection
-from fem_snh.output.point_fields import POINT_FIELDS
 from fem_snh.output_fields import ON_REQUEST
+from fem_snh.runs.output.field_values import FieldValues
+from fem_snh.runs.output.nodal_projection import NodalProjection
+from fem_snh.runs.output.point_fields import POINT_FIELDS
 
 mpi = pytest.mark.mpi
 

@@ -13,9 +13,9 @@ from interrupted_runs import ALL, ALONE, STRETCH, CutOff, cut, record, solve
 from test_cavity import SYMMETRIC, shell
 from time_scenes import SWING, TURN, in_time
 
-from fem_snh.output import nodal_values
-from fem_snh.output.fields import Fields
 from fem_snh.runs import checkpoint
+from fem_snh.runs.output import nodal_values
+from fem_snh.runs.output.fields import Fields
 
 mpi = pytest.mark.mpi
 

@@ -8,7 +8,7 @@ from interrupted_runs import STRETCH, cut, record, solve
 
 from fem_snh.atomic_files import check_whole, replace_file
 from fem_snh.errors import BadInput
-from fem_snh.output import nodal_values
+from fem_snh.runs.output import nodal_values
 
 mpi = pytest.mark.mpi
 

@@ -26,9 +26,9 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Region
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.kernels.material import material
-from fem_snh.output.field_values import FieldValues
-from fem_snh.output.point_fields import POINT_FIELDS
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.field_values import FieldValues
+from fem_snh.runs.output.point_fields import POINT_FIELDS
 
 mpi = pytest.mark.mpi
 every = pytest.mark.parametrize("element", ELEMENTS)

@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmarks import Row, search_path
 from benchmarks.faults.intervention import CONVERGED_STEPS
-from fem_snh.output import nodal_values
 from fem_snh.runs import checkpoint
+from fem_snh.runs.output import nodal_values
 from fem_snh.studies.processes import Child, program
 from fem_snh.studies.table import measured_columns, read_record
 

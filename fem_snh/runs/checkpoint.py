@@ -27,11 +27,11 @@ import numpy.typing as npt
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root, shown
 from fem_snh.files import open_file
-from fem_snh.output import nodal_values
 from fem_snh.run_files import CHECKPOINT
 from fem_snh.run_record import is_number, load_record, problem
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.history import gather_motion, gather_terms, restore_motion, restore_terms
+from fem_snh.runs.output import nodal_values
 from fem_snh.runs.scene_identity import check_same, identity
 from fem_snh.scenes import Scene
 from fem_snh.steps.stepping import Stepper

@@ -21,10 +21,10 @@ from fem_snh.assembly.regions import Region
 from fem_snh.atomic_files import output_path, replace_file
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
-from fem_snh.output.tables import flat, table_text
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
+from fem_snh.runs.output.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
 
 if TYPE_CHECKING:

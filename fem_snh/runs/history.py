@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, on_root
-from fem_snh.output.nodal_values import gather_rows, match_nodes, scatter_rows
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
 
 if TYPE_CHECKING:
     from fem_snh.dynamics.dynamics import Dynamics

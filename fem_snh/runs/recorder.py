@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
-from fem_snh.output.fields import Fields, write_modes
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.folder import Folder
+from fem_snh.runs.output.fields import Fields, write_modes
 from fem_snh.steps.jump import jump_note
 from fem_snh.steps.stepping import Stepper
 

@@ -14,7 +14,7 @@ from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
     from fem_snh.dynamics.dynamics import Dynamics
-    from fem_snh.output.field_values import FieldValues
+    from fem_snh.runs.output.field_values import FieldValues
 
 
 @dataclass
@@ -92,7 +92,7 @@ class Result:
 
     @cached_property
     def _fields(self) -> FieldValues:
-        from fem_snh.output.field_values import FieldValues
+        from fem_snh.runs.output.field_values import FieldValues
 
         return FieldValues(self.problem)
 

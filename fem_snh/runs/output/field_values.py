@@ -12,13 +12,13 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.errors import choose
-from fem_snh.output.point_fields import POINT_FIELDS
-from fem_snh.output.stress_fields import PointState, StressFields
 from fem_snh.output_fields import LOCATIONS, ON_REQUEST
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.point_fields import POINT_FIELDS
+from fem_snh.runs.output.stress_fields import PointState, StressFields
 
 if TYPE_CHECKING:
-    from fem_snh.output.nodal_projection import NodalProjection
+    from fem_snh.runs.output.nodal_projection import NodalProjection
 
 Array = npt.NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class FieldValues:
         if at == "points":
             return state.values
         if self._projection is None:
-            from fem_snh.output.nodal_projection import NodalProjection  # imports scipy
+            from fem_snh.runs.output.nodal_projection import NodalProjection  # imports scipy
 
             self._projection = NodalProjection(self._problem, state.weights)
         return self._projection.project(state.values, _SYMMETRIC)

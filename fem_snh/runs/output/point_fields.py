@@ -1,7 +1,7 @@
 """Stresses and strains at points from F and P, and integrals of such fields against a basis.
 
-The library depends on no material and no element. `fem_snh.output.stress_fields` and
-`fem_snh.output.nodal_projection` call it; a run without stress fields does not compile it.
+The library depends on no material and no element. `fem_snh.runs.output.stress_fields` and
+`fem_snh.runs.output.nodal_projection` call it; a run without stress fields does not compile it.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class PointFieldLoops:
         Parameters
         ----------
         H : (cells, points, 3, 3)
-            Displacement gradients du_i/dX_j; as `fem_snh.output.stress_loops` stores them, so that
-            they are not copied.
+            Displacement gradients du_i/dX_j; as `fem_snh.runs.output.stress_loops` stores them, so
+            that they are not copied.
         P : (cells, points, 3, 3)
             First Piola-Kirchhoff stresses [Pa], stored in the same way.
         names : collection of str

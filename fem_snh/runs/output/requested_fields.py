@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fem_snh._dolfinx import DataArray
-from fem_snh.output.field_values import FieldValues
 from fem_snh.output_fields import AT_OBSTACLES, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.field_values import FieldValues
 
 
 class RequestedFields:

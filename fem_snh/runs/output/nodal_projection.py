@@ -21,8 +21,8 @@ from fem_snh.errors import on_root
 from fem_snh.kernels import build
 from fem_snh.linalg.columns_cg import ColumnsCG
 from fem_snh.linalg.halo import Halo
-from fem_snh.output.point_fields import LANES, PointFieldLoops, point_fields_source
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.point_fields import LANES, PointFieldLoops, point_fields_source
 
 Array = npt.NDArray[np.float64]
 

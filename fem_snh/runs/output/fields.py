@@ -16,9 +16,9 @@ from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
     from fem_snh.dynamics.modes import Modes
-    from fem_snh.output.obstacle_series import ObstacleSeries
-    from fem_snh.output.requested_fields import RequestedFields
-    from fem_snh.output.skin_series import SkinSeries
+    from fem_snh.runs.output.obstacle_series import ObstacleSeries
+    from fem_snh.runs.output.requested_fields import RequestedFields
+    from fem_snh.runs.output.skin_series import SkinSeries
     from fem_snh.steps.time_steps import TimeSteps
 
 #: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
@@ -82,18 +82,18 @@ class Fields:
         self._series = _dolfinx.Series(problem.comm, path, until, files)
         self._obstacles: ObstacleSeries | None = None
         if any(term.name == "obstacle" for term in problem.terms):
-            from fem_snh.output.obstacle_series import ObstacleSeries
+            from fem_snh.runs.output.obstacle_series import ObstacleSeries
 
             self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until, files)
         self._skin: SkinSeries | None = None
         if problem.skin is not None:
-            from fem_snh.output.skin_series import SkinSeries
+            from fem_snh.runs.output.skin_series import SkinSeries
 
             self._skin = SkinSeries(path.with_name(SKIN), problem.V, problem.skin, until, files)
         self._requested: RequestedFields | None = None
         start = perf_counter()
         if names:
-            from fem_snh.output.requested_fields import RequestedFields
+            from fem_snh.runs.output.requested_fields import RequestedFields
 
             self._requested = RequestedFields(
                 problem, names, at, motion.functions if motion else {}

@@ -1,7 +1,7 @@
 """Evaluate strains and stresses at the quadrature points of cells.
 
 The loop is a library of its own, so that a run without stress fields does not compile it.
-`fem_snh.output.stress_fields` calls it.
+`fem_snh.runs.output.stress_fields` calls it.
 """
 
 from __future__ import annotations

@@ -22,9 +22,9 @@ import numpy.typing as npt
 from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.errors import on_root
 from fem_snh.kernels import build
-from fem_snh.output.point_fields import PointFieldLoops, point_fields_source
-from fem_snh.output.stress_loops import StressLoops, compile_stress_loops
 from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.point_fields import PointFieldLoops, point_fields_source
+from fem_snh.runs.output.stress_loops import StressLoops, compile_stress_loops
 
 Array = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.mesh.skin import Skin
-from fem_snh.output.triangle_file import triangle_file
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
+from fem_snh.runs.output.triangle_file import triangle_file
 
 Array = npt.NDArray[Any]
 

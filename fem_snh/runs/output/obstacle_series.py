@@ -15,10 +15,10 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
 from fem_snh.geometry.shapes import Shape, SmoothUnion, Union
 from fem_snh.geometry.shapes.triangles import surface_triangles
-from fem_snh.output.triangle_file import triangle_file
 from fem_snh.problem.problem import Problem
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
+from fem_snh.runs.output.triangle_file import triangle_file
 
 Array = npt.NDArray[Any]
 
