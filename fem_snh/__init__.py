@@ -11,7 +11,7 @@
 Each subpackage uses those before it: `materials` (symbolic energies), `viewing` (plots and
 pictures), `kernels` (compiled energies, a material at a point), `mesh`, `linalg` (linear solvers),
 `solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads), `scenes`
-(experiments), `contact`, `studies` (many runs), `problem`, `dynamics`, `steps` (the driver),
+(experiments), `contact`, `studies` (many runs), `problem`, `steps` (the driver),
 `runs` (a scene in, a result out), `cli` (the program fem-snh).
 """
 

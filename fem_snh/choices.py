@@ -31,7 +31,7 @@ PREDICTORS = ("none", "extrapolate", "tangent", "bones")
 #: Poses of a skeleton that a bone's reference position may be that of.
 RESTS = ("first", "offset")
 
-#: Time integrators (`fem_snh.dynamics.integrators`); without damping of their own: newmark.
+#: Time integrators (`fem_snh.steps.dynamics.integrators`); without damping of their own: newmark.
 INTEGRATORS = ("backward_euler", "newmark", "bdf2", "generalized_alpha", "semi_implicit")
 
 #: Mass matrices (`fem_snh.assembly.nodal_mass`).

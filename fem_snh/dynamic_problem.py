@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
-from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.errors import bad_value, check_number
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
 from fem_snh.problem.dolfinx_problem import check_materials, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.time_steps import TimeSteps
 
 Array = npt.NDArray[np.float64]

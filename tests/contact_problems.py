@@ -14,12 +14,12 @@ from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
-from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Plane
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
+from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 from fem_snh.terms.gravity import Gravity

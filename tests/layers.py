@@ -18,7 +18,6 @@ PARTS = (
     "contact",
     "studies",
     "problem",
-    "dynamics",
     "accuracy",
     "steps",
     "runs",
@@ -65,7 +64,7 @@ THIRD_PARTY = {
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
     "pydantic": {"scenes"},
-    "slepc4py": {"dynamics"},
+    "slepc4py": {"problem.modes", "problem.eigenproblem"},
     "ipctk": {"contact.collisions"},
 }
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.

@@ -15,10 +15,10 @@ from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.choices import INTEGRATORS
-from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.terms.gravity import Gravity
 
 #: Integrators of second order.

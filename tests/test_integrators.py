@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from fem_snh.choices import INTEGRATORS
-from fem_snh.dynamics.integrators import Before, State, create
 from fem_snh.errors import BadInput
+from fem_snh.steps.dynamics.integrators import Before, State, create
 
 ORDERS = {
     "backward_euler": 1, "semi_implicit": 1, "newmark": 2, "bdf2": 2, "generalized_alpha": 2

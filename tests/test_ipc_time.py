@@ -11,8 +11,8 @@ from interrupted_runs import cut, record, solve
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
-from fem_snh.dynamics.dynamics import Dynamics
 from fem_snh.scenes import validate
+from fem_snh.steps.dynamics.dynamics import Dynamics
 
 pytestmark = needs_ipctk
 COMM = MPI.COMM_WORLD

@@ -14,9 +14,9 @@ from scipy.linalg import eigh
 from fem_snh import solver
 from fem_snh._petsc import default_options
 from fem_snh.assembly.elements import ELEMENTS, with_cell_pressures
-from fem_snh.dynamics import modes
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
+from fem_snh.problem import modes
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.runs import run
 from fem_snh.solver import saddle_point

@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.dynamics import eigenproblem, modes
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
+from fem_snh.problem import eigenproblem, modes
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.terms import mass_matrix
 

@@ -10,7 +10,7 @@ from bodies import Hold, cube, dense, problem
 
 import fem_snh
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.dynamics import modes
+from fem_snh.problem import modes
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.scenes import Geometry
 

@@ -1,1 +1,1 @@
-"""The boundary value problem of a scene or of a dolfinx program, with its conditions."""
+"""Boundary value problems of scenes and programs: conditions, bones, pressures, modes."""

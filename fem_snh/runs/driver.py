@@ -186,7 +186,7 @@ def _solve(
             with interrupts.postponed():
                 recorder.add_step(step)
         if scene.modes and setup.stepper.done:
-            from fem_snh.dynamics import modes
+            from fem_snh.problem import modes
 
             prefix = f"{solver.PREFIX}modes_"
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)

@@ -14,7 +14,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.nodal_values import gather_rows, match_nodes, scatter_rows
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.dynamics import Dynamics
+    from fem_snh.steps.dynamics.dynamics import Dynamics
 
 Array = npt.NDArray[Any]
 #: Names of the arrays of a term's history.

@@ -17,7 +17,7 @@ from fem_snh.steps.jump import jump_note
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.modes import Modes
+    from fem_snh.problem.modes import Modes
 
 
 class Recorder:

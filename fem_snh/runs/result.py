@@ -13,8 +13,8 @@ import numpy.typing as npt
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.dynamics import Dynamics
     from fem_snh.runs.output.field_values import FieldValues
+    from fem_snh.steps.dynamics.dynamics import Dynamics
 
 
 @dataclass

@@ -31,9 +31,9 @@ from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.dynamics import Dynamics
     from fem_snh.problem.bone_nodes import BoneNodes
     from fem_snh.problem.bone_records import BoneRecords
+    from fem_snh.steps.dynamics.dynamics import Dynamics
     from fem_snh.terms import Term
 
 
@@ -105,7 +105,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
-        from fem_snh.dynamics import modes
+        from fem_snh.problem import modes
 
         modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization

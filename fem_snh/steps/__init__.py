@@ -1,1 +1,5 @@
-"""Steps of load or time: prediction, solution, halving of a step that fails."""
+"""The one driver: steps of load or time, their prediction, solution and halving.
+
+`stepping` makes the steps and halves those that fail, `step_solver` solves one of them, and
+`dynamics` has what a step in time adds: inertia, damping, integrators.
+"""

@@ -17,8 +17,8 @@ from fem_snh.problem.problem import Problem
 from fem_snh.steps.step_size import AdaptiveStepSize, StepSize
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.dynamics import Dynamics
     from fem_snh.scenes import Start, Time
+    from fem_snh.steps.dynamics.dynamics import Dynamics
 
 #: Smallest unit of a residual in E V^(2/3): the tolerance is then 1e-10, well above rounding.
 _LEAST_UNIT = 1e-3
@@ -130,7 +130,7 @@ def create_dynamics(
     time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
 ) -> Dynamics:
     """Return the motion of a scene in time, whose terms the problem needs. Collective."""
-    from fem_snh.dynamics.dynamics import Dynamics
+    from fem_snh.steps.dynamics.dynamics import Dynamics
 
     given = {} if time.rho_infinity is None else {"rho_infinity": time.rho_infinity}
     damping = (time.damping.mass, time.damping.stiffness)

@@ -15,7 +15,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
-    from fem_snh.dynamics.modes import Modes
+    from fem_snh.problem.modes import Modes
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
     from fem_snh.runs.output.requested_fields import RequestedFields
     from fem_snh.runs.output.skin_series import SkinSeries

@@ -20,8 +20,8 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.dynamics.eigenproblem import Eigenproblem
 from fem_snh.errors import BadInput
+from fem_snh.problem.eigenproblem import Eigenproblem
 from fem_snh.problem.problem import Problem
 
 #: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.dynamics.integrators import Affine
+from fem_snh.steps.dynamics.integrators import Affine
 
 Array = npt.NDArray[Any]
 

@@ -15,11 +15,11 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.assembly.nodal_mass import NodalMass
-from fem_snh.dynamics.damping import Damping
-from fem_snh.dynamics.inertia import Inertia
-from fem_snh.dynamics.integrators import Affine
-from fem_snh.dynamics.spins import cell_rotations
 from fem_snh.problem.problem import Problem
+from fem_snh.steps.dynamics.damping import Damping
+from fem_snh.steps.dynamics.inertia import Inertia
+from fem_snh.steps.dynamics.integrators import Affine
+from fem_snh.steps.dynamics.spins import cell_rotations
 from fem_snh.terms import Term
 
 Array = npt.NDArray[Any]

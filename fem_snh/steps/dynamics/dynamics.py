@@ -1,7 +1,7 @@
 r"""The motion of a body in time: state, steps, energies and momenta.
 
-A time integrator (`fem_snh.dynamics.integrators`) makes each step an incremental potential: the
-terms of `Dynamics` are terms of the problem as any other, and its solver is the same.
+A time integrator (`fem_snh.steps.dynamics.integrators`) makes each step an incremental potential:
+the terms of `Dynamics` are terms of the problem as any other, and its solver is the same.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import MASSES
-from fem_snh.dynamics.force_balance import ForceBalance
-from fem_snh.dynamics.integrators import Affine, Before, State, StepFormulas, create
-from fem_snh.dynamics.measures import motion_measures, total_energy, work_of_loads
-from fem_snh.dynamics.prescribed import PrescribedMotion
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.problem.problem import Problem
+from fem_snh.steps.dynamics.force_balance import ForceBalance
+from fem_snh.steps.dynamics.integrators import Affine, Before, State, StepFormulas, create
+from fem_snh.steps.dynamics.measures import motion_measures, total_energy, work_of_loads
+from fem_snh.steps.dynamics.prescribed import PrescribedMotion
 
 Array = npt.NDArray[Any]
 

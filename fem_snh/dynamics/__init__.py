@@ -1,1 +1,0 @@
-"""Motion in time: inertia, damping, integrators, balance of forces; vibration modes."""
