@@ -13,6 +13,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,11 @@ from pages import (
 from time_scenes import in_time
 
 import fem_snh
+from fem_snh import cli
+from fem_snh.solver.options import OPTIONS
 
+#: SNES options of PETSc's own that pages name.
+PETSC_OPTIONS = r"snes_(atol|rtol|stol|max_it|view|monitor|converged_reason|error_if.*|type|tr_)"
 #: Directives of MyST and of docs/_ext: Sphinx runs them, and `make docs` fails if one does.
 DIRECTIVES = {
     "{admonition}", "{bibliography}", "{eval-rst}", "{generated}", "{image}", "{literalinclude}",
@@ -93,6 +98,25 @@ def test_pages_cite_what_exists() -> None:
         for path in pattern.findall(page.read_text(encoding="utf-8")):
             exists = "NAME" in path or (ROOT / path).exists()
             assert exists, f"{name_of(page)}: {path}"
+
+
+def test_pages_name_what_exists() -> None:
+    """Modules, functions and classes by their dotted names, and options of `fem-snh`, in texts."""
+    dotted = re.compile(r"(?<![\w./-])((?:fem_snh|benchmarks)(?:\.[A-Za-z]\w*)+)(?!\w*[/-])")
+    parsers = cli.parsers().values()
+    options = {option for parser in parsers for option in parser._option_string_actions}
+    for page in [*PAGES, *DEMOS, ROOT / "CHANGELOG.md"]:
+        text = page.read_text(encoding="utf-8")
+        for name in set(dotted.findall(text)):
+            if Path(name).suffix not in (".py", ".toml"):
+                resolve_name(name)  # raises, if it is none
+        for words in re.findall(r"(?<!`)`(--[a-z][^`\n]*)`(?!`)", text):
+            option = words.split()[0].partition("=")[0]
+            known = option in options or f'"{option}"' in text  # a demo's own
+            assert known or option == "--version", f"{name_of(page)}: {option}"
+        for option in re.findall(r"`-(?:snh_)?(snes_\w+)[^`]*`", text):
+            known = option in OPTIONS or re.fullmatch(PETSC_OPTIONS, option)
+            assert known, f"{name_of(page)}: -{option}"
 
 
 def test_run_json_page_has_every_key(tmp_path: Path) -> None:
