@@ -285,7 +285,7 @@ class NonlinearProblem:
             self._write_solution()
             yield row
 
-    def _end(self, outcome: solver.Outcome) -> solver.Outcome:
+    def _end(self, outcome: solver.StepOutcome) -> solver.StepOutcome:
         """Keep the outcome of a step; the SNES has its converged reason."""
         self.reason, self.newton, self.linear = outcome.reason, outcome.newton, outcome.linear
         if not outcome.converged and self.solver.getConvergedReason() > 0:

@@ -23,6 +23,24 @@ PARTS = (
     "runs",
     "cli",
 )
+#: Largest number of parts beside ``_dolfinx``.
+MOST_PARTS = 18
+#: Class names that still stand in two modules: tables of scenes and the terms that they make. The
+#: list only shrinks.
+SHARED_NAMES = {
+    "Bone",
+    "Cavity",
+    "Closest",
+    "Contact",
+    "Gravity",
+    "Group",
+    "Joint",
+    "Point",
+    "Pressure",
+    "SelfContact",
+    "Spring",
+    "Traction",
+}
 #: Modules beside the folders that any part may import, from the bottom up.
 COMMON = (
     "errors",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from layers import CALLERS, COMMON, FORBIDDEN, PARTS, THIRD_PARTY
+from layers import CALLERS, COMMON, FORBIDDEN, MOST_PARTS, PARTS, SHARED_NAMES, THIRD_PARTY
 from same_on_every_debian import SAME_ON_EVERY_DEBIAN
 
 import fem_snh
@@ -57,6 +58,22 @@ every_file = pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative
 
 def test_every_part_has_its_position():
     assert {part_of(path) for path in FILES} - {""} == {*PARTS, *COMMON, *CALLERS}
+
+
+def test_the_parts_are_few():
+    """A stranger reads the tree; `_dolfinx` is no part of it but the interface to its versions."""
+    assert len(PARTS) - 1 <= MOST_PARTS
+
+
+def test_a_class_name_has_one_meaning():
+    """No public class name stands in two modules."""
+    modules = defaultdict(list)
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                modules[node.name].append(module_of(path))
+    shared = {name: homes for name, homes in modules.items() if len(homes) > 1}
+    assert shared.keys() <= SHARED_NAMES, shared
 
 
 @every_file

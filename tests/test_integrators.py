@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from fem_snh.choices import INTEGRATORS
 from fem_snh.errors import BadInput
-from fem_snh.steps.dynamics.integrators import Before, State, create
+from fem_snh.steps.dynamics.integrators import Before, MotionState, create
 
 ORDERS = {
     "backward_euler": 1, "semi_implicit": 1, "newmark": 2, "bdf2": 2, "generalized_alpha": 2
@@ -27,7 +27,7 @@ def pendulum(integrator, steps, force=force):
     u, v = START
     a, before = -force(u), None
     for h in steps:
-        u0, state = u, State(u, v, a, before)
+        u0, state = u, MotionState(u, v, a, before)
         f = integrator.formulas(h, state)
         k1, k0 = f.inertia
 
@@ -79,7 +79,7 @@ def test_the_estimated_error_is_that_of_a_step(name):
         if name == "bdf2":  # its formula contains the step before, too: both start exactly
             now = exact(h, state.u, state.v)
             before = Before(h, state.u, state.v, state.a)
-            f = create(name).formulas(h, State(now[:1], now[1:], -force(now[:1]), before))
+            f = create(name).formulas(h, MotionState(now[:1], now[1:], -force(now[:1]), before))
             u = np.array([solved(lambda x, f=f: f.acceleration(x) + force(x))])
             a, true = f.acceleration(u), u - exact(2 * h, state.u, state.v)[0]
         else:
@@ -96,7 +96,7 @@ def test_spectral_radius_at_infinite_frequency(rho):
     integrator, omega, columns = create("generalized_alpha", rho), 1e6, []
     for start in np.eye(3):  # u, v / omega, a / omega^2
         u, v, a = (np.array([x]) for x in start * [1, omega, omega**2])
-        f = integrator.formulas(1.0, State(u, v, a))
+        f = integrator.formulas(1.0, MotionState(u, v, a))
         k1, k0 = f.inertia
         c, w = f.acceleration.rate, f.acceleration.origin
         x = (k1 * c * w - k0 * a - f.old_forces * omega**2 * u) / (k1 * c + omega**2)
@@ -108,7 +108,7 @@ def test_spectral_radius_at_infinite_frequency(rho):
 def test_newmark_is_generalized_alpha_without_averages():
     """Average acceleration: beta = 1/4, gamma = 1/2."""
     u, v, a, h = np.array([0.1]), np.array([0.2]), np.array([-0.4]), 0.3
-    f, end = create("newmark").formulas(h, State(u, v, a)), np.array([0.25])
+    f, end = create("newmark").formulas(h, MotionState(u, v, a)), np.array([0.25])
     a1 = f.acceleration(end)
     assert end == pytest.approx(u + h * v + h**2 / 4 * (a + a1), abs=1e-15)
     assert f.velocity(end) == pytest.approx(v + h / 2 * (a + a1), abs=1e-15)

@@ -19,7 +19,7 @@ from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.scene_points import run_arguments
 from fem_snh.studies.sweep import combinations, sweep
-from fem_snh.studies.table import MEASURED, REQUESTED, Table
+from fem_snh.studies.table import MEASURED, REQUESTED, StudyTable
 
 TINY: dict[str, Any] = {"cells": 2, "steps": 1, "angle": 0.2}
 
@@ -59,13 +59,13 @@ def test_a_point_is_a_command_line() -> None:
 
 
 def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
-    table = Table(tmp_path / "t.csv", ["point", "status"])
+    table = StudyTable(tmp_path / "t.csv", ["point", "status"])
     table.append({"point": "a", "status": 'with, "comma"', "other": 1})
     table.append({"point": "b"})
     whole = table.path.read_text()
     table.path.write_text(whole + "c,half of a li")
     assert [row["point"] for row in table.rows()] == ["a", "b"]
-    assert Table(table.path, table.columns).path.read_text() == whole
+    assert StudyTable(table.path, table.columns).path.read_text() == whole
     assert table.rows()[0]["status"] == 'with, "comma"'
     table.drop(["a"])
     assert [row["point"] for row in table.rows()] == ["b"]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fem_snh.studies.tradeoff.reference import (
-    Reference,
+    ReferenceValue,
     establish,
     estimate,
     extrapolate,
@@ -64,8 +64,8 @@ def test_an_order_that_is_chance_is_not_believed() -> None:
     assert limit - last == pytest.approx((last - before) / (2**4 - 1))
 
 
-def reference(value: float, error: float, element: str = "Q2") -> Reference:
-    return Reference(np.array([value]), error, error, element, "8 cells", 2.0)
+def reference(value: float, error: float, element: str = "Q2") -> ReferenceValue:
+    return ReferenceValue(np.array([value]), error, error, element, "8 cells", 2.0)
 
 
 def test_a_second_element_may_raise_the_error() -> None:

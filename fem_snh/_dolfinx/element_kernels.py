@@ -15,7 +15,7 @@ _KINDS = ("cell", "exterior_facet")
 
 
 @dataclass(frozen=True)
-class Integral:
+class FormIntegral:
     """One integral of a compiled form on this rank.
 
     Attributes
@@ -33,7 +33,7 @@ class Integral:
     key: tuple[Any, int]
 
 
-def integrals(compiled: Any) -> list[Integral]:
+def integrals(compiled: Any) -> list[FormIntegral]:
     """Return the integrals over cells and exterior facets of which this rank has any."""
     form = _cpp(compiled)
     found = []
@@ -45,7 +45,7 @@ def integrals(compiled: Any) -> list[Integral]:
             entities = np.ascontiguousarray(form.domains(kind, which), np.int32)
             kernel = int(_ffi().cast("uintptr_t", integral.tabulate_tensor_float64))
             if len(entities):
-                found.append(Integral(kernel, entities, (kind, which)))
+                found.append(FormIntegral(kernel, entities, (kind, which)))
     return found
 
 
@@ -59,7 +59,8 @@ def kernel_arguments(compiled: Any) -> int:
 
 
 def pack(compiled: Any) -> tuple[np.ndarray, dict[tuple[Any, int], np.ndarray]]:
-    """Return the present values of a form's constants, and of its coefficients by `Integral.key`.
+    """Return the present values of a form's constants, and of its coefficients by
+    `FormIntegral.key`.
 
     Coefficients have one row for each of an integral's entities.
     """

@@ -34,7 +34,7 @@ class Constraint(Protocol):
         """The constrained components, among "x", "y" and "z"."""
 
 
-class Motion(Constraint, Protocol):
+class PrescribedDisplacement(Constraint, Protocol):
     """Components of the displacement on a physical group that follow the load."""
 
     def displacement(self, X: Array, load: float) -> Array:
@@ -88,7 +88,7 @@ class DirichletConditions:
         The mesh whose physical groups the conditions name.
     hold : sequence of Constraint
         Zero displacement.
-    move : sequence of Motion
+    move : sequence of PrescribedDisplacement
         Displacement that follows the load. At nodes that groups have in common, as on the edge of
         two faces, a later condition overrides an earlier one, and any of ``move`` overrides
         ``hold``.
@@ -107,13 +107,13 @@ class DirichletConditions:
         V: Any,
         mesh: Mesh,
         hold: Sequence[Constraint],
-        move: Sequence[Motion],
+        move: Sequence[PrescribedDisplacement],
         bones: Sequence[NodalMotion] = (),
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
         self.constrained: Array = np.zeros((owned + ghosts, 3), dtype=bool)
         self.bones = list(bones)
-        self._moved: list[tuple[Array, list[int], Motion | NodalMotion, Array]] = []
+        self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
         for condition in hold:
             self._constrain(V, mesh, condition)
         coordinates = V.tabulate_dof_coordinates()
@@ -137,7 +137,7 @@ class DirichletConditions:
         return nodes, axes
 
     def _check_overrides(
-        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[Motion]
+        self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[PrescribedDisplacement]
     ) -> None:
         """Raise BadInput if a motion overrides an earlier condition at all nodes. Collective."""
         coordinates = V.tabulate_dof_coordinates()

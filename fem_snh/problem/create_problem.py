@@ -10,8 +10,8 @@ from fem_snh.assembly.boundary_conditions import (
     Constraint,
     Dirichlet,
     DirichletConditions,
-    Motion,
     NodalMotion,
+    PrescribedDisplacement,
 )
 from fem_snh.assembly.elements import ELEMENTS, Element
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
@@ -32,7 +32,7 @@ def create_problem(
     material: Material | Sequence[Filling],
     *,
     hold: Sequence[Constraint] = (),
-    move: Sequence[Motion] = (),
+    move: Sequence[PrescribedDisplacement] = (),
     bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
     traction: Sequence[SurfaceLoad] = (),
     loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
@@ -53,7 +53,7 @@ def create_problem(
         The material of the whole body, or several with the physical groups that they fill.
     hold : sequence of Constraint, optional
         Components of the displacement that are zero on physical groups.
-    move : sequence of Motion, optional
+    move : sequence of PrescribedDisplacement, optional
         Components of the displacement that follow the load on physical groups.
     bones : callable, optional
         Returns displacements of nodes, given the displacement's space and the mesh.

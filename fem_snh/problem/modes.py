@@ -30,7 +30,7 @@ _LARGEST_RESIDUAL = 1e-4
 
 
 @dataclass
-class Modes:
+class VibrationModes:
     """The lowest modes of a problem, in ascending order.
 
     Attributes
@@ -72,7 +72,9 @@ class Modes:
         }
 
 
-def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_modes_") -> Modes:
+def lowest(
+    problem: Problem, density: float, count: int, prefix: str = "snh_modes_"
+) -> VibrationModes:
     """Return the lowest modes about the state ``problem.x``. Collective.
 
     Parameters
@@ -106,7 +108,7 @@ def lowest(problem: Problem, density: float, count: int, prefix: str = "snh_mode
         )
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
     mass = eigenproblem.density * problem.length**3
-    return Modes(
+    return VibrationModes(
         problem,
         eigenproblem.density,
         mass,

@@ -17,7 +17,7 @@ from fem_snh.errors import BadInput
 _TOLERANCE = 1e-6
 
 
-class Probe(Protocol):
+class ProbePoint(Protocol):
     """A named point of the reference body."""
 
     @property
@@ -36,7 +36,7 @@ class Probes:
     ----------
     u : dolfinx Function
         The displacement.
-    probes : sequence of Probe
+    probes : sequence of ProbePoint
         The points.
 
     Raises
@@ -45,7 +45,7 @@ class Probes:
         On every rank, for a point outside the body.
     """
 
-    def __init__(self, u: Any, probes: Sequence[Probe]) -> None:
+    def __init__(self, u: Any, probes: Sequence[ProbePoint]) -> None:
         self._u, self._comm = u, u.function_space.mesh.comm
         self._names = [probe.name for probe in probes]
         self._local = []
@@ -54,7 +54,7 @@ class Probes:
             if found is not None:
                 self._local.append((number, *found))
 
-    def _nodes_and_weights(self, probe: Probe) -> tuple[Any, Any] | None:
+    def _nodes_and_weights(self, probe: ProbePoint) -> tuple[Any, Any] | None:
         """Return the nodes of the probe's cell and their basis values; None on other ranks."""
         V = self._u.function_space
         cell, xi, outside = _dolfinx.locate(V.mesh, np.array(probe.point, dtype=float))

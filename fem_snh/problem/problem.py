@@ -27,8 +27,9 @@ from fem_snh.mesh.mesh import volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
 from fem_snh.problem.measures import Reactions, body_measures
-from fem_snh.problem.mixed.taylor_hood import SaddlePoint
-from fem_snh.problem.regime import Regime
+from fem_snh.problem.mixed.taylor_hood import PressureBlock
+from fem_snh.problem.regime import regime_of
+from fem_snh.solver.protocol import Regime
 from fem_snh.terms import Term, elastic_term
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
@@ -81,7 +82,7 @@ class Problem:
         Its PETSc matrix, which `jacobian` fills; its near null space holds the rigid motions.
     operator : PETSc.Mat
         The Hessian: ``A``, plus matrices of rank one if a term has them.
-    saddle_point : SaddlePoint or None
+    saddle_point : PressureBlock or None
         What a solver needs to know of a Taylor-Hood element's pressure.
     terms, history : list of Term, TermHistory
         All terms, the elastic energy first; what they keep from step to step.
@@ -140,9 +141,9 @@ class Problem:
         self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
-        self.saddle_point: SaddlePoint | None = None
+        self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):
-            self.saddle_point = SaddlePoint(unknowns, self.elastic.parts, scale, self.A)
+            self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A)
         else:
             free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
             self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
@@ -168,7 +169,7 @@ class Problem:
     def regime(self) -> Regime:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element.degree, self.elastic.parts
-        return Regime.of(self.comm, *body, self.terms)
+        return regime_of(self.comm, *body, self.terms)
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:

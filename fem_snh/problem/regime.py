@@ -3,73 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.solver.protocol import Regime
 from fem_snh.terms import Term
 from fem_snh.terms.elastic import Part
 
 Array = npt.NDArray[Any]
 
 
-class Regime(NamedTuple):
-    """What `fem_snh.solver.linear_choice` decides by.
+def regime_of(
+    comm: MPI.Comm, coordinates: Array, degree: int, parts: Sequence[Part], terms: Sequence[Term]
+) -> Regime:
+    """Return the regime of a problem. Collective.
 
-    Attributes
+    Parameters
     ----------
-    nodes : int
-        Displacement nodes on all ranks.
-    section_nodes : float
-        Their mean number in a section across the longest axis.
-    poisson_ratio : float
-        The largest Poisson's ratio of the materials, lambda / (2 lambda + 2 mu); 0 without
-        materials, whose energies are UFL terms.
-    inertia : bool
-        Whether the Hessian contains a mass matrix.
+    comm : MPI.Comm
+        The communicator.
+    coordinates : (n, 3)
+        Coordinates [m] of this rank's own nodes.
+    degree : int
+        Degree of the displacement.
+    parts : sequence of Part
+        The body's materials and cells.
+    terms : sequence of Term
+        The problem's terms.
     """
-
-    nodes: int
-    section_nodes: float
-    poisson_ratio: float
-    inertia: bool
-
-    @classmethod
-    def of(
-        cls,
-        comm: MPI.Comm,
-        coordinates: Array,
-        degree: int,
-        parts: Sequence[Part],
-        terms: Sequence[Term],
-    ) -> Regime:
-        """Return the regime of a problem. Collective.
-
-        Parameters
-        ----------
-        comm : MPI.Comm
-            The communicator.
-        coordinates : (n, 3)
-            Coordinates [m] of this rank's own nodes.
-        degree : int
-            Degree of the displacement.
-        parts : sequence of Part
-            The body's materials and cells.
-        terms : sequence of Term
-            The problem's terms.
-        """
-        tables = [part.loops.tables for part in parts]
-        cells = [table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))]
-        moduli = [part.region.material.lame for part in parts]
-        return cls(
-            comm.allreduce(len(coordinates)),
-            section_nodes(comm, coordinates, np.concatenate(cells), degree),
-            max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
-            any(term.name == "inertia" for term in terms),
-        )
+    tables = [part.loops.tables for part in parts]
+    cells = [table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))]
+    moduli = [part.region.material.lame for part in parts]
+    return Regime(
+        comm.allreduce(len(coordinates)),
+        section_nodes(comm, coordinates, np.concatenate(cells), degree),
+        max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
+        any(term.name == "inertia" for term in terms),
+    )
 
 
 def section_nodes(comm: MPI.Comm, nodes: Array, cells: Array, degree: int) -> float:

@@ -17,7 +17,7 @@ from fem_snh.steps.jump import jump_note
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
-    from fem_snh.problem.modes import Modes
+    from fem_snh.problem.modes import VibrationModes
 
 
 class Recorder:
@@ -114,7 +114,7 @@ class Recorder:
         if notes:
             self.record.setdefault("notes", []).extend(note.record() for note in notes)
 
-    def add_modes(self, modes: Modes) -> None:
+    def add_modes(self, modes: VibrationModes) -> None:
         """Add the eigenfrequencies and write the mode shapes. Collective."""
         start = perf_counter()
         self.record["modes"] = modes.record

@@ -27,7 +27,7 @@ from fem_snh.scenes._types import (
 from fem_snh.scenes._validation import Expect, Table, Whole
 
 if TYPE_CHECKING:
-    from fem_snh.geometry.bones import Clip, RigidMotion
+    from fem_snh.geometry.bones import Clip, RigidAffine
 
 
 def _check_path(path: Path) -> Path:
@@ -86,7 +86,7 @@ class SkeletonMotion(Table):
         default=(0.0, 0.0, 0.0), description="Its displacement, after 'rotation' [length]."
     )
 
-    def motion(self, clip: Clip, duration: float | None) -> tuple[RigidMotion, Vector]:
+    def motion(self, clip: Clip, duration: float | None) -> tuple[RigidAffine, Vector]:
         """Return the bone's motion and the joint's reference position."""
         from fem_snh.geometry.bones import Placement, joint_motion
 

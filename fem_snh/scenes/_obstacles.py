@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.motions import Motion, Obstacle, read_motion
+from fem_snh.geometry.motions import Obstacle, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._conditions import Rotate, rigid_displacement
@@ -142,7 +142,7 @@ def read_obstacles(
     found = []
     for choice in choices:
         shape = choice.shape.shape() if choice.shape else ClosedSurface.read(str(choice.surface))
-        motion: Motion | None = None
+        motion: RigidMotion | None = None
         if choice.motion is not None:
             motion = read_motion(choice.motion, duration)
         elif choice.translate is not None or choice.rotate is not None:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from fem_snh.errors import BadInput, unknown_name
-from fem_snh.geometry.bones import Bone, Clip, Motion, Noise, RigidMotion, bone_motion, read_bvh
+from fem_snh.geometry.bones import (
+    AffineMotion,
+    Bone,
+    Clip,
+    Noise,
+    RigidAffine,
+    bone_motion,
+    read_bvh,
+)
 from fem_snh.geometry.motions.motion_rows import MotionRows, read_rows
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
@@ -54,7 +62,7 @@ class _Files:
         self._tables: dict[Path, MotionRows] = {}
         self._clips: dict[Path, Clip] = {}
 
-    def motion(self, choice: BoneChoice) -> tuple[Motion | Function | None, Vector | None]:
+    def motion(self, choice: BoneChoice) -> tuple[AffineMotion | Function | None, Vector | None]:
         """Return a bone's motion, or None if it does not move; of a joint also its position."""
         scene, motion = self._scene, choice.motion
         if isinstance(motion, Path):
@@ -69,7 +77,7 @@ class _Files:
         if choice.translate is None and choice.rotate is None:
             return None, None
         scaled = ScaledMotion.of(choice, scene.table, scene.duration)
-        return RigidMotion(DisplacementMotion(scaled.displacement)), None
+        return RigidAffine(DisplacementMotion(scaled.displacement)), None
 
     def _table(self, path: Path) -> MotionRows:
         """Return the rows of a file, all of which must be of bones of the scene."""

@@ -8,9 +8,9 @@ from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver.errors import callback_errors, petsc_failures
 from fem_snh.solver.linearised import SemiImplicit
 from fem_snh.solver.newton import ProjectedNewton
-from fem_snh.solver.outcome import Outcome
+from fem_snh.solver.outcome import StepOutcome
 from fem_snh.solver.predictor import Predictor
-from fem_snh.solver.protocol import NonlinearProblem, SaddlePoint
+from fem_snh.solver.protocol import SaddlePoint, SolvableProblem
 from fem_snh.solver.reasons import converged_reason, failure_reason, out_of_memory
 from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.settling import solve_until_settled
@@ -24,9 +24,27 @@ from fem_snh.solver.snes import (
 from fem_snh.solver.step import Direction, Iteration, State, Step
 
 __all__ = [
-    "PREFIX", "Direction", "EisenstatCG", "Iteration", "NonlinearProblem", "Outcome", "Predictor",
-    "ProjectedNewton", "SaddlePoint", "SearchDirection", "SemiImplicit", "State", "Step",
-    "callback_errors", "converged_reason", "create", "default_globalization", "destroy",
-    "failure_reason", "linear_solver_name", "out_of_memory", "petsc_failures",
+    "PREFIX",
+    "Direction",
+    "EisenstatCG",
+    "Iteration",
+    "Predictor",
+    "ProjectedNewton",
+    "SaddlePoint",
+    "SearchDirection",
+    "SemiImplicit",
+    "SolvableProblem",
+    "State",
+    "Step",
+    "StepOutcome",
+    "callback_errors",
+    "converged_reason",
+    "create",
+    "default_globalization",
+    "destroy",
+    "failure_reason",
+    "linear_solver_name",
+    "out_of_memory",
+    "petsc_failures",
     "solve_until_settled",
 ]  # fmt: skip

@@ -19,7 +19,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from fem_snh.errors import choose
-from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.protocol import SolvableProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
 CHOICES = ("automatic", "iterative", "direct")
@@ -46,12 +46,12 @@ class LinearChoice(NamedTuple):
     reason: str = ""
 
 
-def choose_linear_solver(problem: NonlinearProblem, wanted: str = CHOICES[0]) -> LinearChoice:
+def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> LinearChoice:
     """Return the linear solver of a problem. Collective.
 
     Parameters
     ----------
-    problem : NonlinearProblem
+    problem : SolvableProblem
     wanted : str
         One of `CHOICES`.
 

@@ -9,8 +9,8 @@ from petsc4py import PETSc
 from fem_snh._petsc import factors_out_of_memory
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.garbage import clean
-from fem_snh.solver.outcome import Outcome
-from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.outcome import StepOutcome
+from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.reasons import linear_failure
 from fem_snh.solver.settling import update_lagged
 from fem_snh.solver.step import Iteration, State
@@ -20,7 +20,7 @@ from fem_snh.solver.step import Iteration, State
 _DIFFERENCE = 1e-6
 
 
-def linearised_residual(problem: NonlinearProblem) -> PETSc.Vec:
+def linearised_residual(problem: SolvableProblem) -> PETSc.Vec:
     """Return r + H_fc j at ``problem.x``, whose boundary values are those of another load.
 
     r is the residual at the present load, j the jump of the boundary values, H_fc the block of
@@ -54,15 +54,15 @@ class SemiImplicit:
 
     Parameters
     ----------
-    problem : NonlinearProblem
+    problem : SolvableProblem
     snes : SNES
         The SNES of the problem, whose context is `ProjectedNewton`.
     """
 
-    def __init__(self, problem: NonlinearProblem, snes: PETSc.SNES) -> None:
+    def __init__(self, problem: SolvableProblem, snes: PETSc.SNES) -> None:
         self._problem, self._snes = problem, snes
 
-    def solve(self) -> Outcome:
+    def solve(self) -> StepOutcome:
         """Make the step from ``problem.x``, in place. Collective.
 
         The SNES has the outcome's converged reason and iteration, as after a solve of its own.
@@ -77,7 +77,7 @@ class SemiImplicit:
         clean([self._problem.x.comm])
         return outcome
 
-    def _step(self) -> Outcome:
+    def _step(self) -> StepOutcome:
         """Make the step."""
         problem, x = self._problem, self._problem.x
         start, d = State(x, linearised_residual(problem)), x.duplicate()
@@ -86,7 +86,7 @@ class SemiImplicit:
         found = direction.compute(start, d)
         norm = start.residual.norm()
         iteration = Iteration(norm, 0.0, found.filter, found.filtered_points, found.linear, 1.0)
-        outcome = Outcome(False, "CONVERGED_ITS", norm, [iteration])
+        outcome = StepOutcome(False, "CONVERGED_ITS", norm, [iteration])
         outcome.linear_residual = found.residual
         if norm > 0 and (found.slope is None or found.lack):
             linear = self._snes.getKSP()

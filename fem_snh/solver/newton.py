@@ -60,7 +60,7 @@ class ProjectedNewton:
     saddle_point : SaddlePoint, optional
         The pressure of a saddle-point problem.
     largest_step : callable, optional
-        The part of a step that is admissible: see `fem_snh.solver.protocol.NonlinearProblem`.
+        The part of a step that is admissible: see `fem_snh.solver.protocol.SolvableProblem`.
     acting_force : callable, optional
         ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
         tolerance depends on ``force_scale`` alone.

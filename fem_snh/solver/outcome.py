@@ -12,7 +12,7 @@ from fem_snh.solver.step import Iteration
 
 
 @dataclass
-class Outcome:
+class StepOutcome:
     """The outcome of the solve of a load step, of one or of several solves.
 
     Attributes

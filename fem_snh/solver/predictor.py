@@ -14,7 +14,7 @@ from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.linearised import linearised_residual
-from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import outer_operator
 
 _MAX_IT = PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
@@ -43,7 +43,7 @@ class Predictor:
 
     Parameters
     ----------
-    problem : NonlinearProblem
+    problem : SolvableProblem
     snes : SNES
         The SNES whose linear solver is used.
     kind : str
@@ -66,7 +66,7 @@ class Predictor:
 
     def __init__(
         self,
-        problem: NonlinearProblem,
+        problem: SolvableProblem,
         snes: PETSc.SNES,
         kind: str = DEFAULT_PREDICTOR,
         extrapolation: Callable[[PETSc.Vec, float], None] | None = None,

@@ -1,9 +1,9 @@
-"""Protocols of the problems that the solver accepts; `fem_snh.problem.problem.Problem` is one."""
+"""What the solver asks of a problem; `fem_snh.problem.problem.Problem` has it all."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from petsc4py import PETSc
 
@@ -13,24 +13,26 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-class Regime(Protocol):
-    """Size, shape and Poisson's ratio of a body: see `fem_snh.problem.regime.Regime`."""
+class Regime(NamedTuple):
+    """Size, shape and Poisson's ratio of a body: what a solver chooses its defaults by.
 
-    @property
-    def nodes(self) -> int:
-        """Return the number of nodes."""
+    Attributes
+    ----------
+    nodes : int
+        Displacement nodes on all ranks.
+    section_nodes : float
+        Their mean number in a section across the longest axis.
+    poisson_ratio : float
+        The largest Poisson's ratio of the materials, lambda / (2 lambda + 2 mu); 0 without
+        materials, whose energies are UFL terms.
+    inertia : bool
+        Whether the Hessian contains a mass matrix.
+    """
 
-    @property
-    def section_nodes(self) -> float:
-        """Return the mean number of nodes in a section across the longest axis."""
-
-    @property
-    def poisson_ratio(self) -> float:
-        """Return the largest Poisson's ratio of the materials."""
-
-    @property
-    def inertia(self) -> bool:
-        """Return whether the Hessian contains a mass matrix."""
+    nodes: int
+    section_nodes: float
+    poisson_ratio: float
+    inertia: bool
 
 
 class SaddlePoint(Protocol):
@@ -59,7 +61,7 @@ class SaddlePoint(Protocol):
         """Adapt `schur_approximation` to the matrix ``A``. Collective."""
 
 
-class NonlinearProblem(Protocol):
+class SolvableProblem(Protocol):
     """A minimisation problem, a saddle-point problem, or one of forces without an energy.
 
     Attributes

@@ -10,19 +10,19 @@ from petsc4py import PETSc
 
 from fem_snh.errors import NotSettled
 from fem_snh.solver.errors import callback_errors
-from fem_snh.solver.outcome import Outcome
-from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.outcome import StepOutcome
+from fem_snh.solver.protocol import SolvableProblem
 
 
-def solve_until_settled(problem: NonlinearProblem, snes: PETSc.SNES, outcome: Outcome) -> None:
+def solve_until_settled(problem: SolvableProblem, snes: PETSc.SNES, outcome: StepOutcome) -> None:
     """Solve from ``problem.x``, in place, until nothing lagged changes. Collective.
 
     Parameters
     ----------
-    problem : NonlinearProblem
+    problem : SolvableProblem
     snes : SNES
         Its solver.
-    outcome : Outcome
+    outcome : StepOutcome
         The outcome of the step, to which each solve is added. It has not converged if a solve has
         not, or if lagged quantities do not settle: the reason then says which.
     """
@@ -34,7 +34,7 @@ def solve_until_settled(problem: NonlinearProblem, snes: PETSc.SNES, outcome: Ou
         again = outcome.converged and update_lagged(problem, outcome)
 
 
-def update_lagged(problem: NonlinearProblem, outcome: Outcome) -> bool:
+def update_lagged(problem: SolvableProblem, outcome: StepOutcome) -> bool:
     """Update lagged quantities after a solve; return whether to solve again. Collective."""
     try:
         return problem.update_lagged()

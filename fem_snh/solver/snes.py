@@ -13,7 +13,7 @@ from fem_snh.solver import garbage, options, saddle_point, trust_region
 from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
 from fem_snh.solver.newton import ProjectedNewton
-from fem_snh.solver.protocol import NonlinearProblem
+from fem_snh.solver.protocol import SolvableProblem
 
 #: Prefix of the solver's options in PETSc's database.
 PREFIX = "snh_"
@@ -46,7 +46,7 @@ class NewtonSNES(PETSc.SNES):  # type: ignore[misc]
 
 
 def create(
-    problem: NonlinearProblem,
+    problem: SolvableProblem,
     hessian: str | None = None,
     globalization: str | None = None,
     prefix: str = PREFIX,
@@ -55,7 +55,7 @@ def create(
 
     Parameters
     ----------
-    problem : NonlinearProblem
+    problem : SolvableProblem
     hessian : str, optional
         exact, clamp, abs or adaptive: see `SearchDirection`. The default is adaptive.
     globalization : str, optional
@@ -130,7 +130,7 @@ def destroy(snes: PETSc.SNES) -> None:
     snes.destroy()
 
 
-def default_globalization(problem: NonlinearProblem) -> str:
+def default_globalization(problem: SolvableProblem) -> str:
     """Return the default globalization of a problem from `DEFAULT_GLOBALIZATIONS`."""
     if problem.saddle_point:
         return DEFAULT_GLOBALIZATIONS["saddle-point problem"]
@@ -150,9 +150,7 @@ def linear_solver_name(snes: PETSc.SNES) -> str:
     return f"{ksp.getType()}+{'block_triangular' if kind == PETSc.PC.Type.PYTHON else kind}"
 
 
-def _configure_linear_solver(
-    ksp: PETSc.KSP, problem: NonlinearProblem, prefix: str
-) -> LinearChoice:
+def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: str) -> LinearChoice:
     """Set the linear solver that is used unless options say otherwise; return the choice."""
     database = PETSc.Options(prefix)
     named = database.hasName("ksp_type") or database.hasName("pc_type")

@@ -71,11 +71,11 @@ class StepSolver:
     def solve(
         self,
         load: float,
-        judge: Callable[[solver.Outcome], None] | None = None,
+        judge: Callable[[solver.StepOutcome], None] | None = None,
         *,
         predict: bool = True,
         restore: bool = True,
-    ) -> solver.Outcome:
+    ) -> solver.StepOutcome:
         """Solve from the problem's state to a load. Collective.
 
         Parameters
@@ -114,9 +114,9 @@ class StepSolver:
                 motion.cancel_step()
         return outcome
 
-    def _solve(self, load: float, predict: bool) -> solver.Outcome:
+    def _solve(self, load: float, predict: bool) -> solver.StepOutcome:
         """Solve at a load from a first guess; return the outcome of all solves."""
-        problem, outcome = self.problem, solver.Outcome()
+        problem, outcome = self.problem, solver.StepOutcome()
         if self._semi_implicit:
             problem.set_load(load)
             return self._semi_implicit.solve()

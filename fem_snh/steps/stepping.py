@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.problem.probes import Probes
-from fem_snh.solver import Outcome
+from fem_snh.solver import StepOutcome
 from fem_snh.steps.jump import Jump, JumpDetector
 from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
@@ -149,14 +149,14 @@ class Stepper:
         self.processor += process_time() - processor_start
         return self._last
 
-    def _tolerance(self, outcome: Outcome) -> float:
+    def _tolerance(self, outcome: StepOutcome) -> float:
         """Return the norm of the residual [N] at which the step converges."""
         if outcome.tolerance is not None:
             return outcome.tolerance
         return float(self.solver.snes.getPythonContext().scaled_tolerance)
 
     @staticmethod
-    def _linear_residual(outcome: Outcome) -> dict[str, float]:
+    def _linear_residual(outcome: StepOutcome) -> dict[str, float]:
         """Return the relative residual of a linearised step's linear system."""
         found = outcome.linear_residual
         return {} if found is None else {"linear_residual": found}
@@ -177,7 +177,7 @@ class Stepper:
         problem = self.problem
         return {"energy": problem.energy(problem.x) if problem.has_energy else None}
 
-    def _judge(self, outcome: Outcome) -> dict[str, float]:
+    def _judge(self, outcome: StepOutcome) -> dict[str, float]:
         """Return the estimate of a time step's error; one above the tolerance is a failure."""
         motion = self.motion
         if motion is None or motion.tolerance is None:

@@ -19,7 +19,7 @@ from fem_snh.notes import with_notes
 from fem_snh.studies.folder import LOG, StudyFolder
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
-from fem_snh.studies.table import NO_NOTES, Table, read_record
+from fem_snh.studies.table import NO_NOTES, StudyTable, read_record
 from fem_snh.studies.workers import Worker
 
 #: Computes further columns of a point's row from its record and the row so far. A key ``remark``
@@ -87,7 +87,7 @@ class Batch:
         self.out = self._folder.path
         if self._folder.note:
             report(f"note: {self._folder.note}")
-        self.table = Table(self.out / f"{name}.csv", columns)
+        self.table = StudyTable(self.out / f"{name}.csv", columns)
         self._success, self._retry, self._reuse = success, retry, reuse
         self._idle: list[Worker] = []
 

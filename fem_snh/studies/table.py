@@ -26,7 +26,7 @@ MEASURED = (
 NO_NOTES = "none"
 
 
-class Table:
+class StudyTable:
     """The rows of a study in a CSV file, one row per point. Only one process may write it.
 
     Parameters

@@ -2,12 +2,21 @@
 
 from fem_snh.geometry.bones.bone import Bone
 from fem_snh.geometry.bones.bvh import Clip, read_bvh
-from fem_snh.geometry.bones.motions import AffineTable, FunctionMotion, Motion, RigidMotion
+from fem_snh.geometry.bones.motions import AffineMotion, AffineTable, FunctionMotion, RigidAffine
 from fem_snh.geometry.bones.noise import Noise
 from fem_snh.geometry.bones.skeleton import Placement, joint_motion
 from fem_snh.geometry.bones.table import bone_motion
 
 __all__ = [
-    "AffineTable", "Bone", "Clip", "FunctionMotion", "Motion", "Noise", "Placement", "RigidMotion",
-    "bone_motion", "joint_motion", "read_bvh",
+    "AffineMotion",
+    "AffineTable",
+    "Bone",
+    "Clip",
+    "FunctionMotion",
+    "Noise",
+    "Placement",
+    "RigidAffine",
+    "bone_motion",
+    "joint_motion",
+    "read_bvh",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bones.motions import IDENTITY, FunctionMotion, Motion
+from fem_snh.geometry.bones.motions import IDENTITY, AffineMotion, FunctionMotion
 from fem_snh.geometry.bones.noise import Noise
 from fem_snh.geometry.shapes.shape import Array, Shape
 
@@ -25,7 +25,7 @@ class Bone:
         The solid, at its reference position.
     group : str or int, optional
         A physical group of volumes, instead of a shape.
-    motion : Motion or callable, optional
+    motion : AffineMotion or callable, optional
         Its motion, or a function of the load that returns the (3, 4) matrix [A | c] of its map
         x = A X + c; without one it does not move.
     origin : (3,) tuple, optional
@@ -43,7 +43,7 @@ class Bone:
     name: str
     shape: Shape | None = None
     group: str | int | None = None
-    motion: Motion | Callable[[float], npt.ArrayLike] | None = None
+    motion: AffineMotion | Callable[[float], npt.ArrayLike] | None = None
     origin: tuple[float, float, float] | None = None
     noise: Noise | None = None
 

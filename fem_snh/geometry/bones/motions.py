@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.geometry.motions.moving import Motion as RigidPoses
+from fem_snh.geometry.motions.moving import RigidMotion
 from fem_snh.geometry.shapes.shape import Array
 
 #: The matrix of a bone that does not move.
@@ -20,7 +20,7 @@ IDENTITY: Array = np.eye(3, 4)
 _ROUNDING = 1e-12
 
 
-class Motion(Protocol):
+class AffineMotion(Protocol):
     """An affine motion as a function of the load."""
 
     def affine(self, load: float) -> Array:
@@ -28,16 +28,16 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True)
-class RigidMotion:
+class RigidAffine:
     """A rigid motion, of an obstacle's kind.
 
     Parameters
     ----------
-    poses : obstacles.Motion
+    poses : RigidMotion
         Rotation and translation at a load.
     """
 
-    poses: RigidPoses
+    poses: RigidMotion
 
     def affine(self, load: float) -> Array:
         """Return the (3, 4) matrix [R | c] at a load."""

@@ -9,7 +9,7 @@ import numpy as np
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bvh import AXES, Clip, Joint
-from fem_snh.geometry.bones.motions import RigidMotion
+from fem_snh.geometry.bones.motions import RigidAffine
 from fem_snh.geometry.motions.pose_table import PoseTable
 from fem_snh.geometry.shapes.shape import Array
 
@@ -43,7 +43,7 @@ def joint_motion(
     frames: tuple[int, int] | None = None,
     placement: Placement | None = None,
     duration: float | None = None,
-) -> tuple[RigidMotion, Array]:
+) -> tuple[RigidAffine, Array]:
     """Return the motion of a bone that follows a joint, and the joint's reference position.
 
     Parameters
@@ -64,7 +64,7 @@ def joint_motion(
 
     Returns
     -------
-    RigidMotion
+    RigidAffine
         Between frames rotations are slerped and positions of the joint linear.
     (3,) array
         The joint in the reference configuration [length].
@@ -101,7 +101,7 @@ def joint_motion(
         rest_pose = _placed(*_global_pose(clip.joints, number, still, at_offsets=True), placement)
         R0, p0 = rest_pose[0][0], rest_pose[1][0]
     turned = R @ R0.T
-    return RigidMotion(PoseTable(loads, turned, p - turned @ p0)), p0
+    return RigidAffine(PoseTable(loads, turned, p - turned @ p0)), p0
 
 
 def _placed(R: Array, p: Array, placement: Placement | None) -> tuple[Array, Array]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bones.motions import AffineTable, Motion, RigidMotion
+from fem_snh.geometry.bones.motions import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions.motion_rows import MotionRows
 from fem_snh.geometry.motions.pose_table import pose_table
 
 
-def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool) -> Motion:
+def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool) -> AffineMotion:
     """Return the motion of a bone.
 
     Between two rows, 3x4 matrices are linear in each entry. If they are rigid, and in a file of
@@ -36,7 +36,7 @@ def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool
     """
     rows = rows.of_bone(name)
     if rigid or not rows.has_matrices:
-        return RigidMotion(pose_table(rows, duration))
+        return RigidAffine(pose_table(rows, duration))
     table = AffineTable(rows.loads(duration), rows.matrices())
     bad = table.first_singular()
     if bad is not None:

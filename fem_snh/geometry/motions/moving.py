@@ -36,7 +36,7 @@ class Pose(NamedTuple):
         return X
 
 
-class Motion(Protocol):
+class RigidMotion(Protocol):
     """A rigid motion as a function of the load."""
 
     def pose(self, load: float) -> Pose:
@@ -71,7 +71,7 @@ class Obstacle:
     ----------
     shape : Shape
         The shape at its reference position.
-    motion : Motion, optional
+    motion : RigidMotion, optional
         Its motion; without one it does not move.
 
     Notes
@@ -81,7 +81,7 @@ class Obstacle:
     """
 
     shape: Shape
-    motion: Motion | None = None
+    motion: RigidMotion | None = None
 
     def pose(self, load: float) -> Pose:
         """Return the pose at a load: R (3, 3) and c (3,) [length] of x = R X + c."""

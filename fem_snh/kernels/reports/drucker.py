@@ -29,7 +29,7 @@ TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
-class Region:
+class StableRegion:
     """Smallest eigenvalues [Pa] over a plane of stretches; NaN where psi is infinite.
 
     Attributes
@@ -76,15 +76,15 @@ def smallest(m: Material, s: Array) -> tuple[Array, Array]:
     return values.min(axis=-1), values[..., :3].min(axis=-1)
 
 
-def region(m: Material, plane: str, axis: Array | None = None) -> Region:
+def region(m: Material, plane: str, axis: Array | None = None) -> StableRegion:
     """Return the smallest eigenvalues over a plane; ``axis`` (n,) holds both axes' stretches."""
     axis = np.linspace(0.01, 3, 300) if axis is None else np.asarray(axis, dtype=float)
     s0, s1 = np.meshgrid(axis, axis)
     s = np.stack([s0, s1, PLANES[plane](s0, s1)], axis=-1)
-    return Region(plane, axis, axis, *smallest(m, s))
+    return StableRegion(plane, axis, axis, *smallest(m, s))
 
 
-def regions(m: Material) -> tuple[Region, ...]:
+def regions(m: Material) -> tuple[StableRegion, ...]:
     """Return the regions of all planes."""
     return tuple(region(m, plane) for plane in PLANES)
 

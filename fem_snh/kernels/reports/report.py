@@ -11,7 +11,7 @@ from fem_snh.kernels.material import Material
 from fem_snh.kernels.reports import collapse, curves, drucker, minima, stability
 from fem_snh.kernels.reports.collapse import Collapse
 from fem_snh.kernels.reports.curves import Curve
-from fem_snh.kernels.reports.drucker import Interval, Region
+from fem_snh.kernels.reports.drucker import Interval, StableRegion
 from fem_snh.kernels.reports.minima import Minima
 from fem_snh.kernels.reports.stability import Stability
 
@@ -44,7 +44,7 @@ class Report:
         Whether the rest state is the only minimum, and all minima that were found.
     curves : tuple of Curve
         Uniaxial, equibiaxial, simple shear and volumetric stress curves.
-    drucker, regions : tuple of Interval, tuple of Region
+    drucker, regions : tuple of Interval, tuple of StableRegion
         Where the exact tangent is positive semidefinite.
     collapse : tuple of Collapse
         Energy and stress as J -> 0 and under inversion.
@@ -69,7 +69,7 @@ class Report:
     minima: Minima
     curves: tuple[Curve, ...]
     drucker: tuple[Interval, ...]
-    regions: tuple[Region, ...]
+    regions: tuple[StableRegion, ...]
     collapse: tuple[Collapse, ...]
 
     @property

@@ -30,7 +30,7 @@ from fem_snh.problem.mixed.pressure_masses import PressureMasses
 from fem_snh.terms.elastic import Part
 
 
-class SaddlePoint:
+class PressureBlock:
     """The pressure block of a saddle-point problem and an approximation of its Schur complement.
 
     Parameters

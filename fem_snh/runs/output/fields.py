@@ -15,7 +15,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
-    from fem_snh.problem.modes import Modes
+    from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
     from fem_snh.runs.output.requested_fields import RequestedFields
     from fem_snh.runs.output.skin_series import SkinSeries
@@ -147,7 +147,7 @@ class Fields:
         return found
 
 
-def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None:
+def write_modes(path: Path, modes: VibrationModes, files: RunFiles | None = None) -> None:
     """Write the mode shapes to a .pvd file, at the times 1, 2, ... Collective.
 
     Each time has the mode shape ``mode`` [length] and the displacement about which the body
@@ -157,7 +157,7 @@ def write_modes(path: Path, modes: Modes, files: RunFiles | None = None) -> None
     ----------
     path : Path
         The .pvd file.
-    modes : Modes
+    modes : VibrationModes
         The eigenfrequencies and mode shapes.
     files : RunFiles, optional
         The run's files.

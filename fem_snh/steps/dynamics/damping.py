@@ -19,7 +19,7 @@ from fem_snh.steps.dynamics.integrators import Affine
 Array = npt.NDArray[Any]
 
 
-class Damping:
+class RayleighDamping:
     r"""The potential of damping forces proportional to the velocity.
 
     .. math:: E(u) = \frac{1}{2 c} v \cdot C v, \qquad v = c (u - w), \qquad C = \alpha M + \beta K

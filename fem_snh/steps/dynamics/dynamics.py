@@ -21,7 +21,7 @@ from fem_snh.choices import MASSES
 from fem_snh.errors import BadInput, bad_value, check_number, on_every
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.force_balance import ForceBalance
-from fem_snh.steps.dynamics.integrators import Affine, Before, State, StepFormulas, create
+from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.measures import motion_measures, total_energy, work_of_loads
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
 
@@ -38,7 +38,7 @@ class _Step(NamedTuple):
 
     size: float
     load: float
-    state: State
+    state: MotionState
     formulas: StepFormulas
 
 
@@ -157,7 +157,7 @@ class Dynamics:
         """
         h = (load - problem.load) * self._duration
         u = np.array(local_values(problem.split(problem.x)[0]))
-        state = State(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
+        state = MotionState(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
         formulas = self.integrator.formulas(h, state)
         fixed = self._motion.constrained
         spacing = -_SPACING * (load - problem.load)

@@ -16,7 +16,7 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.dynamics.damping import Damping
+from fem_snh.steps.dynamics.damping import RayleighDamping
 from fem_snh.steps.dynamics.inertia import Inertia
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.spins import cell_rotations
@@ -43,13 +43,13 @@ class ForceBalance:
 
     Attributes
     ----------
-    inertia, damping : Inertia, Damping or None
+    inertia, damping : Inertia, RayleighDamping or None
         The terms; damping only if a factor is not zero.
     """
 
     def __init__(self, V: Any, mass: NodalMass, damping: tuple[float, float]) -> None:
         self._V, self._mass, self.inertia = V, mass, Inertia(mass)
-        self.damping = Damping(mass, damping) if any(damping) else None
+        self.damping = RayleighDamping(mass, damping) if any(damping) else None
 
     @property
     def terms(self) -> list[Term]:

@@ -50,7 +50,7 @@ class Affine:
 
 
 class Before(NamedTuple):
-    """The step before a step: its size [s] and the motion at its start, as in `State`."""
+    """The step before a step: its size [s] and the motion at its start, as in `MotionState`."""
 
     size: float
     u: Array
@@ -59,7 +59,7 @@ class Before(NamedTuple):
 
 
 @dataclass(frozen=True)
-class State:
+class MotionState:
     """The motion at the start of a step; arrays (3 local nodes,) with ghosts.
 
     Attributes
@@ -133,7 +133,7 @@ class Integrator(Protocol):
     uses_old_forces: bool
     shift: float
 
-    def formulas(self, h: float, state: State) -> StepFormulas:
+    def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step of h seconds from a state."""
 
 
@@ -145,7 +145,7 @@ class BackwardEuler:
     def __init__(self, name: str = "backward_euler") -> None:
         self.name = name
 
-    def formulas(self, h: float, state: State) -> StepFormulas:
+    def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step; the local error is h^2 a / 2."""
         velocity = Affine(1 / h, state.u.copy())
         acceleration = Affine(1 / h**2, state.u + h * state.v)
@@ -162,7 +162,7 @@ class BDF2:
     name, order, num_steps, end_weight = "bdf2", 2, 2, 1.0
     uses_old_forces, shift = False, 0.0
 
-    def formulas(self, h: float, state: State) -> StepFormulas:
+    def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step."""
         if state.before is None:
             return BackwardEuler().formulas(h, state)
@@ -214,7 +214,7 @@ class GeneralizedAlpha:
         check_number("time.rho_infinity", rho, 0.0, highest=1.0)
         return cls((2 * rho - 1) / (rho + 1), rho / (rho + 1))
 
-    def formulas(self, h: float, state: State) -> StepFormulas:
+    def formulas(self, h: float, state: MotionState) -> StepFormulas:
         """Return the formulas of a step (Newmark 1959 for velocity and acceleration)."""
         beta, gamma, a = self._beta, self._gamma, state.a
         if self.shift and state.before and state.before.size != h:

@@ -28,7 +28,7 @@ _WINDOWS = ((0.0, 1.0), (0.0, 1 / 8), (0.0, 1 / 64), (0.2, 1 / 8), (0.1, 1 / 64)
 _SMOOTH, _ROUNDING = 1e-7, 1e-14
 
 
-class Motion(NamedTuple):
+class PrescribedState(NamedTuple):
     """The motion of constrained dofs at one time; arrays (3 local nodes,), zero at free dofs.
 
     Attributes
@@ -79,7 +79,7 @@ class PrescribedMotion:
         update_ghosts(self._vector)
         return np.array(local_values(self._vector))
 
-    def at(self, load: float, spacing: float, present: float) -> Motion:
+    def at(self, load: float, spacing: float, present: float) -> PrescribedState:
         """Return the motion at a load.
 
         Parameters
@@ -93,7 +93,7 @@ class PrescribedMotion:
         """
         u = self.displacement(load)
         if not self.moves:
-            return Motion(u, np.zeros_like(u), np.zeros_like(u))
+            return PrescribedState(u, np.zeros_like(u), np.zeros_like(u))
         found = []
         for offset, scale in _WINDOWS:
             motion, misfit = self._differences(u, load, spacing * scale, offset / scale)
@@ -105,7 +105,7 @@ class PrescribedMotion:
 
     def _differences(
         self, u: Array, load: float, spacing: float, offset: float
-    ) -> tuple[Motion, float]:
+    ) -> tuple[PrescribedState, float]:
         """Return the motion by one window of points, and its misfit, 1 if just smooth. Collective.
 
         The first point is ``offset`` spacings from the load, at which the displacement is u.
@@ -130,4 +130,4 @@ class PrescribedMotion:
         self._comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
         misfit, change, size = sizes
         allowed = _SMOOTH * change + _ROUNDING * size
-        return Motion(u, v / h, a / h**2), float(misfit / allowed) if misfit else 0.0
+        return PrescribedState(u, v / h, a / h**2), float(misfit / allowed) if misfit else 0.0

@@ -11,7 +11,7 @@ import pandas as pd
 from fem_snh.studies.tradeoff.reference import (
     LOCKING_FREE,
     MARGIN,
-    Reference,
+    ReferenceValue,
     Vector,
     establish,
     estimate,
@@ -83,7 +83,7 @@ def assess(
     return table
 
 
-def reference(table: pd.DataFrame, values: Vector) -> Reference | None:
+def reference(table: pd.DataFrame, values: Vector) -> ReferenceValue | None:
     """Return the reference of a quantity from its values (rows, n) in converged rows.
 
     Candidates are the elements of LOCKING_FREE, each with its default settings.

@@ -30,7 +30,7 @@ CANDIDATES = " or ".join((", ".join(LOCKING_FREE[:-1]), LOCKING_FREE[-1]))
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceValue:
     """The reference value of a quantity.
 
     Parameters
@@ -103,7 +103,7 @@ def extrapolate(h: Sequence[float], values: Sequence[Vector]) -> tuple[Vector, f
 
 def estimate(
     element: str, finest: str, h: Sequence[float], values: Sequence[Vector]
-) -> Reference | None:
+) -> ReferenceValue | None:
     """Return the reference from the meshes of one element, h decreasing; None for fewer than three.
 
     With four meshes the error is the difference to the limit of the three coarser ones. It is at
@@ -127,7 +127,7 @@ def estimate(
     size = norm(value)
     if not size > 0:
         return None
-    return Reference(value, error / size, step / size, element, finest, order)
+    return ReferenceValue(value, error / size, step / size, element, finest, order)
 
 
 def mesh_sequence(h: Sequence[float]) -> list[int]:
@@ -139,7 +139,7 @@ def mesh_sequence(h: Sequence[float]) -> list[int]:
     return kept if len(kept) > 3 else list(range(len(h)))
 
 
-def establish(candidates: Sequence[Reference]) -> Reference | None:
+def establish(candidates: Sequence[ReferenceValue]) -> ReferenceValue | None:
     """Return the candidate whose finest mesh is nearest to its limit; None without candidates.
 
     The next candidate checks it if its own error is below 0.1. The error of the first is increased
@@ -155,7 +155,9 @@ def establish(candidates: Sequence[Reference]) -> Reference | None:
     return replace(best, error=error, checked=other.element if other.error <= 0.1 else "")
 
 
-def reference_message(name: str, found: Reference | None, measured: Mapping[str, float]) -> str:
+def reference_message(
+    name: str, found: ReferenceValue | None, measured: Mapping[str, float]
+) -> str:
     """Return a line about the reference of a quantity and the errors measured with it."""
     if found is None:
         return f"{name}: no reference: needs {CANDIDATES} on three meshes; no errors"

@@ -14,7 +14,7 @@ from fem_snh.viewing.render.interpolation import match_points
 from fem_snh.viewing.render.surfaces import read_grid
 
 
-class State(NamedTuple):
+class ExportedState(NamedTuple):
     """The fields of a state by name: one row for each point or cell of the mesh."""
 
     point_data: dict[str, np.ndarray]
@@ -58,7 +58,7 @@ class States:
     def __len__(self) -> int:
         return len(self.loads)
 
-    def read(self, number: int) -> State:
+    def read(self, number: int) -> ExportedState:
         """Return the fields of a state.
 
         Raises
@@ -82,7 +82,7 @@ class States:
             if self._centres is None:
                 self._centres = self.mesh.cell_centers().points
             cells = self._match(grid.cell_centers().points, self._centres, files[0])
-        return State(
+        return ExportedState(
             {name: np.asarray(grid.point_data[name])[points] for name in self._names[0]},
             {name: np.asarray(grid.cell_data[name])[cells] for name in self._names[1]},
         )

@@ -23,7 +23,7 @@ import numpy as np
 import pyvista as pv
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.viewing.export.states import State, States
+from fem_snh.viewing.export.states import ExportedState, States
 from fem_snh.viewing.render.worker import serve
 
 #: Of the specification; 2.2 is the first that allows groups beside VTKHDF.
@@ -101,7 +101,7 @@ def _write_steps(root: h5py.Group, states: States) -> None:
         steps[name] = np.zeros((len(states), 1), dtype=np.int64)
 
 
-def _write_state(root: h5py.Group, state: State, number: int, count: int) -> None:
+def _write_state(root: h5py.Group, state: ExportedState, number: int, count: int) -> None:
     """Write the fields of a state; the first one makes the arrays for all."""
     for place, fields in (("PointData", state.point_data), ("CellData", state.cell_data)):
         for name, values in fields.items():

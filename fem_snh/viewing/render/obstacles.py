@@ -9,7 +9,7 @@ import numpy as np
 import pyvista as pv
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.bones import AffineTable, Motion, RigidMotion
+from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
 from fem_snh.geometry.shapes import Shape, from_record
 from fem_snh.viewing.render.surfaces import boundary
@@ -43,9 +43,9 @@ class Obstacles:
         for record in records:
             poses = np.array(record["poses"], dtype=float)
             loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
-            motion: Motion = AffineTable(loads, poses)
+            motion: AffineMotion = AffineTable(loads, poses)
             if drawn_as == "obstacles":
-                motion = RigidMotion(PoseTable(loads, poses[:, :, :3], poses[:, :, 3]))
+                motion = RigidAffine(PoseTable(loads, poses[:, :, :3], poses[:, :, 3]))
             ((kind, keys),) = record["shape"].items()
             self._items.append((kind, keys, motion, drawn_as))
 
