@@ -59,7 +59,7 @@ def nearest_file(path: Path) -> str:
     """Return the suggestion of `nearest` for a missing file, from its folder and suffix."""
     if "\0" in str(path):  # no file has it in its name
         return ""
-    stems = [other.stem for other in path.parent.glob(f"*{path.suffix}")]
+    stems = [file.stem for file in path.parent.glob(f"*{path.suffix}")]
     match = get_close_matches(path.stem, stems, n=1, cutoff=_SIMILAR_FILE)
     return f" (did you mean '{match[0]}{path.suffix}'?)" if match else ""
 
@@ -186,7 +186,7 @@ def on_every(comm: Any, function: Callable[..., T], *args: Any) -> T:
         result = function(*args)
     except (BadInput, OSError) as error:
         message = str(error)
-    failed = [found for found in comm.allgather(message) if found is not None]
+    failed = [text for text in comm.allgather(message) if text is not None]
     if failed:
         raise BadInput(failed[0])
     return result

@@ -116,10 +116,10 @@ def _dispatch(argv: list[str]) -> int:
 
 def parsers() -> dict[str, Parser]:
     """Return the argument parser of each command, from which the reference page is made."""
-    found: dict[str, Parser] = {}
+    by_command: dict[str, Parser] = {}
     for name, (module, _) in COMMANDS.items():
-        found[name] = getattr(import_module(f"{__name__}.{module}"), f"{name}_parser")()
-    return found
+        by_command[name] = getattr(import_module(f"{__name__}.{module}"), f"{name}_parser")()
+    return by_command
 
 
 def usage() -> str:

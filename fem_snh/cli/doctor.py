@@ -136,7 +136,7 @@ def find(what: str) -> Finding:
     command = [*ranks, sys.executable, "-P", "-c", code]
     variables = without_launcher(os.environ, RUN_AS_ROOT) if is_rank() else dict(os.environ)
     try:
-        done = subprocess.run(
+        finished = subprocess.run(
             command, env=variables | import_path(), capture_output=True, text=True,
             timeout=_TIMEOUT, stdin=subprocess.DEVNULL,
         )  # fmt: skip
@@ -144,17 +144,19 @@ def find(what: str) -> Finding:
         return Finding(what, "missing", f"no {command[0]} on the PATH", "install openmpi-bin")
     except subprocess.TimeoutExpired:
         return Finding(what, "missing", f"no answer in {_TIMEOUT:g} s", remedy)
-    good = done.returncode == 0
-    lines = (done.stdout if good else done.stderr or done.stdout).splitlines()
+    succeeded = finished.returncode == 0
+    lines = (finished.stdout if succeeded else finished.stderr or finished.stdout).splitlines()
     words = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
     # Python's last line has the error, mpirun's first one.
-    line = words[0 if ranks and not good else -1] if words else f"exit code {done.returncode}"
-    found = line.strip() if good else re.sub(r"^[\w.]*(Error|BadInput): ", "", line.strip())
+    line = (
+        words[0 if ranks and not succeeded else -1] if words else f"exit code {finished.returncode}"
+    )
+    detail = line.strip() if succeeded else re.sub(r"^[\w.]*(Error|BadInput): ", "", line.strip())
     if ranks:
-        return _judge_ranks(Finding(what, "ok" if good else "missing", found, remedy))
-    if "/blas/libblas" in found:  # direct solvers are ten times slower on it
-        return Finding(what, "slow", f"{found}, the reference", "install libopenblas0-serial")
-    return Finding(what, "ok", found) if good else Finding(what, "missing", found, remedy)
+        return _judge_ranks(Finding(what, "ok" if succeeded else "missing", detail, remedy))
+    if "/blas/libblas" in detail:  # direct solvers are ten times slower on it
+        return Finding(what, "slow", f"{detail}, the reference", "install libopenblas0-serial")
+    return Finding(what, "ok", detail) if succeeded else Finding(what, "missing", detail, remedy)
 
 
 def _judge_ranks(row: Finding) -> Finding:
@@ -162,14 +164,14 @@ def _judge_ranks(row: Finding) -> Finding:
     if row.state == "ok" and row.found.startswith("2 "):
         return row._replace(remedy="")
     if row.state == "ok":
-        found = f"mpirun -n 2: {row.found}"
-        return Finding(row.what, "missing", found, "mpirun is another MPI's")
+        detail = f"mpirun -n 2: {row.found}"
+        return Finding(row.what, "missing", detail, "mpirun is another MPI's")
     if "slots" in row.found:
         return row._replace(remedy="start it with `mpirun --oversubscribe`")
     if os.geteuid() == 0 and not all(name in os.environ for name in RUN_AS_ROOT):
-        found = "Open MPI refuses to run as root"
+        detail = "Open MPI refuses to run as root"
         return row._replace(
-            found=found, remedy=f"set {' and '.join(f'{k}=1' for k in RUN_AS_ROOT)}"
+            found=detail, remedy=f"set {' and '.join(f'{k}=1' for k in RUN_AS_ROOT)}"
         )
     return row
 
@@ -200,12 +202,12 @@ def main() -> int:
         from rich.table import Table
         from rich.text import Text
     except ImportError:
-        print(*(f"{what:13} {state:8} {found}" for what, state, found in cells), sep="\n")
+        print(*(f"{what:13} {state:8} {detail}" for what, state, detail in cells), sep="\n")
     else:
         colour = {"ok": "green", "slow": "yellow", "missing": "red"}
         table = Table("", "state", box=None)
         table.add_column("found, and what to do", overflow="fold")
-        for what, state, found in cells:
-            table.add_row(what, Text(state, colour[state]), Text(found))
+        for what, state, detail in cells:
+            table.add_row(what, Text(state, colour[state]), Text(detail))
         Console().print(table)
     return 2 if any(f.state == "missing" for f in findings) else 0

@@ -88,16 +88,16 @@ def materials(argv: list[str]) -> int:
 
 def _numbers(args: Namespace) -> dict[str, Any]:
     """Return the keywords of `fem_snh.material` that were given: E, nu, and those of --set."""
-    found: dict[str, Any] = {}
+    keywords: dict[str, Any] = {}
     for key in ("E", "nu"):
         text = getattr(args, key)
         if text is not None:
-            found[key] = value(text)
-            if isinstance(found[key], bool) or not isinstance(found[key], int | float):
+            keywords[key] = value(text)
+            if isinstance(keywords[key], bool) or not isinstance(keywords[key], int | float):
                 raise BadInput(f"{key} = {text!r}: expected a number")
     for key, text in assignments(args.set).items():  # material.alpha=2, as for run
-        found[key.removeprefix("material.")] = value(text)
-    return found
+        keywords[key.removeprefix("material.")] = value(text)
+    return keywords
 
 
 def _list() -> int:
@@ -112,14 +112,14 @@ def _list() -> int:
     for name in names():
         try:
             title, *body = describe(name).split("\n\n")
-            own = [f"{key} = {default}" for key, default in defaults(name).items()]
+            parameters = [f"{key} = {default}" for key, default in defaults(name).items()]
         except (
             BadInput
         ) as error:  # an entry point that fails to load must not hide the other materials
             table.add_row(name, Text(str(error)), "-")
             continue
         shown = [title, *(part for part in body if "psi =" in part)]
-        table.add_row(name, Text("\n".join(shown)), Text("\n".join(own) or "-"))
+        table.add_row(name, Text("\n".join(shown)), Text("\n".join(parameters) or "-"))
     Console(width=None if sys.stdout.isatty() else 110).print(table)
     print(
         "Every material takes --E [Pa] and --nu; all agree at small strain. "
@@ -149,12 +149,12 @@ def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:
     """Print the report of a material, draw it, or both."""
     from fem_snh.kernels.material import material
 
-    found = material(name, **numbers).report()
+    report = material(name, **numbers).report()
     if args.report:
-        print(found)
+        print(report)
     if args.plot is not None:
         stem = name.rpartition(":")[2]  # of FILE.py:FUNCTION, the function
-        print(found.plot(Path(args.plot or f"{stem}.png")))
+        print(report.plot(Path(args.plot or f"{stem}.png")))
 
 
 def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> int:
@@ -164,17 +164,17 @@ def _table(names: Sequence[str], path: Path | None, numbers: dict[str, Any]) -> 
 
     from fem_snh.kernels.reports.table import rows, write
 
-    found = []
+    verdicts = []
     with Console(stderr=True).status("compiling and evaluating") as status:
         for row in rows(*names, **numbers):
-            found.append(row)
+            verdicts.append(row)
             status.update(f"compiling and evaluating: {row['name']}")
     if path is not None:
-        write(path, found)
+        write(path, verdicts)
     four = ("inversion", "reflection", "rest", "degeneracy")
     table = Table("material", "mu", "lambda", *four, "minima", "finite for", "SVD")
     table.columns[0].no_wrap = True
-    for row in found:
+    for row in verdicts:
         if not row["inversion"]:
             table.add_row(row["name"], *["-"] * 6, row["note"])
             continue

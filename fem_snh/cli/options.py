@@ -125,13 +125,13 @@ def value(text: str) -> Any:
 
 def assignments(pairs: list[str]) -> dict[str, str]:
     """Return the ``key=value`` pairs of --set, the values as text."""
-    found = {}
+    values = {}
     for pair in pairs:
         key, equals, right = pair.partition("=")
         if not (equals and key.strip() and right.strip()):
             raise BadInput(f"--set {pair}: expected key=value, e.g. --set material.barrier=true")
-        found[key.strip()] = right.strip()
-    return found
+        values[key.strip()] = right.strip()
+    return values
 
 
 def split_petsc(argv: list[str]) -> tuple[list[str], dict[str, str | None]]:

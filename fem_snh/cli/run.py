@@ -105,10 +105,10 @@ def _by_accuracy(
     from fem_snh import scenes
     from fem_snh.studies.tradeoff import accuracy
 
-    asked = accuracy.fraction(args.accuracy)
-    own = scenes.load(args.scene, **overrides)
-    chosen = accuracy.choose(args.scene, own.nu, asked, args.accuracy_table, own)
-    changed = chosen.changes(own)
+    accuracy_asked = accuracy.fraction(args.accuracy)
+    scene = scenes.load(args.scene, **overrides)
+    chosen = accuracy.choose(args.scene, scene.nu, accuracy_asked, args.accuracy_table, scene)
+    changed = chosen.changes(scene)
     overrides = overrides | chosen.values(overrides)
     if not args.quiet:
         print(chosen.message(), flush=True)
@@ -117,7 +117,7 @@ def _by_accuracy(
         given = [key for key, v in overrides.items() if v is not None]
         if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
             print(f"accuracy: the table was measured without changes of {', '.join(other)}")
-    return overrides, chosen.record(asked, changed)
+    return overrides, chosen.record(accuracy_asked, changed)
 
 
 def scene_list() -> str:
@@ -126,8 +126,10 @@ def scene_list() -> str:
 
     rows = ["scenes:"]
     for name in scenes.names():
-        own = [f"{key}={_short(default)}" for key, default in scenes.own_parameters(name).items()]
-        rows += [f"  {name:<9}{scenes.describe(name)}", f"  {'':<9}--set {', '.join(own)}"]
+        parameters = [
+            f"{key}={_short(default)}" for key, default in scenes.own_parameters(name).items()
+        ]
+        rows += [f"  {name:<9}{scenes.describe(name)}", f"  {'':<9}--set {', '.join(parameters)}"]
     return "\n".join([*rows, "", "PETSc options go last, after --: -- -ksp_rtol 1e-6 -snes_view"])
 
 

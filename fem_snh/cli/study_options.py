@@ -14,19 +14,21 @@ from fem_snh.errors import BadInput
 
 def parser(command: str, description: str) -> Parser:
     """Return a parser with the options of a scene as comma lists, and the limits."""
-    made = Parser(command, description, scene_list)
-    made.add_argument("scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION")
+    study_parser = Parser(command, description, scene_list)
+    study_parser.add_argument(
+        "scene", metavar="SCENE", help="a name, FILE.toml or FILE.py:FUNCTION"
+    )
     for key, placeholder, help in SCENE_OPTIONS:
-        made.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
-    made.add_argument(
+        study_parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
+    study_parser.add_argument(
         "--set",
         metavar="KEY=VALUE,..",
         action="append",
         default=[],
         help="any other key of the scene: angle=1,2",
     )
-    add_limits(made)
-    return made
+    add_limits(study_parser)
+    return study_parser
 
 
 def add_limits(

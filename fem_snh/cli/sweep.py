@@ -10,7 +10,7 @@ def sweep_parser() -> Parser:
     """Return the parser of ``fem-snh sweep``."""
     parser = study_options.parser(
         "sweep",
-        "Solve a scene for every combination of values, in --jobs processes beside each other.\n"
+        "Solve a scene for every combination of values, --jobs of them at a time.\n"
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
     )
     parser.add_argument(

@@ -129,10 +129,10 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
     """Return the numbers of a comma list, or None if there is no list."""
     if text is None:
         return None
-    found = [value(word) for word in text.split(",")]
-    if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in found):
+    numbers = [value(word) for word in text.split(",")]
+    if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in numbers):
         raise BadInput(f"{option} {text}: expected {accepted}")
-    return found
+    return numbers
 
 
 def doctor_parser() -> Parser:

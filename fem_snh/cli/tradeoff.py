@@ -101,15 +101,15 @@ def _list(key: str, text: str | None) -> list[Any]:
 
 
 def _numbers(key: str, text: str | None) -> list[float]:
-    found = _list(key, text)
-    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in found):
+    numbers = _list(key, text)
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
         raise BadInput(f"--{key} {text}: expected numbers with commas between, e.g. 0.3,0.49")
-    return [float(number) for number in found]
+    return [float(number) for number in numbers]
 
 
 def _cells(text: str | None) -> list[int]:
-    found = _list("cells", text)
-    whole = all(isinstance(v, int) and not isinstance(v, bool) and v > 0 for v in found)
-    if not whole or found != sorted(set(found)):
+    cells = _list("cells", text)
+    whole = all(isinstance(v, int) and not isinstance(v, bool) and v > 0 for v in cells)
+    if not whole or cells != sorted(set(cells)):
         raise BadInput(f"--cells {text}: expected whole numbers from coarse to fine, e.g. 4,8,16")
-    return found
+    return cells

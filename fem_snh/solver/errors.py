@@ -38,6 +38,6 @@ def petsc_failures() -> Iterator[None]:
     except PETSc.Error as error:
         if error.ierr == OUT_OF_MEMORY:
             raise Failed("out of memory (PETSc)") from error
-        last = str(error).strip().splitlines()[-1].partition("] ")[2]
-        message = last or " ".join(str(error).split())
+        last_line = str(error).strip().splitlines()[-1].partition("] ")[2]
+        message = last_line or " ".join(str(error).split())
         raise Failed(f"PETSc error {error.ierr}: {message}") from error

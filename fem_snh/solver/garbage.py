@@ -42,7 +42,7 @@ def record(problem: Any, snes: PETSc.SNES, *objects: PETSc.Object) -> None:
     parts = [part for ksp in solvers for part in (ksp, ksp.getPC())]
     python = [part for part in parts if part.getType() == "python"]
     # A duplicate is PETSc's own communicator with one more reference: it outlives the problem.
-    comms = [found.comm.duplicate() for found in (*objects, snes)]
+    comms = [item.comm.duplicate() for item in (*objects, snes)]
     linear = [ref(part.getPythonContext()) for part in python]
     _records.append(_Record(ref(problem), ref(newton), linear, comms))
 
@@ -53,19 +53,19 @@ def free_unused(comm: MPI.Comm) -> None:
     Objects of other groups of ranks are left to the calls with their communicators.
     """
     clean([PETSc.COMM_SELF])  # each rank's own, as the factors of a coarse matrix
-    for found in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
-        users: list[Any] = [found.problem(), found.newton()]
-        contexts = [reference() for reference in found.linear]
-        clean(found.comms)  # a SNES, which refers to its problem
+    for entry in [r for r in _records if _same_ranks(r.comms[0].tompi4py(), comm)]:
+        users: list[Any] = [entry.problem(), entry.newton()]
+        contexts = [reference() for reference in entry.linear]
+        clean(entry.comms)  # a SNES, which refers to its problem
         users.clear()
-        unused = comm.allreduce(found.problem() is None, op=MPI.LAND)
-        clean(found.comms)  # the objects of the problem, and linear solvers
+        unused = comm.allreduce(entry.problem() is None, op=MPI.LAND)
+        clean(entry.comms)  # the objects of the problem, and linear solvers
         contexts.clear()
-        clean(found.comms)  # the objects of linear solvers' contexts
+        clean(entry.comms)  # the objects of linear solvers' contexts
         if unused:
-            for each in found.comms:
+            for each in entry.comms:
                 each.destroy()
-            _records.remove(found)
+            _records.remove(entry)
 
 
 def clean(comms: Iterable[PETSc.Comm]) -> None:

@@ -272,8 +272,8 @@ class ProjectedNewton:
 
     def _call_update(self, snes: PETSc.SNES, its: int) -> None:
         """Call the function given to ``SNES.setUpdate``, or `update` if there is none."""
-        if given := snes.getUpdate():
-            function, arguments, keywords = given
+        if user_update := snes.getUpdate():
+            function, arguments, keywords = user_update
             function(snes, its, *arguments, **keywords)
         elif update := type(self).update:
             update(snes, its)

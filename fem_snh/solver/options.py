@@ -221,15 +221,15 @@ def read(prefix: str, given: Values) -> Values:
     BadInput
         For a number that is not accepted.
     """
-    database, found = PETSc.Options(prefix), dict(given)
+    database, values = PETSc.Options(prefix), dict(given)
     for name, option in OPTIONS.items():
         if name in ("snes_hessian", "snes_globalization"):
             continue
         get = database.getString if isinstance(option.default, str) else database.getReal
-        found[name] = get(name, given[name])
-        if option.accepted is not None and not option.accepted.admits(float(found[name])):
-            raise bad_value(name, found[name], str(option.accepted))
-    return found
+        values[name] = get(name, given[name])
+        if option.accepted is not None and not option.accepted.admits(float(values[name])):
+            raise bad_value(name, values[name], str(option.accepted))
+    return values
 
 
 #: Numbers of PETSc's own options, in the solver's prefix, with which nothing would be solved for.

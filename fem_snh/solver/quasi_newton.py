@@ -65,8 +65,8 @@ class QuasiNewton:
             inverse.solve(start.residual, d)
             d.scale(-1.0)
             slope = float(start.residual.dot(d))
-            found = slope < 0 and self._line_search.search(start, d, slope, end).end
-            if not found:
+            accepted = slope < 0 and self._line_search.search(start, d, slope, end).end
+            if not accepted:
                 start.copy_to(end)
                 break
             step.lbfgs += 1

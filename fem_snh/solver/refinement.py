@@ -102,12 +102,12 @@ def improve(
         return True
     step = solution.d.duplicate()
     while isfinite(solution.relative) and solution.relative > rtol:
-        before, kept = solution.relative, solution.d.copy()
+        before, previous = solution.relative, solution.d.copy()
         goal = min(max(_CYCLE_SHARE * rtol / before, _CYCLE_RTOL[0]), _CYCLE_RTOL[1])
         solve(solution.residual, step, goal)
         solution.d.axpy(1.0, step)
         if not solution.measure() < before:
-            kept.copy(solution.d)
+            previous.copy(solution.d)
             solution.measure()
             break
         if accept():
@@ -119,7 +119,11 @@ def improve(
 
 def _solve_with_factors(solution: Solution) -> bool:
     """Replace a solution by one with sparse factors if it is better; return whether it is."""
-    ksp, kept, before = PETSc.KSP().create(solution.d.comm), solution.d.copy(), solution.relative
+    ksp, iterated, before = (
+        PETSc.KSP().create(solution.d.comm),
+        solution.d.copy(),
+        solution.relative,
+    )
     try:
         ksp.setOperators(solution.A, solution.P)
         ksp.setType(PETSc.KSP.Type.FGMRES)
@@ -133,7 +137,7 @@ def _solve_with_factors(solution: Solution) -> bool:
     finally:
         ksp.destroy()
     if not solution.measure() < before:
-        kept.copy(solution.d)
+        iterated.copy(solution.d)
         solution.measure()
         return False
     solution.factorised = True

@@ -127,10 +127,10 @@ def _outer_solver(prefix: str) -> str:
 
 def _has_inner_iteration(prefix: str) -> bool:
     """Return whether the options leave the preconditioner to `BlockTriangular`."""
-    given = PETSc.Options(prefix)
+    options = PETSc.Options(prefix)
     names = "pc_type", "fieldsplit_u_ksp_type", "fieldsplit_u_pc_type"
-    chosen = any(given.hasName(name) for name in names)
-    return _outer_solver(prefix) in _FLEXIBLE and not chosen
+    replaced = any(options.hasName(name) for name in names)
+    return _outer_solver(prefix) in _FLEXIBLE and not replaced
 
 
 @contextmanager

@@ -249,10 +249,10 @@ class SearchDirection:
     @cached_property
     def _double_precision(self) -> PETSc.KSP:
         """Return PETSc's CG with Jacobi, with the tolerances of the SNES's linear solver."""
-        given = self.snes.getKSP()
-        ksp = PETSc.KSP().create(given.comm)
+        linear_solver = self.snes.getKSP()
+        ksp = PETSc.KSP().create(linear_solver.comm)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-        rtol, atol, _, max_it = given.getTolerances()
+        rtol, atol, _, max_it = linear_solver.getTolerances()
         ksp.setTolerances(rtol=rtol, atol=atol, max_it=max_it)
         return ksp

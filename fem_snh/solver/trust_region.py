@@ -153,8 +153,8 @@ class TrustRegion:
             self.entered = False
         elif step.filter in ("clamp", "abs"):
             little_progress = decrease < self.thresholds.enter_decrease * total_decrease
-            left = residual_ratio if self._entered_before else two_steps
-            self.entered |= little_progress and left > self.thresholds.enter_residual
+            remaining = residual_ratio if self._entered_before else two_steps
+            self.entered |= little_progress and remaining > self.thresholds.enter_residual
         self._entered_before |= self.entered
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:
@@ -182,12 +182,14 @@ class TrustRegion:
             size, reason, Ad = self._solve(f, d, step)
             if reason in _INSIDE:
                 slope = self.line_search.slope(f, d, Ad)
-                found = Step() if slope is None else self.line_search.search(start, d, slope, trial)
-                full = found.length >= SHORT or found.limited
-                if found.end and (full or self.radius is None):
-                    longest = max(self.radius or 0.0, found.length * size)
+                searched = (
+                    Step() if slope is None else self.line_search.search(start, d, slope, trial)
+                )
+                full = searched.length >= SHORT or searched.limited
+                if searched.end and (full or self.radius is None):
+                    longest = max(self.radius or 0.0, searched.length * size)
                     self.radius = min(longest, self.thresholds.deltamax)
-                    step.end, step.length = found.end, found.length
+                    step.end, step.length = searched.end, searched.length
                     return True
                 if self.radius is None:
                     return False

@@ -101,7 +101,7 @@ class CellPressures:
         assembling, nonfinite = mixed.seconds["assemble"], mixed.nonfinite
         mixed.set_load(problem.load)
         self._read_displacement()
-        guess, self.history, found = problem.x.copy(), [], False
+        guess, self.history, solved = problem.x.copy(), [], False
         largest, unit = context.scaled_tolerance, context.force_scale
         options = dict(context.options)
         for _ in range(_MAX_SOLVES):
@@ -110,7 +110,7 @@ class CellPressures:
             self.history += context.history
             if self.snes.getConvergedReason() <= 0:
                 break
-            found = True
+            solved = True
             self._write_displacement()
             problem.residual(problem.x, self._residual)
             tolerance = largest
@@ -126,11 +126,11 @@ class CellPressures:
                 context.options["snes_forcing_max"] = min(options["snes_forcing_max"], reduction)
         self.reason = solver.failure_reason(self.snes)
         context.force_scale, context.options = unit, options
-        if not found:
+        if not solved:
             guess.copy(problem.x)
         problem.seconds["assemble"] += mixed.seconds["assemble"] - assembling
         problem.nonfinite += mixed.nonfinite - nonfinite
-        return found
+        return solved
 
     def row(self) -> dict[str, object]:
         """Return what the row of a step says of the last solve."""

@@ -92,11 +92,11 @@ class JumpDetector:
         self._rate = moved / (to - load)
         if not 0 < _FAR * expected < moved:
             return None
-        found = self._bisect((load, start), (to, end), moved)
+        jump = self._bisect((load, start), (to, end), moved)
         end.copy(problem.x)
         problem.set_load(to)
         problem.split(problem.x)
-        return found and found._replace(ratio=moved / expected)
+        return jump and jump._replace(ratio=moved / expected)
 
     def _bisect(
         self, low: tuple[float, PETSc.Vec], high: tuple[float, PETSc.Vec], moved: float

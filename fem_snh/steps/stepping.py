@@ -158,17 +158,17 @@ class Stepper:
     @staticmethod
     def _linear_residual(outcome: StepOutcome) -> dict[str, float]:
         """Return the relative residual of a linearised step's linear system."""
-        found = outcome.linear_residual
-        return {} if found is None else {"linear_residual": found}
+        residual = outcome.linear_residual
+        return {} if residual is None else {"linear_residual": residual}
 
     def _notes(self, recorded: Mapping[str, Any]) -> list[str]:
         """Return the kinds of notes on the last step, of which the terms have recorded this."""
-        found = {
+        kinds = {
             "inverted": self._last["min_J"] <= 0,
             "jump": self.jump is not None,
             "penetration": bool(unseen_penetrations(recorded)),
         }
-        return [kind for kind, noted in found.items() if noted]
+        return [kind for kind, noted in kinds.items() if noted]
 
     def _energies(self, load: float, to: float) -> dict[str, Any]:
         """Return the row's energy; in time, time and energies."""

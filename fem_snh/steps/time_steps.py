@@ -121,9 +121,9 @@ class TimeSteps:
 
     def energies(self) -> dict[str, Any]:
         """Return energies and momenta; "energy" is the sum of those that the body has [J]."""
-        found = self.dynamics.energies(self._problem)
-        parts = [found[key] for key in ("kinetic", "elastic", "potential")]
-        return {"energy": None if None in parts else sum(parts), **found}
+        energies = self.dynamics.energies(self._problem)
+        parts = [energies[key] for key in ("kinetic", "elastic", "potential")]
+        return {"energy": None if None in parts else sum(parts), **energies}
 
 
 def create_dynamics(
