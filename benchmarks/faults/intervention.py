@@ -26,5 +26,11 @@ def run_with_intervention(intervene: Callable[[Any], None]) -> None:
         if (solves, its) == (CONVERGED_STEPS + 1, 1):
             intervene(snes)
 
-    ProjectedNewton.update = update
+    set_from_options = ProjectedNewton.setFromOptions
+
+    def set_update(context: ProjectedNewton, snes: Any) -> None:
+        set_from_options(context, snes)
+        snes.setUpdate(update)
+
+    setattr(ProjectedNewton, "setFromOptions", set_update)  # every SNES is set up by it
     runpy.run_module("fem_snh", run_name="__main__")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
-from typing import ClassVar
 
 from petsc4py import PETSc
 
@@ -81,9 +80,6 @@ class ProjectedNewton:
 
     #: The class of the search directions; benchmarks replace it to compare others.
     search_direction: type[SearchDirection] = SearchDirection
-    #: Called as ``update(snes, iteration)`` at the start of every iteration of every SNES that has
-    #: no function of its own from ``SNES.setUpdate``. Programs that inject faults set it.
-    update: ClassVar[Callable[[PETSc.SNES, int], None] | None] = None
 
     def __init__(
         self,
@@ -160,7 +156,9 @@ class ProjectedNewton:
                 return
             if its == max_it:
                 break
-            self._call_update(snes, its)
+            if user_update := snes.getUpdate():
+                function, arguments, keywords = user_update
+                function(snes, its, *arguments, **keywords)
             forcing.update(norm)
             step = globalization.step(state, d, trial)
             self.history.append(
@@ -269,14 +267,6 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
-
-    def _call_update(self, snes: PETSc.SNES, its: int) -> None:
-        """Call the function given to ``SNES.setUpdate``, or `update` if there is none."""
-        if user_update := snes.getUpdate():
-            function, arguments, keywords = user_update
-            function(snes, its, *arguments, **keywords)
-        elif update := type(self).update:
-            update(snes, its)
 
 
 def _format_value(value: options.Value) -> str:
