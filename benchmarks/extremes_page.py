@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks import Row, page_tables
-from fem_snh.studies.extremes import page
+from fem_snh.studies.extremes.study import page
 
 
 def rows(write: str = "docs/results/extremes_tables.md") -> Iterator[Row]:
@@ -21,6 +21,6 @@ def rows(write: str = "docs/results/extremes_tables.md") -> Iterator[Row]:
     parts = page_tables.split_page(path, "extremes_page")
     folder = page_tables.data_folder(path)
     table = pd.read_csv(folder / "extremes.csv")
-    text = page.text(table, folder, f"{folder.name}/")
+    text = page(table, folder, f"{folder.name}/")
     page_tables.write_table(path, "extremes_page", parts, text.strip())
     yield {"page": write, "cases": len(table)}

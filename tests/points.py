@@ -12,11 +12,14 @@ import sympy
 from scipy.spatial.transform import Rotation
 
 from benchmarks.eigensolvers import stretches
+from benchmarks.pointwise import Oracle, oracle
 from fem_snh import materials
+from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels.material import Material, material
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.studies.extremes.pointwise.oracle import Oracle, Point, exactly
+from fem_snh.studies.extremes import pointwise
+from fem_snh.studies.extremes.pointwise import Compared, digits, exactly, perturbed
 
 #: Materials for the tests of the kernels, at nu below and above 0.4, where stable_neo_hookean
 #: changes its form. The tests of every material are in test_every_material.py.
@@ -43,9 +46,16 @@ def make(name: str, nu: float, **shape: Any) -> Material:
     return material(name, E=1.7, nu=nu, **shape)
 
 
-def exact(m: Material, F: Any) -> Point:
+def exact(m: Material, F: Any) -> Oracle:
     """Return the material at F, computed with mpmath in its working precision."""
-    return Oracle(m.expression)(exactly(F))
+    return oracle(m.expression, exactly(F))
+
+
+def compare(m: Material, F: np.ndarray, rng: np.random.Generator) -> list[Compared]:
+    """Return every quantity of the material at F beside the exact one."""
+    with mpmath.workdps(digits(F)):
+        points = [oracle(m.expression, f) for f in perturbed(F, rng)]
+        return list(pointwise.compare(m, F, points, EIGENSOLVERS))
 
 
 def rotations(n: int, seed: int = 0) -> np.ndarray:

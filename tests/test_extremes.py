@@ -12,10 +12,9 @@ import pytest
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
 from fem_snh.studies.extremes import crush, drop, loads, pointwise, press, scramble
-from fem_snh.studies.extremes.cases import COLUMNS, at_rest, converged
-from fem_snh.studies.extremes.pointwise import __main__ as pointwise_program
+from fem_snh.studies.extremes.cases import COLUMNS, at_rest, converged, scene_case
 from fem_snh.studies.extremes.pointwise import all_rows_pass
-from fem_snh.studies.extremes.study import Outcome, extremes
+from fem_snh.studies.extremes.study import Robustness, extremes
 
 # --- verdicts ------------------------------------------------------------------------------------
 
@@ -63,8 +62,8 @@ def modes(frequency: float) -> dict[str, Any]:
         (crush._unstable_point, RECORD, POINT, "it is a minimum"),
         (loads._stays_at_rest, RECORD, HOME, ""),
         (loads._stays_at_rest, RECORD, HOME | {"max_u": 0.1}, "it moved by 0.1"),
-        (loads._few_iterations, RECORD, HOME, ""),
-        (loads._few_iterations, RECORD, HOME | {"newton": 41}, "41 Newton iterations"),
+        (loads._few, RECORD, HOME, ""),
+        (loads._few, RECORD, HOME | {"newton": 41}, "41 Newton iterations"),
         (all_rows_pass, {"rows": [{"passed": True}]}, {}, ""),
     ],
 )
@@ -87,7 +86,7 @@ def test_what_several_must_fulfil() -> None:
     assert list(found.values()) == ["", "it is 160"] and all("15^3" in asked for asked in found)
     table = rows.assign(point=list("abcd"), passed=[True, False, True, True], reason="because")
     table.loc[0, "expected"], table.loc[0, "passed"] = "may fail", False
-    assert list(Outcome(table, found).failures) == ["b", list(found)[1]]
+    assert list(Robustness(table, found).failures) == ["b", list(found)[1]]
 
 
 @pytest.mark.parametrize("family", [scramble, crush, loads, drop, press])
@@ -113,14 +112,17 @@ def test_the_issues_cases_are_there() -> None:
 
 
 def test_a_pointwise_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [{"what": "stress", "passed": False}, {"what": "energy", "passed": True}]
+    rows = [
+        {"group": "regular", "quantity": "pk1", "passed": False},
+        {"group": "regular", "quantity": "energy", "passed": True},
+    ]
     monkeypatch.setattr(pointwise, "measure", lambda *arguments: rows)
-    assert pointwise_program.main("stvk", str(tmp_path / "case")) == 0
+    assert pointwise.main("stvk", str(tmp_path / "case")) == 0
     record = json.loads((tmp_path / "case" / "record.json").read_text())
-    case = pointwise.case("stvk", False)
+    (case,) = pointwise.cases(False, 1, "stvk")
     row = case.point.measured(record, tmp_path / "log.txt", 0)
     assert row["status"] == "1 of 2 pass" and row["seconds"] >= 0
-    assert all_rows_pass(record, row) == "stress"
+    assert all_rows_pass(record, row) == "regular pk1"
     (tmp_path / "log.txt").write_text("a\nlast words\n")
     failed = case.point.measured({}, tmp_path / "log.txt", 1)
     assert failed["status"] == "exit code 1: last words"
@@ -131,12 +133,12 @@ def test_a_pointwise_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Robustness]:
     out = tmp_path_factory.mktemp("extremes")
     return out, extremes(out, only=["loads"], quick=True, jobs=2)
 
 
-def test_a_study_is_a_table_and_a_page(done: tuple[Path, Outcome]) -> None:
+def test_a_study_is_a_table_and_a_page(done: tuple[Path, Robustness]) -> None:
     out, outcome = done
     assert outcome.failures == {}
     table = pd.read_csv(out / "extremes.csv")
@@ -151,6 +153,24 @@ def test_a_study_is_a_table_and_a_page(done: tuple[Path, Outcome]) -> None:
         and "## Large loads in one step" in text
     )
     assert (out / "extremes.png").stat().st_size > 1000
+
+
+def test_notes_are_a_column(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Q1 locks at nu = 0.4999, at 0.3 it does not; a material's own measurement has no notes."""
+    some = [
+        scene_case(
+            "twist", f"loads-{nu}", "reaches its load", converged,
+            nu=nu, cells=2, element="Q1", steps=1, angle=0.3,
+        )
+        for nu in (0.3, 0.4999)
+    ]  # fmt: skip
+    monkeypatch.setattr(loads, "cases", lambda quick, seeds, material: some)
+    table = extremes(tmp_path, only=["loads", "pointwise"], material="stvk", quick=True).table
+    notes = dict(zip(table["point"], table["notes"], strict=True))
+    record = json.loads((tmp_path / "loads-0.4999" / "run.json").read_text())
+    kinds = [note["kind"] for note in record["notes"]]
+    assert kinds and notes["loads-0.4999"] == " ".join(kinds)
+    assert notes["loads-0.3"] == notes["pointwise-stvk"] == "none"
 
 
 GENT = """
@@ -179,7 +199,7 @@ def test_a_material_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[st
         extremes(out, quick=True, material=f"{tmp_path / 'gent.py'}:genz")
 
 
-def test_a_study_goes_on_where_it_was(done: tuple[Path, Outcome]) -> None:
+def test_a_study_goes_on_where_it_was(done: tuple[Path, Robustness]) -> None:
     out, outcome = done
     lines: list[str] = []
     again = extremes(out, only=["loads"], quick=True, report=lines.append)

@@ -12,7 +12,7 @@ import pytest
 from running import solve
 
 from fem_snh.studies.extremes import drop, press
-from fem_snh.studies.extremes.outcomes import ends_clearly
+from fem_snh.studies.extremes.cases import ends_clearly
 from fem_snh.studies.extremes.study import extremes
 
 DONE: dict[str, Any] = {"converged": True, "status": "converged", "steps": 1}

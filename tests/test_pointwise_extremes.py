@@ -8,17 +8,17 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import every_name, exact, make, vec
+from points import compare, every_name, exact, make, vec
 
+from benchmarks import pointwise
+from benchmarks.pointwise import deformations
 from fem_snh.assembly.cell_loops import CellLoops, ElementTables, compile_cell_loops
 from fem_snh.kernels.codegen.divided_differences import DividedDifference
 from fem_snh.kernels.codegen.increments import Increments
 from fem_snh.kernels.material import material
 from fem_snh.materials.invariants import SIGMA
-from fem_snh.studies.extremes import pointwise
-from fem_snh.studies.extremes.pointwise.bounds import compare
-from fem_snh.studies.extremes.pointwise.oracle import exactly, norm
-from fem_snh.studies.extremes.pointwise.points import MODULI, groups
+from fem_snh.studies.extremes import pointwise as family
+from fem_snh.studies.extremes.pointwise import MODULI, exactly, norm
 
 STIFF = 0.4999999
 BY_HAND = ["stable_neo_hookean", "neo_hookean"]
@@ -43,21 +43,36 @@ def test_a_strain_of_1e_9_keeps_six_digits_of_stress(name):
     for nu in chosen:
         m = make(name, nu)
         for seed in (0, 1, 2):  # symmetric, any, free of volume
-            (F,) = (g.F for g in groups(1, seed) if g.name == "strain 1e-09")
+            F = deformations(seed)["strain 1e-09"]
             with mpmath.workdps(90):
-                P = exact(m, F[0]).P
-                assert norm(exactly(m.pk1(F[0])) - P) <= 1e-6 * norm(P)
+                P = exact(m, F).P
+                assert norm(exactly(m.pk1(F)) - P) <= 1e-6 * norm(P)
 
 
 def test_every_combination_of_the_issue_is_there():
     nus, moduli = zip(*MODULI, strict=True)
     assert min(nus) == -0.9 and max(nus) == STIFF
     assert min(moduli) == 1e-6 and max(moduli) == 1e12
-    names = {g.name for g in groups(1)}
+    names = deformations().keys()
     assert {"negative 1", "negative 2", "negative 3", "zero 1", "zero 2", "zero 3"} <= names
-    wide = np.concatenate([g.F for k in range(20) for g in groups(1, k) if "1e-12..1e12" in g.name])
+    every = [deformations(seed) for seed in range(20)]
+    wide = np.array([found[f"1e-12..1e12{kind}"] for found in every for kind in ("", " signed")])
     entries = abs(wide[wide != 0])
     assert entries.max() > 1e11 and entries.min() < 1e-11
+
+
+@pytest.mark.parametrize("name", ["stable_neo_hookean", "stvk", "filtered_neo_hookean"])
+def test_the_command_measures_diagonal_deformations(name):
+    """`fem-snh extremes` sees what the oracle of every F sees, and a wrong kernel."""
+    rows = list(family.measure(name))
+    assert all(row["passed"] for row in rows) and sum(row["digits"] for row in rows) > 1000
+    m = make(name, 0.3)
+    m.constants = m.constants * (1 + 1e-11)
+    _, F, points = next(family.samples(m, 0))
+    with mpmath.workdps(60):
+        broken = {c.quantity for c in family.compare(m, F, points) if c.ratio > 1}
+    assert {"pk1", "hessian exact"} <= broken
+    make.cache_clear()
 
 
 # --- losses of accuracy, repaired ---------------------------------------------------------------
@@ -82,8 +97,7 @@ def test_a_thin_element_keeps_its_volume():
     """One long stretch, two short ones: the cofactors of F cancel, and the sign of J with them."""
     m = make("neo_hookean", 0.3)
     for seed in range(8):
-        (F,) = (g.F[0] for g in groups(1, 3 * seed) if g.name == "regular")
-        U, _, V = np.linalg.svd(F)
+        U, _, V = np.linalg.svd(deformations(3 * seed)["regular"])
         F = U @ np.diag([1e4, 1e-3, 1e-3]) @ V
         F *= np.sign(np.linalg.det(U @ V))
         for c in compare(m, F, np.random.default_rng(seed)):

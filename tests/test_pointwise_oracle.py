@@ -6,11 +6,10 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from points import every_name, exact, make
+from points import compare, every_name, exact, make
 
 from fem_snh.kernels.material import Material
-from fem_snh.studies.extremes.pointwise.bounds import compare
-from fem_snh.studies.extremes.pointwise.oracle import exactly, filtered, norm
+from fem_snh.studies.extremes.pointwise import exactly, filtered, norm
 
 
 def mp(A) -> mpmath.matrix:

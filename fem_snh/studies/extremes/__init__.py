@@ -6,17 +6,18 @@
 
 A family of cases is a module of `FAMILIES` with
 
-    title     a few words
-    about     what is tested, and what theory says, in Markdown
+    LABEL, BY   the rows of its table: a regular expression that finds the first column in a case's
+                name, and the columns of the table whose values share a row
+    PICTURES    {file: (caption, [(folders, load, label)])}: bodies side by side, each in the first
+                folder that a pattern matches
     cases(quick, seeds, material) -> list of `fem_snh.studies.extremes.cases.Case`
-    tables(rows) -> Markdown tables of the results
 
 and, if it has any,
 
     aggregate_criteria(rows) -> criteria of several cases together: {criterion: why it fails or ""}
-    pictures(out) -> list of `fem_snh.studies.extremes.pictures.Picture`
 
-Most cases are runs of scenes, which ``fem-snh run`` repeats; a case of ``pointwise`` is repeated by
+What is tested, and what theory says, is in ``about/FAMILY.md``. Most cases are runs of scenes,
+which ``fem-snh run`` repeats; a case of ``pointwise`` is repeated by
 ``python -m fem_snh.studies.extremes.pointwise MATERIAL FOLDER``.
 """
 

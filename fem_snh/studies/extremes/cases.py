@@ -37,6 +37,8 @@ COLUMNS = (
 _MAY_FAIL_TIMEOUT = 200.0
 #: Largest displacement at which a unit cube counts as being at rest.
 REST_TOLERANCE = 1e-6
+#: The criterion of `ends_clearly`, in words.
+CLEAR = "converges, or says why not and keeps its steps"
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,22 @@ class Case:
 
 
 def scene_case(
-    scene: str, name: str, criterion: str, check: Check, *, required: bool = True, **values: Any
+    scene: str,
+    name: str,
+    criterion: str,
+    check: Check,
+    material: str = "",
+    required: bool = True,
+    **values: Any,
 ) -> Case:
-    """Return a case that runs a scene with keyword arguments of `fem_snh.scenes.load`."""
-    family = name.partition("-")[0]
-    columns = case_columns(family, criterion, required) | {"seed": values.get("seed")}
+    """Return a case that runs a scene with keyword arguments of `fem_snh.scenes.load`.
+
+    With a ``material`` it is not required: the theory is that of Stable Neo-Hookean.
+    """
+    required = required and not material
+    values |= {"material": material} if material else {}
+    family, seed = name.partition("-")[0], values.get("seed")
+    columns = case_columns(family, criterion, required) | {"seed": seed}
     loaded = _load_scene(scene, json.dumps({k: v for k, v in values.items() if k != "seed"}))
     timeout = None if required else _MAY_FAIL_TIMEOUT
     point = ScenePoint(scene, values, loaded, columns=columns, timeout=timeout)
@@ -116,3 +129,18 @@ def at_rest(record: Record, row: Row) -> str:
         f"another equilibrium: max |u| {row['max_u']:.2g}, energy {row['energy']:.2g}, "
         f"min J {row['min_J']:.2f}"
     )
+
+
+def ends_clearly(record: Record, row: Row) -> str:
+    """Check that a run converged, or stopped with a reason and the steps that it has solved."""
+    if row["converged"] is True:
+        return ""
+    status = str(row["status"])
+    if not status.startswith("stopped at "):
+        return status  # a crash, a timeout, an error
+    solved = [step["load"] for step in record["steps"] if step["converged"]]
+    if not record["steps"] or "(" not in status:
+        return f"no reason: {status}"
+    reached = float(status.removeprefix("stopped at load ").partition(":")[0])
+    last = max(solved, default=0.0)
+    return "" if abs(reached - last) < 1e-9 else f"{status}, but the last step is at load {last:g}"

@@ -2,53 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from itertools import product
 from typing import Any
 
-import pandas as pd
-
 from fem_snh.studies.extremes.cases import POLICIES, Case, Check, Record, Row, converged, scene_case
-from fem_snh.studies.extremes.pictures import COUNTS, Picture, body_picture, counts
-from fem_snh.studies.markdown import markdown_table
 
-title = "Crush and release"
-about = """\
-A cube starts with the same F in every cell, its rigid motions removed by constraints at three
-corners (`fem-snh run crush`), exactly and with every node moved at random by up to 1e-6. The stress
-is P = mu F + (lam (J - 1) - mu) cof F (Smith et al. 2018, eq. 13, nu >= 0.4), and with the barrier
-P = mu (1 - 1/(I_C + 1)) F + lam (J - alpha) cof F (eq. 14, nu < 0.4).
-
-- *Plane*, F = diag(1, 1, 0): cof F is normal to the plane. P acts along it, by -(mu + lam) or
-  -lam alpha, towards J > 0. The body must return to rest.
-- *Line*, F = diag(1, 0, 0): cof F = 0, so no stress acts across the line. Along it mu F (eq. 14:
-  half of it) contracts the body: in exact arithmetic it ends as a point. Across the line the
-  Hessian has the eigenvalue mu - (mu + lam) < 0, so disturbances grow. The energy of eq. 13 along
-  the line is a parabola, and Newton's step reaches its minimum, the point, before a disturbance has
-  grown. With the barrier it is a quartic, on which Newton's method is slow: a disturbed body must
-  return to rest, and for an exact one rounding errors suffice, except with `abs`, which keeps it on
-  the line. With the barrier at nu = 0.49 it must leave the line; each part may leave in its own
-  direction, so that folds may remain. Started at nu = 0.3 (`nu_continuation`) it must return to
-  rest.
-- *Point*, F = 0: no stress. The Hessian of eq. 13 is mu I, so the point is a minimum, of energy
-  (lam - mu) V/2 above rest, and the body must stay there, disturbed or not. With the barrier the
-  Hessian is 0 and the energy decreases to third order, as -lam alpha J, so the point is no minimum;
-  but the force of a disturbance d is of the order lam (d/h)^2, which for 1e-6 is below the default
-  tolerances: the run converges without a step, to an unstable state. With a tolerance below that
-  force the body must return to rest at nu = 0.3; at 0.49 it must leave the point and, started at
-  nu = 0.3, return to rest, as from the line.
-- *Inverted*, F = -I: P = -2 (mu + lam) I (eq. 13) acts towards inversion back. F is diag(1, 1, -1)
-  rotated by pi, and three poses are equally near: rest rotated by pi about an axis, which these
-  constraints allow. Parts of the body may choose different ones, and without the barrier the result
-  may be a minimum. At nu = 0.49 only runs that start at nu = 0.3 (`nu_continuation`) are expected
-  to pass: they end with zero energy and J = 1 everywhere. Those without continuation may fail.
-
-`converged` means that the residual is small. The lowest eigenfrequency distinguishes a minimum from
-another stationary state; the criteria use it."""
-
+LABEL = "-((?:plane|line|point|inverted)-.*?)(?:-nu.*)?$"
+BY = ("nu", "hessian", "globalization", "criterion")
+PICTURES = {
+    "crush.png": (
+        "Collapsed to a plane, to a line, inverted; below: released.",
+        [
+            (f"crush-Q1-adaptive-{to}-disturbed-nu0.3", load, f"{to}{after}")
+            for load, after in ((0.0, ""), (1.0, ", released"))
+            for to in ("plane", "line", "inverted")
+        ],
+    )
+}
 #: Lowest eigenfrequency [Hz] from which a state counts as a minimum, for E = density = side = 1.
 _MINIMUM_FREQUENCY = 1e-2
 _MODES: dict[str, Any] = {"modes.count": 1, "modes.density": 1.0}
+_STATES = ("plane", "line", "point", "inverted")
 _NOISES = (0.0, 1e-6)
 _ELEMENTS = ("Q1", "P1", "Q1P0", "P2P0", "Q2", "P2")
 _NUS = (0.3, 0.49)
@@ -56,35 +30,46 @@ _NUS = (0.3, 0.49)
 BARRIER_NU = 0.4
 
 
+#: The settings with which the body leaves the point, the line and the inverted state.
+_TIGHT = {"petsc.snes_scaled_tol": 1e-13}
+_BY_BARRIER: dict[str, Any] = {"nu": 0.49, "material.barrier": True}
+_BY_CONTINUATION: dict[str, Any] = {"nu": 0.49, "nu_continuation": [0.3]}
+_SETTINGS: dict[str, dict[str, Any]] = {
+    "point-tight": {"to": "point", "nu": 0.3, **_TIGHT},
+    "point-barrier": {"to": "point", **_BY_BARRIER, **_TIGHT},
+    "point-continuation": {"to": "point", **_BY_CONTINUATION, **_TIGHT},
+    "line-barrier": {"to": "line", **_BY_BARRIER},
+    "line-continuation": {"to": "line", **_BY_CONTINUATION},
+    "inverted-continuation": {"to": "inverted", **_BY_CONTINUATION},
+    "inverted-continuation-exact": {"to": "inverted", **_BY_CONTINUATION, "noise": 0.0},
+}
+
+
 def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
     """Return the cases of every element and policy; those of the trust region may fail."""
-    elements = ("Q1",) if quick else _ELEMENTS
+    elements = _ELEMENTS[: 1 if quick else None]
     pairs = [(element, "adaptive") for element in elements]
     if not quick:
-        pairs += [(e, policy) for e in ("Q1", "P1") for policy in ("clamp", "abs", "trust")]
+        pairs += product(("Q1", "P1"), ("clamp", "abs", "trust"))
+    noises = _NOISES[1 if quick else 0 :]
     made = []
-    for element, policy in pairs:
-        for to in ("plane", "line", "point", "inverted"):
-            for noise in (1e-6,) if quick else _NOISES:
-                for nu in _NUS:
-                    required = policy != "trust" and (to != "inverted" or nu < BARRIER_NU)
-                    made.append(_case(element, policy, to, noise, nu, required, material))
-    return made if material else made + list(_continuation_cases(elements))
-
-
-def _case(
-    element: str, policy: str, to: str, noise: float, nu: float, required: bool, material: str
-) -> Case:
-    disturbed = "disturbed" if noise else "exact"
-    name = f"crush-{element}-{policy}-{to}-{disturbed}-nu{nu:g}"
-    criterion, check = _theory(to, noise, nu)
-    own: dict[str, Any] = {}
-    if material:  # the theory is that of Stable Neo-Hookean
-        criterion, check, required, own = "at rest", _rest, False, {"material": material}
-    return scene_case(
-        "crush", name, criterion, check, required=required,
-        element=element, to=to, noise=noise, nu=nu, **POLICIES[policy], **_MODES, **own,
-    )  # fmt: skip
+    for (element, policy), to, noise, nu in product(pairs, _STATES, noises, _NUS):
+        disturbed = "disturbed" if noise else "exact"
+        required = policy != "trust" and (to != "inverted" or nu < BARRIER_NU)
+        criterion, check = ("at rest", _rest) if material else _theory(to, noise, nu)
+        made.append(
+            scene_case(
+                "crush", f"crush-{element}-{policy}-{to}-{disturbed}-nu{nu:g}", criterion, check,
+                material, required,
+                element=element, to=to, noise=noise, nu=nu, **POLICIES[policy], **_MODES,
+            )
+        )  # fmt: skip
+    for element, (name, values) in product([] if material else elements, _SETTINGS.items()):
+        folds = name.endswith("barrier")  # each part may leave in its own direction
+        criterion, check = ("leaves it", _left_the_state) if folds else ("at rest", _rest)
+        given = {"element": element, "noise": 1e-6, **_MODES, **values}
+        made.append(scene_case("crush", f"crush-{element}-{name}", criterion, check, **given))
+    return made
 
 
 def _theory(to: str, noise: float, nu: float) -> tuple[str, Check]:
@@ -96,31 +81,6 @@ def _theory(to: str, noise: float, nu: float) -> tuple[str, Check]:
     if to in ("line", "point") and nu >= BARRIER_NU:
         return "ends as a point, a minimum", _minimum_point
     return ("at rest, perhaps rotated by pi" if to == "inverted" else "at rest"), _rest
-
-
-def _continuation_cases(elements: Sequence[str]) -> Iterator[Case]:
-    """Yield the settings with which the body leaves the point, the line and the inverted state."""
-    tight = {"petsc.snes_scaled_tol": 1e-13}
-    settings: dict[str, dict[str, Any]] = {
-        "point-tight": {"to": "point", "nu": 0.3, **tight},
-        "point-barrier": {"to": "point", "nu": 0.49, "material.barrier": True, **tight},
-        "point-continuation": {"to": "point", "nu": 0.49, "nu_continuation": [0.3], **tight},
-        "line-barrier": {"to": "line", "nu": 0.49, "material.barrier": True},
-        "line-continuation": {"to": "line", "nu": 0.49, "nu_continuation": [0.3]},
-        "inverted-continuation": {"to": "inverted", "nu": 0.49, "nu_continuation": [0.3]},
-        "inverted-continuation-exact": {
-            "to": "inverted",
-            "nu": 0.49,
-            "nu_continuation": [0.3],
-            "noise": 0.0,
-        },
-    }
-    for element in elements:
-        for name, values in settings.items():
-            given = {"element": element, "noise": 1e-6, **_MODES, **values}
-            folds = name.endswith("barrier")  # each part may leave in its own direction
-            criterion, check = ("leaves it", _left_the_state) if folds else ("at rest", _rest)
-            yield scene_case("crush", f"crush-{element}-{name}", criterion, check, **given)
 
 
 def _rest(record: Record, row: Row) -> str:
@@ -178,29 +138,3 @@ def _point(record: Record, row: Row) -> str:
 def _frequency(record: Record) -> float:
     """Return the lowest eigenfrequency [Hz]; negative for an unstable mode."""
     return float(record["modes"]["frequencies"][0])
-
-
-def tables(rows: pd.DataFrame) -> str:
-    """Return a line for each state, noise, nu, Hessian and criterion."""
-    state = rows["point"].str.extract(r"(plane|line|point|inverted)")[0]
-    kind = rows["point"].str.extract(r"(exact|disturbed|tight|barrier|continuation)")[0]
-    groups = rows.assign(state=state, kind=kind).groupby(
-        ["state", "kind", "nu", "hessian", "globalization", "criterion"], sort=False
-    )
-    lines = [
-        [to, how, f"{nu:g}", hessian, globalization, criterion, *counts(group)]
-        for (to, how, nu, hessian, globalization, criterion), group in groups
-    ]
-    head = ["collapsed to", "start", "nu", "Hessian", "globalization", "criterion", *COUNTS]
-    return markdown_table(head, lines)
-
-
-def pictures(out: Path) -> list[Picture]:
-    """Return the collapsed bodies before and after their release."""
-    panels = [
-        (f"crush-Q1-adaptive-{to}-disturbed-nu0.3", load, f"{to}{after}")
-        for load, after in ((0.0, ""), (1.0, ", released"))
-        for to in ("plane", "line", "inverted")
-    ]
-    caption = "Collapsed to a plane, to a line, inverted; below: released."
-    return [body_picture(out, "crush.png", panels, caption)]

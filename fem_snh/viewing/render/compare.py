@@ -18,7 +18,7 @@ _DOT = "  ·  "
 def main(
     folders: Sequence[Path],
     out: Path,
-    load: float | None = None,
+    load: float | Sequence[float] | None = None,
     labels: Sequence[str] | None = None,
     field: str = "J",
 ) -> Path:
@@ -28,8 +28,8 @@ def main(
     ----------
     folders : sequence of Path
         Folders of the runs, one panel each.
-    load : float, optional
-        In 0..1; default: the last one that each run has stored.
+    load : float or sequence of float, optional
+        In 0..1, of all runs or of each; default: the last one that each has stored.
     labels : sequence of str, optional
         Labels of the panels, before load and volume; default: the names of the materials. What
         all panels share is in the title.
@@ -47,11 +47,12 @@ def main(
     if not records:
         raise BadInput("nothing to draw: give folders of runs")
     names = labels or [material_name(record) for record in records]
+    loads = load if isinstance(load, Sequence) else [load] * len(folders)
     panels = []
-    for folder, record, name in zip(folders, records, names, strict=True):
+    for folder, record, name, at in zip(folders, records, names, loads, strict=True):
         stored = render.stored_loads(render.series(folder))
         check_field(render.series(folder), field)
-        (at,) = render.choose_loads(sorted(stored), [max(stored) if load is None else load])
+        (at,) = render.choose_loads(sorted(stored), [max(stored) if at is None else at])
         panel = render.panel(record, folder, stored[at], at)
         panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
     title = _common([render.title(record) for record in records])
