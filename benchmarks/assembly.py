@@ -22,7 +22,7 @@ from fem_snh.kernels.material import Material
 from fem_snh.kernels.material import material as make_material
 from fem_snh.materials import names
 from fem_snh.mesh import mesh
-from fem_snh.terms import Elastic
+from fem_snh.terms.elastic import Elastic
 
 #: Limit on the ratio to FFCx for each element, and the cells per edge of its mesh.
 LIMITS = {"Q1": 0.60, "P1": 1.0, "P2": 0.60, "Q2": 0.60}

@@ -18,7 +18,7 @@ from benchmarks.assembly import CELLS, deformed, hessian, times
 from fem_snh import _dolfinx, c_declarations
 from fem_snh.choices import EIGENSOLVERS, FILTERS
 from fem_snh.kernels.material import material as make_material
-from fem_snh.terms import Elastic
+from fem_snh.terms.elastic import Elastic
 
 # The petsc4py of PETSc 3.18 (Debian 12) lacks these functions. PetscCount is ptrdiff_t.
 ffi = c_declarations.parse("""

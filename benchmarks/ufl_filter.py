@@ -25,7 +25,8 @@ from fem_snh.choices import FILTERS
 from fem_snh.kernels import ufl_forms
 from fem_snh.kernels.material import material as make_material
 from fem_snh.mesh import mesh
-from fem_snh.terms import Elastic, UFLTerm
+from fem_snh.terms.elastic import Elastic
+from fem_snh.terms.ufl_term import UFLTerm
 
 
 def rows(

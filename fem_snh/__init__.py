@@ -27,10 +27,16 @@ if TYPE_CHECKING:
     from fem_snh.kernels.material import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
+    from fem_snh.terms.cavity import Cavity
+    from fem_snh.terms.gravity import Gravity
+    from fem_snh.terms.pressure import Pressure
+    from fem_snh.terms.spring import Spring
+    from fem_snh.terms.term import Term
+    from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "BadInput", "DynamicProblem", "NonlinearProblem", "Result", "SelfContact", "material",
-    "materials", "run",
+    "BadInput", "Cavity", "DynamicProblem", "Gravity", "NonlinearProblem", "Pressure", "Result",
+    "SelfContact", "Spring", "Term", "Traction", "material", "materials", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -41,6 +47,12 @@ _MODULES = {
     "NonlinearProblem": "nonlinear_problem",
     "DynamicProblem": "dynamic_problem",
     "SelfContact": "contact.self_contact",
+    "Cavity": "terms.cavity",
+    "Gravity": "terms.gravity",
+    "Pressure": "terms.pressure",
+    "Spring": "terms.spring",
+    "Term": "terms.term",
+    "Traction": "terms.traction",
 }
 
 

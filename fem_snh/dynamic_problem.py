@@ -12,7 +12,7 @@ from fem_snh.choices import DEFAULT_INTEGRATOR, MASSES
 from fem_snh.errors import bad_value, check_number
 from fem_snh.kernels.material import Material
 from fem_snh.nonlinear_problem import PREDICTORS, NonlinearProblem
-from fem_snh.problem.dolfinx_problem import check_materials, create_dolfinx_problem
+from fem_snh.problem.dolfinx_problem import DENSITIES, check_materials, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.dynamics import Dynamics
 from fem_snh.steps.time_steps import TimeSteps
@@ -94,20 +94,18 @@ class DynamicProblem(NonlinearProblem):
         check_materials(materials)
         if not materials:
             raise bad_value("materials", {}, "a material: inertia needs its density")
-        if not isinstance(densities, Mapping):
-            raise bad_value("densities", densities, "{material: density > 0}")
-        if unknown := [key for key in densities if key not in materials]:
-            raise bad_value("densities", unknown[0], "only keys of 'materials'")
+        if densities is None:
+            raise bad_value("densities", densities, DENSITIES)
         if set_time is not None and not callable(set_time):
             raise bad_value("set_time", set_time, "a function of the time [s]")
-        self._densities, self._duration, self._set_time = densities, duration, set_time
+        self._duration, self._set_time = duration, set_time
         self._settings: dict[str, Any] = {
             "mass": mass,
             "damping": damping,
             "rho_infinity": rho_infinity,
         }
         self._integrator, self._has_started = integrator, False
-        super().__init__(u, materials, **arguments)
+        super().__init__(u, materials, densities=densities, **arguments)
         self.v, self.a = self.dynamics.v, self.dynamics.a
 
     @property
@@ -195,11 +193,10 @@ class DynamicProblem(NonlinearProblem):
         return TimeSteps(self._problem, self.dynamics, self._duration, semi_implicit)
 
     def _create(self, *arguments: Any) -> Problem:
-        def terms(u: Any, regions: Any, conditions: Any) -> Any:
-            self.dynamics = Dynamics(
-                u, regions, conditions, self._integrator, duration=self._duration, **self._settings
-            )
-            return self.dynamics.terms
+        def motion(u: Any, regions: Any, conditions: Any) -> Dynamics:
+            settings = {"duration": self._duration, **self._settings}
+            self.dynamics = Dynamics(u, regions, conditions, self._integrator, **settings)
+            return self.dynamics
 
         def on_load(load: float) -> None:
             if self._set_time is not None:
@@ -207,7 +204,7 @@ class DynamicProblem(NonlinearProblem):
 
         return create_dolfinx_problem(
             *arguments,
-            densities=self._densities,
             on_load=on_load if self._set_time else None,
-            more_terms=terms,
+            motion=motion,
+            duration=self._duration,
         )

@@ -26,7 +26,6 @@ from fem_snh.steps.jump import jump_note
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 from fem_snh.steps.time_steps import TimeSteps
-from fem_snh.terms import UFLTerm
 
 #: First guesses when boundary values have changed, and those of the steps of `steps`: see
 #: `fem_snh.solver.Predictor`.
@@ -65,11 +64,14 @@ class NonlinearProblem:
         are refused. May be empty.
     bcs : sequence of dolfinx DirichletBC, optional
         Dirichlet conditions on the displacement's space or on its components.
-    terms : sequence of ufl.Form or SelfContact, optional
+    terms : sequence of ufl.Form, feature or Term, optional
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
         exterior facets. An energy is better than its residual, as it can be minimised. The terms of
-        loads are those of an energy, too: -f . u dx for a force f per volume. With a
-        `fem_snh.contact.self_contact.SelfContact` the surface of the mesh touches itself.
+        loads are those of an energy, too: -f . u dx for a force f per volume. Features are the
+        objects that are tables in a scene: `fem_snh.Traction`, `fem_snh.Gravity`,
+        `fem_snh.Pressure`, `fem_snh.Spring`, `fem_snh.Cavity`, `fem_snh.SelfContact`; `solve`
+        applies loads as a whole, `steps` in proportion to the load. Any other object has the
+        methods of `fem_snh.Term`.
     petsc_options_prefix : str, optional
         Prefix of the solver's options in PETSc's database.
     petsc_options : mapping, optional
@@ -83,6 +85,8 @@ class NonlinearProblem:
         An element with another treatment of the volume term, such as "Q1P0", or with an unknown
         pressure, such as "P2P1": one of `fem_snh.assembly.elements.ELEMENTS`. It must have the cell
         and the degree of ``u``. Default: the volume term at every quadrature point.
+    densities : mapping of Material to float, optional
+        Mass per reference volume [kg/m^3] of each material, which its weight needs.
     predictor : {"tangent", "none"}, optional
         First guess when boundary values have changed: the linearised response to the change, or
         the values alone. From the second step of `steps` on, "tangent" continues the step before.
@@ -146,13 +150,14 @@ class NonlinearProblem:
         hessian: str | None = None,
         globalization: str | None = None,
         element: str | None = None,
+        densities: Mapping[Material, float] | None = None,
         predictor: str = "tangent",
         static_condensation: bool | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
         _check_options(petsc_options_prefix, petsc_options)
         self._load = _LoadFunction()
-        self._problem = self._create(u, materials, bcs, terms, element)
+        self._problem = self._create(u, materials, bcs, terms, element, densities)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
         self.newton = self.linear = 0
@@ -189,7 +194,7 @@ class NonlinearProblem:
             accepted = f"None: {problem.element.name} has no cell pressures"
             raise bad_value("static_condensation", wanted, accepted)
         why_condensed = chosen_for_condensed(prefix, choices)
-        stateful = [term.name for term in problem.terms[1:] if not isinstance(term, UFLTerm)]
+        stateful = [t.name for t in problem.terms[1:] if not getattr(t, "stateless", False)]
         if stateful:
             why_condensed = f"the term '{stateful[0]}' has a state of its own"
             if wanted is False:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
@@ -73,14 +73,6 @@ class Hold:
 
     group: str | int
     components: tuple[str, ...] = ("x", "y", "z")
-
-
-@dataclass
-class Force:
-    """A traction, as `Problem` takes it."""
-
-    group: str | int
-    vector: Any = field(default=(0.0, 0.0, 0.0))
 
 
 def cube(comm: MPI.Comm, cell: str, cells: int = 2, bend: float = 0.0, size: float = 1.0) -> Any:

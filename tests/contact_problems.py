@@ -58,23 +58,23 @@ def contact_problem(
 
     ``sideways`` is a second gravity with its amplitude.
     """
-    made: dict[str, Any] = {"dynamics": None}
+    made: list[ObstacleContact] = []
 
     def terms(mesh, u, regions, dirichlet):
-        made["contact"] = ObstacleContact(u.function_space, regions, contacts)
-        found = [made["contact"]]
-        if gravity is not None:
-            found.append(Gravity(u.function_space, regions, gravity, amplitude))
-        if sideways is not None:
-            found.append(Gravity(u.function_space, regions, *sideways))
-        if time:
-            made["dynamics"] = Dynamics(u, regions, dirichlet, **time)
-            found += made["dynamics"].terms
-        return found
+        made.append(ObstacleContact(u.function_space, regions, contacts))
+        return made
 
-    filling = Filling(material("stable_neo_hookean", E=E, nu=nu), None, density)
-    p = create_problem(body, ELEMENTS[element], [filling], loads=terms, **conditions)
-    return p, made["contact"], made["dynamics"]
+    weights = [(gravity, amplitude), sideways or (None, None)]
+    p = create_problem(
+        body,
+        ELEMENTS[element],
+        [Filling(material("stable_neo_hookean", E=E, nu=nu), None, density)],
+        loads=terms,
+        features=[Gravity(*weight) for weight in weights if weight[0] is not None],
+        motion=(lambda *body: Dynamics(*body, **time)) if time else None,
+        **conditions,
+    )
+    return p, made[0], p.motion
 
 
 def accurate_snes(p, tolerance=1e-11):

@@ -5,6 +5,7 @@ from __future__ import annotations
 #: A part is a folder of the package. It imports parts that stand before it in this order.
 PARTS = (
     "materials",
+    "tables",
     "geometry",
     "_dolfinx",
     "viewing",
@@ -29,17 +30,12 @@ MOST_PARTS = 18
 #: list only shrinks.
 SHARED_NAMES = {
     "Bone",
-    "Cavity",
     "Closest",
     "Contact",
-    "Gravity",
     "Group",
     "Joint",
     "Point",
-    "Pressure",
     "SelfContact",
-    "Spring",
-    "Traction",
 }
 #: Modules beside the folders that any part may import, from the bottom up.
 COMMON = (
@@ -81,7 +77,7 @@ THIRD_PARTY = {
     "h5py": {"viewing.export"},
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
-    "pydantic": {"scenes"},
+    "pydantic": {"tables", "terms", "scenes"},
     "slepc4py": {"problem.modes", "problem.eigenproblem"},
     "ipctk": {"contact.collisions"},
 }
@@ -90,6 +86,8 @@ _PARALLEL = {"mpi4py", "petsc4py"}
 FORBIDDEN = {
     "materials": _PARALLEL | {"numpy", "cffi"},
     "kernels": _PARALLEL,
+    "tables": _PARALLEL,
+    "terms.feature": _PARALLEL,
     "scenes": _PARALLEL,
     "assembly.elements": _PARALLEL,
     "geometry": _PARALLEL,

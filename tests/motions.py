@@ -45,18 +45,21 @@ def moving(
         body = cube(comm, ELEMENTS[element].cell, cells, 0.03 if cells > 1 else 0.0)
     if fillings is None:
         fillings = [Filling(material("stable_neo_hookean", E=1.0, nu=0.45), None, 2.0)]
-    made = []
 
-    def loads(mesh: Any, u: Any, regions: Any, dirichlet: Any) -> list[Any]:
-        dynamics = Dynamics(u, regions, dirichlet, integrator, **options)
-        made.append(dynamics)
-        if not gravity:
-            return dynamics.terms
-        weight = Gravity(u.function_space, regions, gravity, amplitude, dynamics.mass)
-        return [weight, *dynamics.terms]
+    def motion(u: Any, regions: Any, dirichlet: Any) -> Dynamics:
+        return Dynamics(u, regions, dirichlet, integrator, **options)
 
-    p = create_problem(body, ELEMENTS[element], fillings, hold=hold, move=move, loads=loads)
-    return p, made[0]
+    p = create_problem(
+        body,
+        ELEMENTS[element],
+        fillings,
+        hold=hold,
+        move=move,
+        motion=motion,
+        features=[Gravity(gravity, amplitude)] if gravity else [],
+    )
+    assert isinstance(p.motion, Dynamics)
+    return p, p.motion
 
 
 def advance(p: Problem, d: Dynamics, loads: Sequence[float]) -> Iterator[float]:

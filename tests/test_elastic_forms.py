@@ -16,7 +16,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Region
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
-from fem_snh.terms import Elastic
+from fem_snh.terms.elastic import Elastic
 from fem_snh.terms.elastic_forms import ElasticForms
 
 #: Relative difference of energies and of residuals.

@@ -9,11 +9,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from bodies import FACES, Condition, Force, Hold, cube, norm, wave
+from bodies import FACES, Condition, Hold, cube, norm, wave
 from element_theory import THEORY, poissons, problem
 
 from benchmarks.manufactured import Manufactured, solve_to_rounding
-from fem_snh import _dolfinx
+from fem_snh import Traction, _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.kernels.material import material
 
@@ -61,7 +61,7 @@ def test_affine_patch(comm, element, nu):
         stress = mu * F + (pressure - mu) * np.linalg.inv(F).T  # cof F, as J = 1
         conditions = {
             "move": [Condition(face, affine(F)) for face in ("left", "bottom")],
-            "traction": [Force(face, stress @ n) for face, n in NORMALS.items()],
+            "features": [Traction(face, stress @ n) for face, n in NORMALS.items()],
         }
     else:
         conditions = {"move": [Condition(face, affine(F)) for face in FACES]}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 from petsc4py import PETSc
 
 import numpy as np
@@ -31,21 +29,17 @@ from fem_snh.terms.pressure import Pressure
 mpi = pytest.mark.mpi
 
 
-def on(group, value=1.0):
-    return SimpleNamespace(group=group, value=value)
+def on(group, value=1.0, table=None):
+    return Pressure(group, value, table)
 
 
 def ramp(load):
     return 2 * load
 
 
-def pressed(body, loads, element="Q1", name="stable_neo_hookean", amplitudes=None, **conditions):
+def pressed(body, loads, element="Q1", name="stable_neo_hookean", **conditions):
     """A problem with pressures."""
-
-    def terms(mesh, u, regions, dirichlet):
-        return [Pressure(u, mesh, loads, amplitudes or [float] * len(loads), dirichlet)]
-
-    return problem(body, element, name, loads=terms, **conditions)
+    return problem(body, element, name, features=loads, **conditions)
 
 
 def roller(group, component):
@@ -81,8 +75,9 @@ def test_pressures_are_conservative_where_edges_are_closed_or_constrained(
 
 def test_amplitudes_must_agree_around_a_closed_surface(comm):
     body = cube(comm, "hexahedron", 1)
-    assert pressed(body, CLOSED, amplitudes=[ramp] * 6).has_energy
-    assert not pressed(body, CLOSED, amplitudes=[ramp] * 5 + [float]).has_energy
+    ramped = [on(face, table=ramp) for face in FACES]
+    assert pressed(body, ramped).has_energy
+    assert not pressed(body, [*ramped[1:], on(FACES[0])]).has_energy
 
 
 def test_a_moving_plane_of_symmetry_is_none(comm):

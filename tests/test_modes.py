@@ -17,7 +17,7 @@ from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
 from fem_snh.problem import eigenproblem, modes
 from fem_snh.problem.create_problem import create_problem
-from fem_snh.terms import mass_matrix
+from fem_snh.terms.mass import mass_matrix
 
 mpi = pytest.mark.mpi
 

@@ -26,7 +26,7 @@ from fem_snh.choices import INTEGRATORS, MASSES
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
-from fem_snh.terms import mass_matrix
+from fem_snh.terms.mass import mass_matrix
 
 pytestmark = pytest.mark.mpi
 MATERIAL = material("stable_neo_hookean", E=1.0, nu=0.45)

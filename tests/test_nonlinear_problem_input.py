@@ -166,9 +166,7 @@ def test_terms(body):
     ):
         assert expected in message(u, {SNH: ufl.dx}, terms=[term])
     for terms in (u[0] * ufl.dx, 3, {}, "x"):
-        assert "expected a list of UFL forms and SelfContact, [form, ...]" in message(
-            u, {SNH: ufl.dx}, terms=terms
-        )
+        assert "expected a list of terms, each a UFL form" in message(u, {SNH: ufl.dx}, terms=terms)
 
 
 def test_choices(body):

@@ -9,7 +9,6 @@ from bodies import (
     MATERIALS,
     MINIMISING,
     Condition,
-    Force,
     Hold,
     cube,
     every_energy,
@@ -19,7 +18,7 @@ from bodies import (
     wave,
 )
 
-from fem_snh import _dolfinx, solver
+from fem_snh import Traction, _dolfinx, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
@@ -108,7 +107,7 @@ def test_uniaxial_stretch_is_exact(comm, element, stretch):
 def test_small_traction_is_linear_elasticity(comm, element, name):
     """u = t L / E along, -nu t L / E across, for every material: they agree at small strain."""
     E, t = 50.0, 50.0 * 1e-4
-    p = bar(comm, element, name, E=E, traction=[Force("right", (t, 0, 0))])
+    p = bar(comm, element, name, E=E, features=[Traction("right", (t, 0, 0))])
     solve(p, tolerance=1e-12)
     assert [term.name for term in p.terms] == ["elastic", "traction"]
     nu = MATERIALS[name]["nu"]
@@ -121,7 +120,7 @@ def test_small_traction_is_linear_elasticity(comm, element, name):
 @mpi
 def test_traction_is_the_derivative_of_its_energy_and_follows_the_load(comm):
     t = np.array([0.3, -0.2, 0.5])
-    p = bar(comm, "Q1", traction=[Force("right", t), Force("top", -t)], bend=0.0)
+    p = bar(comm, "Q1", features=[Traction("right", t), Traction("top", -t)], bend=0.0)
     set_values(p, wave(0.05))
     other, force = p.x.duplicate(), p.x.duplicate()
     energies = []
@@ -203,9 +202,9 @@ def test_what_does_not_fit_is_bad_input_on_every_rank(comm):
     with pytest.raises(
         BadInput, match=r"traction\.group = 'body': expected a surface, not a volume:body"
     ):
-        problem(body, "Q1", traction=[Force("body", (1, 0, 0))])
+        problem(body, "Q1", features=[Traction("body", (1, 0, 0))])
     with pytest.raises(BadInput, match="no physical group 'nowhere'"):
-        problem(body, "Q1", traction=[Force("nowhere", (1, 0, 0))])
+        problem(body, "Q1", features=[Traction("nowhere", (1, 0, 0))])
 
 
 @mpi

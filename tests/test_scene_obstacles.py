@@ -22,7 +22,7 @@ def obstacles(*tables: dict[str, Any], **keys: Any) -> list[Any]:
     """Return the obstacles of a scene."""
     scene = scenes.load("twist", obstacle=list(tables), **keys)
     assert scenes.load(scene) == scene  # also through the names 'from' and 'to'
-    return scenes.read_obstacles(scene.obstacle, scene.table, scene.duration)
+    return scenes.read_obstacles(scene.obstacle, scene.amplitudes)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_files_are_relative_to_the_scene(tmp_path: Path, monkeypatch: pytest.Mon
     path.write_text(TOML + '[[obstacle]]\nshape = { plane = {} }\nmotion = "press.csv"\n')
     monkeypatch.chdir("/")
     scene = scenes.load(path)
-    (obstacle,) = scenes.read_obstacles(scene.obstacle, scene.table, scene.duration)
+    (obstacle,) = scenes.read_obstacles(scene.obstacle, scene.amplitudes)
     assert obstacle.pose(0.25).translation == pytest.approx([0, 0, -0.5])
 
 

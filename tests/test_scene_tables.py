@@ -42,13 +42,13 @@ def test_a_motion_and_its_rotation_have_amplitudes_of_their_own() -> None:
 
 def test_without_a_table_the_amplitude_is_the_load() -> None:
     scene = scenes.load("cook")
-    assert [amplitude(0.3) for amplitude in scene.amplitudes(scene.traction)] == [0.3]
+    assert scene.amplitudes.force(scene.traction[0].table)(0.3) == 0.3
 
 
 def test_one_table_is_one_amplitude() -> None:
     loads = [{**ON_TOP, "value": 1.0}, {**ON_TOP, "value": 2.0}, {"group": "left", "value": 1.0}]
     scene = scenes.load("twist", table=[RAMP], pressure=loads)
-    first, second, third = scene.amplitudes(scene.pressure)
+    first, second, third = (scene.amplitudes.force(load.table) for load in scene.pressure)
     assert first == second != third
 
 

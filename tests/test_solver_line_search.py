@@ -8,14 +8,14 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-from bodies import Force, Hold, cube, problem, set_values, wave
+from bodies import Hold, cube, problem, set_values, wave
 from solver_problems import (
     options,
     solve,
     twist,
 )
 
-from fem_snh import solver
+from fem_snh import Traction, solver
 from fem_snh.runs import run
 from fem_snh.solver.line_search import LineSearch
 from fem_snh.solver.step import State
@@ -124,7 +124,7 @@ def test_steps_out_of_the_domain_are_backtracked(comm):
     """Full Newton steps under this traction overshoot; neo_hookean requires J > 0."""
     body = cube(comm, "hexahedron", 2)
     p = problem(
-        body, "Q1", "neo_hookean", hold=[Hold("left")], traction=[Force("right", (-0.8, 0, 0))]
+        body, "Q1", "neo_hookean", hold=[Hold("left")], features=[Traction("right", (-0.8, 0, 0))]
     )
     snes, context = solve(p, hessian="clamp")
     assert snes.getConvergedReason() > 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bodies import MINIMISING, Condition, Force, cube, norm, problem, set_values
+from bodies import MINIMISING, Condition, cube, norm, problem, set_values
 from solver_problems import (
     options,
     solve,
@@ -12,7 +12,7 @@ from solver_problems import (
     twist,
 )
 
-from fem_snh import solver
+from fem_snh import Traction, solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.choices import PREDICTORS
 
@@ -49,7 +49,7 @@ def test_tangent_prediction_is_of_second_order(comm, element):
     """Its error is of second order in the load, with moved boundaries and with tractions."""
     sizes, errors = (0.08, 0.04, 0.02), []
     for load in sizes:
-        p = twist(comm, element, cells=2, angle=1.0, traction=[Force("left", (0, 0.1, 0))])
+        p = twist(comm, element, cells=2, angle=1.0, features=[Traction("left", (0, 0.1, 0))])
         with options(ksp_rtol=1e-10, snes_scaled_tol=1e-12):
             snes = solver.create(p)
             predictor = solver.Predictor(p, snes, "tangent")

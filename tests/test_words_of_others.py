@@ -10,8 +10,8 @@ import pytest
 import fem_snh
 from fem_snh import cli, materials, scenes
 from fem_snh.errors import BadInput
-from fem_snh.scenes import _synonyms
 from fem_snh.scenes.schema import Scene
+from fem_snh.tables import synonyms
 
 WORDS: list[tuple[dict[str, Any], str]] = [
     ({"displacement": 1}, r"unknown parameter 'displacement': .*did you mean \[\[move\]\] or \[\["),
@@ -46,7 +46,7 @@ def test_synonyms_are_of_keys_that_exist() -> None:
     schema = Scene.model_json_schema()
     for table in schema["$defs"].values():
         keys |= set(table.get("properties", {}))
-    named = {name for names in _synonyms._WORDS for name in names}
+    named = {name for names in synonyms._WORDS for name in names}
     assert {name.strip("[]") for name in named} <= keys
     for name in named:
         if name.startswith("["):

@@ -54,7 +54,7 @@ from fem_snh._dolfinx.programs import (
     is_function,
     is_lagrange,
     is_measure,
-    measure_cells,
+    measure_entities,
     mesh_dimension,
     set_bcs,
 )
@@ -89,7 +89,7 @@ __all__ = [
     "form", "function", "function_space", "geometry_degree", "geometry_dofs", "geometry_x",
     "gmsh_permutation", "has_real_values", "input_cells", "input_vertices", "integrals",
     "interpolate", "is_function", "is_lagrange", "is_measure", "kernel_arguments",
-    "local_to_global", "locate", "locate_dofs", "measure_cells", "mesh_dimension",
+    "local_to_global", "locate", "locate_dofs", "measure_entities", "mesh_dimension",
     "newton_solver", "node_dofs", "num_cells", "num_exterior_facets", "num_nodes", "num_owned",
     "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners", "reference_edges",
     "reference_facets", "reference_nodes", "set_bcs", "surface_measure", "tabulate",

@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 
 from fem_snh._dolfinx.facets import exterior_facets
-from fem_snh._dolfinx.meshes import num_owned
+from fem_snh._dolfinx.meshes import cell_facets, num_owned
 
 Array = np.ndarray
 
@@ -51,20 +51,17 @@ def set_bcs(values: Array, bcs: Sequence[Any]) -> None:
             fem.set_bc(values, [bc])
 
 
-def measure_cells(measure: Any, domain: Any) -> Array:
-    """Return the cells of a ``dx`` measure that this rank owns, sorted (n,) int32.
+def measure_entities(measure: Any, domain: Any) -> Array:
+    """Return the owned cells of a ``dx``, or the exterior facets of a ``ds``, sorted (n,) int32.
 
     Raises
     ------
     ValueError
-        If the measure has a subdomain but no data that says which cells are in it.
+        If the measure has a subdomain but no data that says which entities are in it.
     """
-    owned = num_owned(domain)
     if measure.subdomain_id() == "everywhere":
-        return np.arange(owned, dtype=np.int32)
-    found = _tagged(measure, 3, _ids(measure))
-    cells = np.unique(np.concatenate([*found.values(), np.empty(0, np.int32)]))
-    return cells[cells < owned].astype(np.int32)
+        return _known(measure, domain)
+    return np.unique(np.concatenate([np.empty(0, np.int32), *_tagged(measure, domain).values()]))
 
 
 def count_entities(integral: Any, domain: Any) -> dict[int, int]:
@@ -79,15 +76,14 @@ def count_entities(integral: Any, domain: Any) -> dict[int, int]:
     """
     if integral.subdomain_id() in ("everywhere", "otherwise", ("everywhere",), ("otherwise",)):
         return {}
-    dim = 3 if integral.integral_type() == "cell" else 2
-    known = np.arange(num_owned(domain)) if dim == 3 else exterior_facets(domain)[0]
-    counts = {}
-    for number, entities in _tagged(integral, dim, _ids(integral)).items():
-        # Since 0.8 a facet may be given by its cell and its number in that cell.
-        of_cells = dim == 2 and not hasattr(integral.subdomain_data(), "indices")
-        inside = entities.reshape(-1, 2) if of_cells else entities[np.isin(entities, known)]
-        counts[number] = len(inside)
-    return counts
+    return {number: len(entities) for number, entities in _tagged(integral, domain).items()}
+
+
+def _known(measure: Any, domain: Any) -> Array:
+    """Return the cells or exterior facets of this rank, sorted (n,) int32."""
+    if measure.integral_type() == "cell":
+        return np.arange(num_owned(domain), dtype=np.int32)
+    return exterior_facets(domain)[0]
 
 
 def _ids(measure: Any) -> list[int]:
@@ -98,21 +94,30 @@ def _ids(measure: Any) -> list[int]:
         raise ValueError("a measure of numbered subdomains") from None
 
 
-def _tagged(measure: Any, dim: int, ids: Sequence[int]) -> dict[int, Array]:
-    """Return the entities of subdomains by number; raise ValueError if no data has them."""
-    data = measure.subdomain_data()
-    kind = "cells" if dim == 3 else "facets"
+def _tagged(measure: Any, domain: Any) -> dict[int, Array]:
+    """Return this rank's entities of subdomains by number; raise ValueError if no data has them."""
+    data, dim = measure.subdomain_data(), 3 if measure.integral_type() == "cell" else 2
+    kind, ids, known = "cells" if dim == 3 else "facets", _ids(measure), _known(measure, domain)
+    found: dict[int, Array]
     if hasattr(data, "indices"):  # meshtags
         if data.dim != dim:
             raise ValueError(f"meshtags of {kind}")
         indices, values = np.asarray(data.indices), np.asarray(data.values)
-        return {i: indices[values == i] for i in ids}
-    if isinstance(data, Sequence):  # (id, entities) pairs, since 0.8
+        found = {i: indices[values == i] for i in ids}
+    elif isinstance(data, Sequence):  # (id, entities) pairs, since 0.8
         empty = np.empty(0, np.int32)
-        return {
+        found = {
             i: np.concatenate([empty, *(np.asarray(e) for j, e in data if i == j)]) for i in ids
         }
-    raise ValueError(f"a measure with subdomain_data (meshtags of the {kind})")
+        if dim == 2:  # each facet by its cell and its number in that cell
+            facets = cell_facets(domain)
+            for i, entities in found.items():
+                cells, numbers = entities.reshape(-1, 2).astype(np.int32).T
+                owned = cells < len(facets)
+                found[i] = facets[cells[owned], numbers[owned]]
+    else:
+        raise ValueError(f"a measure with subdomain_data (meshtags of the {kind})")
+    return {i: entities[np.isin(entities, known)].astype(np.int32) for i, entities in found.items()}
 
 
 def is_measure(measure: Any) -> bool:

@@ -50,8 +50,9 @@ def density_of(region: Region, purpose: str) -> float:
         If it has none, and the message says for which purpose one is needed; or no positive one.
     """
     if region.density is None:
-        name, accepted = region.material.name, f"expected a number > 0, for {purpose}"
-        raise BadInput(f"missing key 'material.density' of {name}: {accepted}")
+        where = f"of {region.material.name} (in a program: 'densities')"
+        accepted = f"expected a number > 0, for {purpose}"
+        raise BadInput(f"missing key 'material.density' {where}: {accepted}")
     check_number("material.density", region.density, 0.0, exclusive=True)
     return region.density
 

@@ -13,7 +13,7 @@ from fem_snh.errors import bad_value, choose
 if TYPE_CHECKING:
     from fem_snh.assembly.regions import Region
     from fem_snh.mesh.mesh import Mesh
-    from fem_snh.terms import Term
+    from fem_snh.terms.term import Term
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from fem_snh import _dolfinx
@@ -22,8 +23,10 @@ from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.measures import Reactions, group_cells
 from fem_snh.problem.problem import Problem
-from fem_snh.terms import Term, Traction
-from fem_snh.terms.traction import SurfaceLoad
+from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
+from fem_snh.terms.body import Body, CreateMotion, group_facets
+from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.term import Term
 
 
 def create_problem(
@@ -34,7 +37,9 @@ def create_problem(
     hold: Sequence[Constraint] = (),
     move: Sequence[PrescribedDisplacement] = (),
     bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
-    traction: Sequence[SurfaceLoad] = (),
+    features: Sequence[Feature | Term] = (),
+    amplitudes: Amplitudes = LOAD_ITSELF,
+    motion: CreateMotion | None = None,
     loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
     reactions: Sequence[str | int] = (),
     volumes: Sequence[str | int] = (),
@@ -57,8 +62,12 @@ def create_problem(
         Components of the displacement that follow the load on physical groups.
     bones : callable, optional
         Returns displacements of nodes, given the displacement's space and the mesh.
-    traction : sequence of SurfaceLoad, optional
-        Dead loads on physical groups of surfaces, proportional to the load.
+    features : sequence of Feature or Term, optional
+        What makes terms beside the elastic energy: loads and contact.
+    amplitudes : Amplitudes, optional
+        The tables that they may name, and the time of load 1.
+    motion : callable, optional
+        Returns the motion in time, given displacement, regions and Dirichlet conditions.
     loads : callable, optional
         Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
     reactions : sequence of str or int, optional
@@ -86,20 +95,23 @@ def create_problem(
     regions = regions_of_groups(mesh, fillings)
     u = _dolfinx.function(V, "displacement")
     dirichlet = DirichletConditions(V, mesh, hold, move, bones(V, mesh) if bones else ())
-    terms: list[Term] = [Traction(V, mesh, traction)] if traction else []
-    problem = Problem(
+    moving = motion(u, regions, dirichlet) if motion else None
+    body = Body(u, regions, dirichlet, partial(group_facets, mesh), amplitudes, moving, mesh.skin)
+    terms = create_terms(features, body)
+    terms += loads(mesh, u, regions, dirichlet) if loads else []
+    return Problem(
         create_unknowns(u, element),
         element,
         regions,
         dirichlet,
-        [*terms, *(loads(mesh, u, regions, dirichlet) if loads else [])],
+        [*terms, *(moving.terms if moving else [])],
         Reactions(V, mesh, reactions) if reactions else None,
         group_cells(mesh, volumes),
         eigensolver,
         assembly,
+        moving,
+        mesh.skin,
     )
-    problem.skin = mesh.skin
-    return problem
 
 
 def with_element(problem: Problem, element: Element) -> Problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, element
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.regions import Region, check_partition
@@ -22,18 +22,21 @@ from fem_snh.errors import bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry
 from fem_snh.problem.problem import Problem
-from fem_snh.terms import Term, UFLTerm
-from fem_snh.terms.ufl_term import check_form
+from fem_snh.tables.amplitudes import Amplitudes
+from fem_snh.terms.body import Body, CreateMotion, measure_facets
+from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.term import Term
+from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
 
 Array = npt.NDArray[Any]
-#: Returns terms, given displacement, regions and Dirichlet conditions.
-MoreTerms = Callable[[Any, Sequence[Region], Dirichlet], Sequence[Term]]
 
 #: Strain of the central difference in `_curvature`: about the cube root of the rounding error.
 _STRAIN = 1e-5
 #: UFL's symbols of the integrals that a term may have, and what they integrate over.
 _SYMBOLS = {"cell": "dx", "exterior_facet": "ds"}
 _ENTITIES = {"dx": "cells", "ds": "facets of the boundary"}
+#: What a mapping of densities has.
+DENSITIES = "{material: density > 0}"
 #: Keys of a measure's metadata that name a quadrature rule, and the values of the default one.
 _RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
 _DEFAULT_RULES = (None, "", "default")
@@ -106,10 +109,11 @@ def create_dolfinx_problem(
     bcs: Sequence[Any] = (),
     terms: Sequence[Any] = (),
     element_name: str | None = None,
-    *,
     densities: Mapping[Material, float] | None = None,
+    *,
     on_load: Callable[[float], None] | None = None,
-    more_terms: MoreTerms | None = None,
+    motion: CreateMotion | None = None,
+    duration: float | None = None,
 ) -> Problem:
     """Return the problem of a displacement in a user's dolfinx program. Collective.
 
@@ -121,8 +125,8 @@ def create_dolfinx_problem(
         The cells that each material fills, as ``dx`` or ``dx(1)``: at least one.
     bcs : sequence of dolfinx DirichletBC
         The Dirichlet conditions.
-    terms : sequence of ufl.Form or SelfContact
-        Energies and residuals: see `UFLTerm`; contact of the body with itself.
+    terms : sequence of ufl.Form, Feature or Term
+        Energies and residuals: see `UFLTerm`; loads and contact; other terms.
     element_name : str, optional
         One of `ELEMENTS`, of the mesh's cell and the displacement's degree. Default: the element
         with the volume term at every quadrature point.
@@ -130,8 +134,10 @@ def create_dolfinx_problem(
         Masses per reference volume [kg/m^3].
     on_load : callable, optional
         ``on_load(load)`` sets constants, functions and boundary values for a load parameter.
-    more_terms : callable, optional
-        Returns further terms, given displacement, regions and Dirichlet conditions.
+    motion : callable, optional
+        Returns the motion in time, given displacement, regions and Dirichlet conditions.
+    duration : float, optional
+        The time of load 1 [s], of a motion in time.
 
     Raises
     ------
@@ -141,30 +147,49 @@ def create_dolfinx_problem(
     check_displacement(u)
     check_materials(materials)
     bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
-    terms = listed_terms(terms)
+    terms = _listed("terms", terms, f"a list of terms, each {TERM}")
     V = u.function_space
     check_geometry(V.mesh, "u.function_space.mesh")
     chosen = _element(u, element_name, materials)
-    regions = _regions(V.mesh, materials, densities or {})
+    regions = _regions(V.mesh, materials, _checked(densities, materials))
     conditions = DolfinxConditions(V, bcs, on_load)
-    forms = [(i, term) for i, term in enumerate(terms) if not isinstance(term, SelfContact)]
-    for i, form in forms:
-        check_form(form, u, f"terms[{i}]")
-        _check_integrals(form, f"terms[{i}]", V.mesh)
-    ufl_terms = [UFLTerm(form, u, f"terms[{i}]", on_load) for i, form in forms]
-    if not regions and not any(term.has_hessian for term in ufl_terms):
-        raise bad_value("materials", materials, "a material, or a term that is not linear in u")
+    moving = motion(u, regions, conditions) if motion else None
+    facets = partial(measure_facets, V.mesh)
+    body = Body(u, regions, conditions, facets, Amplitudes((), duration), moving)
+    made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
     contacts = [term for term in terms if isinstance(term, SelfContact)]
     if len(contacts) > 1:
         raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
-    touching = [contact.create_term(V, regions) for contact in contacts]
-    found = [*ufl_terms, *touching, *(more_terms(u, regions, conditions) if more_terms else [])]
-    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found)
+    found = [*create_terms(made, body), *(moving.terms if moving else [])]
+    if not regions and not any(getattr(term, "has_hessian", True) for term in found):
+        raise bad_value("materials", materials, "a material, or a term that is not linear in u")
+    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found, motion=moving)
     if not regions:
         _set_modulus(problem)
     return problem
+
+
+def _term(term: Any, name: str, u: Any, on_load: Callable[[float], None] | None) -> Any:
+    """Return a feature or a term as it is, and the term of a form. Collective."""
+    if isinstance(term, Feature | Term):
+        return term
+    check_form(term, u, name)
+    _check_integrals(term, name, u.function_space.mesh)
+    return UFLTerm(term, u, name, on_load)
+
+
+def _checked(
+    densities: Mapping[Material, float] | None, materials: Mapping[Material, Any]
+) -> Mapping[Material, float]:
+    """Return the densities, of None none; raise BadInput unless their keys are materials."""
+    densities = {} if densities is None else densities
+    if not isinstance(densities, Mapping):
+        raise bad_value("densities", densities, DENSITIES)
+    if unknown := [key for key in densities if key not in materials]:
+        raise bad_value("densities", unknown[0], "only keys of 'materials'")
+    return densities
 
 
 def check_displacement(u: Any) -> None:
@@ -197,11 +222,6 @@ def check_materials(materials: Any) -> None:
     for material, measure in materials.items():
         if not isinstance(material, Material) or not _dolfinx.is_measure(measure):
             raise bad_value("materials", {material: measure}, accepted)
-
-
-def listed_terms(terms: Any) -> Sequence[Any]:
-    """Return the terms, of None none; raise BadInput unless they are a list."""
-    return _listed("terms", terms, "a list of UFL forms and SelfContact, [form, ...]")
 
 
 def _listed(key: str, values: Any, accepted: str) -> Sequence[Any]:
@@ -270,7 +290,7 @@ def _regions(
             found = "a measure on another mesh"
             raise bad_value(f"materials[{material.name}]", found, "the mesh of the displacement")
         try:
-            cells = _dolfinx.measure_cells(measure, domain)
+            cells = _dolfinx.measure_entities(measure, domain)
         except ValueError as error:
             found = f"dx({measure.subdomain_id()})"
             raise bad_value(f"materials[{material.name}]", found, str(error)) from None

@@ -19,7 +19,7 @@ import numpy as np
 from fem_snh.assembly.regions import cell_constant, volume_mean
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
-from fem_snh.terms import mass_matrix
+from fem_snh.terms.mass import mass_matrix
 
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
 _SHIFT = 1e-2

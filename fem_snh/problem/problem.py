@@ -30,10 +30,12 @@ from fem_snh.problem.measures import Reactions, body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.regime import regime_of
 from fem_snh.solver.protocol import Regime
-from fem_snh.terms import Term, elastic_term
+from fem_snh.terms.body import MotionInTime
+from fem_snh.terms.elastic import elastic_term
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
@@ -68,6 +70,10 @@ class Problem:
         Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
     assembly : str, optional
         What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
+    motion : MotionInTime, optional
+        The motion in time, whose terms are among ``terms``.
+    skin : Skin, optional
+        The surface that a lattice carries.
 
     Attributes
     ----------
@@ -121,6 +127,8 @@ class Problem:
         parts: Mapping[str, Array] | None = None,
         eigensolver: str = EIGENSOLVERS[0],
         assembly: str = DEFAULT_ASSEMBLY,
+        motion: MotionInTime | None = None,
+        skin: Skin | None = None,
     ) -> None:
         self._unknowns, self.element, self.regions = unknowns, element, list(regions)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
@@ -134,7 +142,7 @@ class Problem:
         self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
-        self.skin: Skin | None = None  # the surface that a lattice carries
+        self.motion, self.skin = motion, skin
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
@@ -174,8 +182,7 @@ class Problem:
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
         """The function `largest_force`; None in time, where each step has a unit of forces."""
-        in_time = any(term.name == "inertia" for term in self.terms)
-        return None if in_time else self.largest_force
+        return None if self.motion else self.largest_force
 
     def largest_force(self, x: PETSc.Vec) -> float:
         """Return the largest norm of a term's forces on all dofs [N]. Collective.

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.solver.protocol import Regime
-from fem_snh.terms import Term
 from fem_snh.terms.elastic import Part
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 

@@ -10,7 +10,7 @@ from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
 from fem_snh.errors import on_every
 from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.scenes import Scene, obstacle_names, read_obstacles
-from fem_snh.terms.traction import surface_facets
+from fem_snh.terms.body import group_facets
 
 
 def obstacle_contact(
@@ -24,11 +24,11 @@ def obstacle_contact(
         On every rank, for a file that cannot be read, or a group that is unknown or no surface.
     """
     comm, size, contacts = mesh.domain.comm, volume(mesh.domain), []
-    obstacles = on_every(comm, lambda: read_obstacles(scene.obstacle, scene.table, scene.duration))
+    obstacles = on_every(comm, lambda: read_obstacles(scene.obstacle, scene.amplitudes))
     names = obstacle_names(scene.obstacle)
     for name, choice, obstacle in zip(names, scene.obstacle, obstacles, strict=True):
         key = choice.group
-        facets = None if key is None else surface_facets(mesh, "obstacle.group", key)
+        facets = None if key is None else group_facets(mesh, "obstacle.group", key)
         contacts.append(
             Contact(
                 name,

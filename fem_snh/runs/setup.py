@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.loads import load_terms
+from fem_snh.runs.contacts import contact_terms
 from fem_snh.runs.result import Result
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
@@ -33,8 +34,6 @@ from fem_snh.steps.stepping import Stepper
 if TYPE_CHECKING:
     from fem_snh.problem.bone_nodes import BoneNodes
     from fem_snh.problem.bone_records import BoneRecords
-    from fem_snh.steps.dynamics.dynamics import Dynamics
-    from fem_snh.terms import Term
 
 
 @dataclass(frozen=True)
@@ -95,10 +94,8 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     _check_groups(scene, mesh)
     meshed = perf_counter()
 
-    motions: list[Dynamics] = []
-
     def make(nu: float | None = None, element: elements.Element = element) -> Problem:
-        return make_problem(scene, mesh, element, nu, motions)
+        return make_problem(scene, mesh, element, nu)
 
     problem = make()
     if scene.start and (scene.start.displaces or not scene.time):
@@ -113,10 +110,10 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
     motion = None
-    if motions and scene.time:
+    if scene.time:
         from fem_snh.steps.time_steps import start_motion
 
-        motion = start_motion(problem, motions[0], scene.time, scene.start)
+        motion = start_motion(problem, scene.time, scene.start)
     steps = scene.time.steps if scene.time else scene.steps
     bones = _bone_records(problem) if scene.bone else None
     mixed = elements.with_cell_pressures(element)
@@ -183,22 +180,16 @@ def make_problem(
     mesh: meshes.Mesh,
     element: elements.Element,
     nu: float | None = None,
-    motions: list[Dynamics] | None = None,
 ) -> Problem:
     """Return the scene's problem, with another Poisson's ratio if one is given. Collective.
 
-    Of several materials, those with a smaller ratio keep their own. The motion of a scene in time
-    is appended to ``motions``.
+    Of several materials, those with a smaller ratio keep their own.
     """
-
-    def terms(mesh: meshes.Mesh, u: Any, regions: Any, dirichlet: Any) -> list[Term]:
-        if not scene.time or motions is None:
-            return load_terms(scene, mesh, u, regions, dirichlet)
+    motion = None
+    if scene.time:
         from fem_snh.steps.time_steps import create_dynamics
 
-        motions.append(create_dynamics(scene.time, u, regions, dirichlet))
-        loads = load_terms(scene, mesh, u, regions, dirichlet, motions[-1].mass)
-        return [*loads, *motions[-1].terms]
+        motion = partial(create_dynamics, scene.time)
 
     def place(V: Any, mesh: meshes.Mesh) -> list[BoneNodes]:
         from fem_snh.runs.bones import scene_bones
@@ -219,7 +210,10 @@ def make_problem(
         hold=scene.hold,
         move=scene.motions,
         bones=place if scene.bone else None,
-        loads=terms,
+        features=scene.features,
+        amplitudes=scene.amplitudes,
+        motion=motion,
+        loads=partial(contact_terms, scene),
         reactions=scene.reactions,
         volumes=scene.volumes,
         eigensolver=scene.eigensolver,

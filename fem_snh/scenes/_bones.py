@@ -13,8 +13,8 @@ from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.scenes._conditions import Rotate
 from fem_snh.scenes._shapes import ShapeChoice
-from fem_snh.scenes._tables import MOTION_TABLE, TableName
-from fem_snh.scenes._types import (
+from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
+from fem_snh.tables.types import (
     INT32_MAX,
     GroupKey,
     NonNegative,
@@ -24,7 +24,7 @@ from fem_snh.scenes._types import (
     Text,
     Vector,
 )
-from fem_snh.scenes._validation import Expect, Table, Whole
+from fem_snh.tables.validation import Expect, Table, Whole
 
 if TYPE_CHECKING:
     from fem_snh.geometry.bones import Clip, RigidAffine

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.scenes._tables import MOTION_TABLE, Amplitude, TableName, amplitude
-from fem_snh.scenes._types import (
+from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
+from fem_snh.tables.types import (
     Axis,
     Components,
     GroupKey,
@@ -22,7 +22,7 @@ from fem_snh.scenes._types import (
     Seed,
     Vector,
 )
-from fem_snh.scenes._validation import Table
+from fem_snh.tables.validation import Table
 
 Array = npt.NDArray[np.float64]
 
@@ -159,15 +159,12 @@ class Motion:
         return self.move.displacement(X, self.amplitude(load), self.turn(load))
 
 
-def motions(
-    moves: Sequence[Move], tables: Sequence[Amplitude], duration: float | None = None
-) -> list[Motion]:
-    """Return motions with their amplitudes; tables are in time if there is a duration [s]."""
+def motions(moves: Sequence[Move], amplitudes: Amplitudes) -> list[Motion]:
+    """Return motions with their amplitudes."""
     found = []
     for move in moves:
-        motion = amplitude(tables, move.table, duration=duration)
-        named = move.rotate.table if move.rotate else None
-        turn = amplitude(tables, named, motion, duration)
+        motion = amplitudes.motion(move.table)
+        turn = amplitudes.motion(move.rotate.table if move.rotate else None, motion)
         found.append(Motion(move, motion, turn))
     return found
 

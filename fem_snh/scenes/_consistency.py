@@ -16,8 +16,8 @@ from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._obstacles import names as obstacle_names
 from fem_snh.scenes._outputs import Geometry
 from fem_snh.scenes._self_contact import check_self_contact
-from fem_snh.scenes._tables import check_tables
-from fem_snh.scenes._types import MAX_CELLS
+from fem_snh.tables.amplitudes import check_tables
+from fem_snh.tables.types import MAX_CELLS
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene

@@ -8,8 +8,8 @@ from pydantic import Field, field_validator
 
 from fem_snh.errors import bad_value
 from fem_snh.scenes._contact_method import ContactTable
-from fem_snh.scenes._types import GroupKey
-from fem_snh.scenes._validation import Expect
+from fem_snh.tables.types import GroupKey
+from fem_snh.tables.validation import Expect
 
 Pair = Annotated[
     tuple[GroupKey, GroupKey],

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from fem_snh.choices import CONTACT_METHODS
 from fem_snh.errors import bad_value, choose
-from fem_snh.scenes._types import Positive
-from fem_snh.scenes._validation import Expect, Table
+from fem_snh.tables.types import Positive
+from fem_snh.tables.validation import Expect, Table
 
 Method = Annotated[
     str,

@@ -11,8 +11,8 @@ from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.scenes._shapes import ShapeChoice
-from fem_snh.scenes._types import Positive
-from fem_snh.scenes._validation import Expect, Table, Whole
+from fem_snh.tables.types import Positive
+from fem_snh.tables.validation import Expect, Table, Whole
 
 #: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
 _SAMPLES = (2, 16)

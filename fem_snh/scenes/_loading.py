@@ -17,9 +17,9 @@ from fem_snh.references import is_reference
 from fem_snh.scenes._bones import files_relative_to
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes._obstacles import FILES
-from fem_snh.scenes._synonyms import suggestion
-from fem_snh.scenes._validation import one_line
 from fem_snh.scenes.schema import MaterialChoice, Scene
+from fem_snh.tables.synonyms import suggestion
+from fem_snh.tables.validation import one_line
 
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}

@@ -19,9 +19,9 @@ from pydantic import (
 
 from fem_snh.errors import BadInput, bad_value, unknown_name
 from fem_snh.materials.keywords import LARGEST_MODULUS
-from fem_snh.scenes._synonyms import suggestion
-from fem_snh.scenes._types import GroupKey, Positive
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.tables.synonyms import suggestion
+from fem_snh.tables.types import GroupKey, Positive
+from fem_snh.tables.validation import Expect, Finite, Table
 
 #: Keys that only some materials have.
 _OPTIONAL = ("group", "density")

@@ -18,9 +18,9 @@ from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._conditions import Rotate, rigid_displacement
 from fem_snh.scenes._contact_method import ContactTable
 from fem_snh.scenes._shapes import ShapeChoice
-from fem_snh.scenes._tables import MOTION_TABLE, Amplitude, TableName, amplitude
-from fem_snh.scenes._types import GroupKey, NonNegative, Text, Vector
-from fem_snh.scenes._validation import Expect
+from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
+from fem_snh.tables.types import GroupKey, NonNegative, Text, Vector
+from fem_snh.tables.validation import Expect
 
 #: Keys of files, whose paths are relative to the scene file.
 FILES = ("surface", "motion")
@@ -106,13 +106,11 @@ class ScaledMotion:
     turn: Callable[[float], float]
 
     @classmethod
-    def of(
-        cls, choice: Movable, tables: Sequence[Amplitude], duration: float | None
-    ) -> ScaledMotion:
-        """Return the motion of a table; amplitudes are in time if there is a duration [s]."""
-        motion = amplitude(tables, choice.table, duration=duration)
+    def of(cls, choice: Movable, amplitudes: Amplitudes) -> ScaledMotion:
+        """Return the motion of a table."""
+        motion = amplitudes.motion(choice.table)
         named = choice.rotate.table if choice.rotate else None
-        return cls(choice, motion, amplitude(tables, named, motion, duration))
+        return cls(choice, motion, amplitudes.motion(named, motion))
 
     def displacement(self, X: Array, load: float) -> Array:
         """Return the displacements (n, 3) of points X (n, 3) at a load."""
@@ -120,19 +118,15 @@ class ScaledMotion:
         return rigid_displacement(X, self.choice.translate, self.choice.rotate, amplitude, turn)
 
 
-def read_obstacles(
-    choices: Sequence[ObstacleChoice], tables: Sequence[Amplitude], duration: float | None
-) -> list[Obstacle]:
+def read_obstacles(choices: Sequence[ObstacleChoice], amplitudes: Amplitudes) -> list[Obstacle]:
     """Return the obstacles with their motions; read the files that they name.
 
     Parameters
     ----------
     choices : sequence of ObstacleChoice
         The scene's tables.
-    tables : sequence of Amplitude
+    amplitudes : Amplitudes
         The scene's amplitudes.
-    duration : float or None
-        The time of load 1 [s]; None in a quasi-static scene.
 
     Raises
     ------
@@ -144,9 +138,9 @@ def read_obstacles(
         shape = choice.shape.shape() if choice.shape else ClosedSurface.read(str(choice.surface))
         motion: RigidMotion | None = None
         if choice.motion is not None:
-            motion = read_motion(choice.motion, duration)
+            motion = read_motion(choice.motion, amplitudes.duration)
         elif choice.translate is not None or choice.rotate is not None:
-            motion = DisplacementMotion(ScaledMotion.of(choice, tables, duration).displacement)
+            motion = DisplacementMotion(ScaledMotion.of(choice, amplitudes).displacement)
         found.append(Obstacle(shape, motion))
     return found
 

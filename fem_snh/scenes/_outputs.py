@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from fem_snh.errors import bad_value, choose
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._types import Count, Positive, Text, Vector, split_text
-from fem_snh.scenes._validation import Bounded, Expect, Table
+from fem_snh.tables.types import Count, Positive, Text, Vector, split_text
+from fem_snh.tables.validation import Bounded, Expect, Table
 
 
 class Geometry(Table):

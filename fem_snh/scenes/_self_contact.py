@@ -8,8 +8,8 @@ from pydantic import AfterValidator, Field
 
 from fem_snh.choices import SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value, choose
-from fem_snh.scenes._types import NonNegative, Positive
-from fem_snh.scenes._validation import Expect, Table
+from fem_snh.tables.types import NonNegative, Positive
+from fem_snh.tables.validation import Expect, Table
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Shape, from_record
-from fem_snh.scenes._types import Positive, Vector
-from fem_snh.scenes._validation import BoundedPositive, Expect, Table
+from fem_snh.tables.types import Positive, Vector
+from fem_snh.tables.validation import BoundedPositive, Expect, Table
 
 Size = Annotated[
     tuple[BoundedPositive, ...],

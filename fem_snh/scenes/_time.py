@@ -13,8 +13,8 @@ from fem_snh.choices import (
     MASSES,
 )
 from fem_snh.errors import bad_value, choose
-from fem_snh.scenes._types import Count, NonNegative, Positive, Steps
-from fem_snh.scenes._validation import Expect, Finite, Table
+from fem_snh.tables.types import Count, NonNegative, Positive, Steps
+from fem_snh.tables.validation import Expect, Finite, Table
 
 _Radius = Annotated[Finite, Field(ge=0, le=1), Expect("a number from 0 to 1")]
 Integrator = Annotated[

@@ -19,8 +19,8 @@ from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._bones import BoneChoice, Function, SkeletonMotion
 from fem_snh.scenes._obstacles import ScaledMotion
-from fem_snh.scenes._types import Vector
 from fem_snh.scenes.schema import Scene
+from fem_snh.tables.types import Vector
 
 
 def read_bones(scene: Scene) -> list[Bone]:
@@ -76,7 +76,7 @@ class _Files:
             return motion, None
         if choice.translate is None and choice.rotate is None:
             return None, None
-        scaled = ScaledMotion.of(choice, scene.table, scene.duration)
+        scaled = ScaledMotion.of(choice, scene.amplitudes)
         return RigidAffine(DisplacementMotion(scaled.displacement)), None
 
     def _table(self, path: Path) -> MotionRows:

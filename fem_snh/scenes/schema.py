@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
@@ -26,7 +25,6 @@ from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motion
 from fem_snh.scenes._consistency import check_consistency
 from fem_snh.scenes._contact import Contact
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._loads import Cavity, Gravity, Load, Pressure, Spring, Traction, load_amplitudes
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
 from fem_snh.scenes._obstacles import ObstacleChoice
@@ -40,11 +38,10 @@ from fem_snh.scenes._outputs import (
     Probes,
 )
 from fem_snh.scenes._self_contact import SelfContact
-from fem_snh.scenes._tables import Amplitude
 from fem_snh.scenes._time import Damping, Time
-from fem_snh.scenes._types import (
+from fem_snh.tables.amplitudes import Amplitude, Amplitudes
+from fem_snh.tables.types import (
     Cells,
-    Degree,
     Groups,
     Options,
     PoissonRatios,
@@ -52,7 +49,13 @@ from fem_snh.scenes._types import (
     Steps,
     Text,
 )
-from fem_snh.scenes._validation import Expect, Table
+from fem_snh.tables.validation import Expect, Table, Whole
+from fem_snh.terms.cavity import Cavity
+from fem_snh.terms.feature import Feature
+from fem_snh.terms.gravity import Gravity
+from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.spring import Spring
+from fem_snh.terms.traction import Traction
 
 __all__ = [
     "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
@@ -60,6 +63,8 @@ __all__ = [
     "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
     "Time", "Traction",
 ]  # fmt: skip
+
+Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 
 #: The values of keys that accept one of several words.
 WORDS = {
@@ -203,9 +208,16 @@ class Scene(Table):
         key = str(info.field_name)
         return None if word is None else choose(key, word, WORDS[key])
 
-    def amplitudes(self, loads: Sequence[Load]) -> list[Callable[[float], float]]:
-        """Return the amplitude of each load as a function of the load parameter."""
-        return load_amplitudes(loads, self.table, self.duration)
+    @property
+    def features(self) -> list[Feature]:
+        """The tables that add terms to the problem, in the order of their keys."""
+        values = [value if isinstance(value, list) else [value] for _, value in self]
+        return [table for value in values for table in value if isinstance(table, Feature)]
+
+    @property
+    def amplitudes(self) -> Amplitudes:
+        """The amplitudes that loads and motions may name."""
+        return Amplitudes(self.table, self.duration)
 
     @property
     def duration(self) -> float | None:
@@ -239,7 +251,7 @@ class Scene(Table):
     @property
     def motions(self) -> list[Motion]:
         """The motions of ``move`` with their amplitudes."""
-        return motions(self.move, self.table, self.duration)
+        return motions(self.move, self.amplitudes)
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scene:

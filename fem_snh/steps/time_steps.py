@@ -146,13 +146,12 @@ def create_dynamics(
     )
 
 
-def start_motion(
-    problem: Problem, dynamics: Dynamics, time: Time, start: Start | None
-) -> TimeSteps:
+def start_motion(problem: Problem, time: Time, start: Start | None) -> TimeSteps:
     """Set the initial velocity and acceleration at the problem's initial displacement. Collective.
 
     The initial displacement meets the boundary values at the start.
     """
+    dynamics: Any = problem.motion
     problem.set_load(problem.load)
     problem.prescribe(problem.x)
     problem.history.begin_step(problem.split(problem.x)[0])

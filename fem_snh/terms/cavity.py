@@ -1,150 +1,49 @@
-"""Fluids of prescribed volume that surfaces enclose."""
+"""Fluids that surfaces enclose."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
-from petsc4py import PETSc
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import numpy.typing as npt
+from pydantic import Field
 
-from fem_snh import _dolfinx
-from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import Mesh
-from fem_snh.terms.dead_load import Amplitude
-from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_points
-from fem_snh.terms.traction import surface_measure
-from fem_snh.terms.ufl_term import UFLTerm
+from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
+from fem_snh.tables.types import SURFACE, Number, Positive, Surface
+from fem_snh.terms.feature import Feature
 
-#: Loads at which the prescribed volume is examined.
-_LOADS = 201
-
-
-class Fluid(Protocol):
-    """The fluid that a physical group encloses."""
-
-    @property
-    def group(self) -> str | int:
-        """Name or number of the physical group."""
-
-    @property
-    def volume(self) -> float:
-        """Volume of fluid that is added at amplitude 1 [m^3]."""
+if TYPE_CHECKING:
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.term import Term
 
 
-class Cavity:
-    r"""A fluid in a cavity of the body, to which a prescribed volume is added.
+class Cavity(Feature):
+    """A fluid that a surface encloses, of prescribed volume; its pressure is a result."""
 
-    .. math:: E = \frac{k}{2} \left(a(\lambda) V^* - \Delta V(u)\right)^2, \qquad
-        p = k \left(a(\lambda) V^* - \Delta V(u)\right)
+    key = "cavity"
+    group: Surface = Field(description=SURFACE)
+    volume: Number = Field(
+        description="Volume of fluid that is added at amplitude 1 [m^3]; "
+        "in a symmetric part of a body, the part's share."
+    )
+    stiffness: Positive | None = Field(
+        default=None,
+        description="Increase of the fluid's pressure with its compression [Pa/m^3]; "
+        "default: 100 E over the volume of the body.",
+    )
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
 
-    The cavity's change of volume :math:`\Delta V` is minus the volume that its surface sweeps, as
-    the body's normal points into it. The state is one of equilibrium with the pressure p, for any
-    stiffness k: the pairs of :math:`\Delta V` and p are points of the body's own curve, also where
-    the pressure decreases with the volume and a prescribed pressure would be unstable.
+    @classmethod
+    def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
+        """Return one term for each fluid; their surfaces share no facet. Collective."""
+        from fem_snh.terms.enclosed_fluid import EnclosedFluid  # imports PETSc
 
-    The Hessian is that of a follower pressure plus k g g^T, g the derivative of :math:`\Delta V`:
-    a dense matrix of rank one, which `rank_one` returns as g.
-
-    Parameters
-    ----------
-    u : dolfinx Function
-        The displacement.
-    mesh : Mesh
-        The mesh whose physical group the fluid names.
-    fluid : Fluid
-        The group and the volume V*.
-    amplitude : callable
-        The factor a as a function of the load; `float` is the load itself.
-    stiffness : float
-        The stiffness k [Pa/m^3].
-    dirichlet : Dirichlet
-        The constrained dofs.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for a group that is unknown, not a surface, or does not enclose a volume, and
-        for a volume that empties the cavity.
-    """
-
-    name, has_energy, depends_on_load = "cavity", True, True
-
-    def __init__(
-        self,
-        u: Any,
-        mesh: Mesh,
-        fluid: Fluid,
-        amplitude: Amplitude,
-        stiffness: float,
-        dirichlet: Dirichlet,
-    ) -> None:
-        V = u.function_space
-        self.group, self._added, self._amplitude = str(fluid.group), fluid.volume, amplitude
-        self._stiffness, self._target = stiffness, 0.0
-        self._pressure = _dolfinx.constant(V.mesh, 0.0)
-        self._volume = SweptVolume(V, surface_measure(mesh, self.name, fluid.group))
-        self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
-        points = fit_points([self._volume], [1.0], dirichlet)
-        if points is None:
-            accepted = "a surface that encloses a volume: closed, or with an edge that is "
-            accepted += "constrained or in planes of symmetry"
-            raise bad_value("cavity.group", fluid.group, accepted)
-        self._volume.set_point(points[0])
-        self._check_volume(points[0], dirichlet)
-
-    def _check_volume(self, point: npt.NDArray[Any], dirichlet: Dirichlet) -> None:
-        """Raise BadInput if more fluid leaves the cavity than there is. Collective."""
-        least = min(self._amplitude(load) * self._added for load in np.linspace(0, 1, _LOADS))
-        if least >= 0:
-            return
-        swept = enclosed_volume(self._volume, point, dirichlet)
-        if swept is not None and least <= swept:  # the body's normals point into the cavity
-            accepted = f"a volume that leaves some of the {-swept:.6g} m^3 in the cavity"
-            raise bad_value("cavity.volume", self._added, accepted)
-
-    def set_load(self, load: float) -> None:
-        """Set the volume of a load."""
-        self._target = self._amplitude(load) * self._added
-
-    def state(self, u: PETSc.Vec) -> dict[str, float]:
-        """Return the cavity's added "volume" [m^3] and the fluid's "pressure" [Pa]. Collective."""
-        volume = -self._volume.change(u)
-        return {"volume": volume, "pressure": self._stiffness * (self._target - volume)}
-
-    def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, float]]]:
-        """Return the cavity's `state` for run.json. Collective."""
-        return {"cavities": {self.group: self.state(u)}}
-
-    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the energy of the fluid [J]. Collective."""
-        return self.state(u)["pressure"] ** 2 / (2 * self._stiffness)
-
-    def add_residual(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
-    ) -> None:
-        """Add the forces [N] to all entries of ``r_u``, ghosts included. Collective."""
-        self._pressure.value = np.array(self.state(u)["pressure"])
-        self._term.add_residual(u, p, r_u, r_p)
-
-    def add_hessian(
-        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
-    ) -> int:
-        """Add the pressure's Hessian; return how many facets of this rank were filtered."""
-        self._pressure.value = np.array(self.state(u)["pressure"])
-        return self._term.add_hessian(u, p, filter, target)
-
-    def rank_one(self, u: PETSc.Vec, g: PETSc.Vec) -> float:
-        """Set ``g``, ghosted, to the derivative of the volume; return k. Collective.
-
-        The Hessian has the further part k g g^T.
-        """
-        set_to_zero(g)
-        self._pressure.value = np.array(1.0)
-        self._term.add_residual(u, None, g, None)
-        add_ghosts(g)
-        return self._stiffness
+        facets = [body.facets("cavity.group", fluid.group) for fluid in features]
+        for (first, a), (second, b) in combinations(zip(features, facets, strict=True), 2):
+            if shared := body.domain.comm.allreduce(len(np.intersect1d(a, b))):
+                other = f"that of cavity {first.group!r}, not {shared}"
+                accepted = f"a surface that shares no facet with {other}"
+                raise bad_value("cavity.group", second.group, accepted)
+        return [EnclosedFluid(fluid, body) for fluid in features]

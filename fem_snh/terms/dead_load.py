@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
+import numpy as np
+import ufl
+
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts, writable_values
+
+if TYPE_CHECKING:
+    from fem_snh.assembly.nodal_mass import NodalMass
 
 #: A factor as a function of the load parameter; `float` is the load itself.
 Amplitude = Callable[[float], float]
@@ -27,26 +34,43 @@ class DeadLoad:
         The displacement's space.
     """
 
-    has_energy = depends_on_load = True
+    has_energy = depends_on_load = stateless = True
+    has_hessian = False
 
     def __init__(self, name: str, V: Any) -> None:
         self.name, self._V = name, V
         self._forces: list[tuple[Amplitude, PETSc.Vec]] = []
         self._scaled: list[tuple[float, PETSc.Vec]] = []
 
-    def add(self, integral: Any, amplitude: Amplitude = float) -> None:
-        """Add the force of a linear UFL form, assembled once. Collective."""
-        part = _dolfinx.create_vector(self._V)
-        _dolfinx.assemble_vector(part, _dolfinx.form(integral))
-        self.add_forces(part, amplitude)
+    def add(self, density: Any, measure: Any, amplitude: Amplitude = float) -> None:
+        """Add the force of a density over a UFL measure, assembled once. Collective.
 
-    def add_forces(self, part: PETSc.Vec, amplitude: Amplitude = float) -> None:
+        One form per load: UFL accepts one set of marked facets per form.
+        """
+        part = _dolfinx.create_vector(self._V)
+        integral = ufl.inner(density, ufl.TestFunction(self._V)) * measure
+        _dolfinx.assemble_vector(part, _dolfinx.form(integral))
+        self._add_forces(part, amplitude)
+
+    def add_weight(
+        self, mass: NodalMass, acceleration: Sequence[float], amplitude: Amplitude = float
+    ) -> None:
+        """Add the forces of a mass matrix times a uniform acceleration [m/s^2]. Collective."""
+        weight = _dolfinx.create_vector(self._V)
+        values = writable_values(weight)
+        values[:] = mass.apply(np.tile(np.asarray(acceleration, dtype=float), len(values) // 3))
+        add_ghosts(weight)
+        update_ghosts(weight)
+        self._add_forces(weight, amplitude)
+
+    def _add_forces(self, part: PETSc.Vec, amplitude: Amplitude) -> None:
         """Add nodal forces [N], a ghosted vector of the displacement's space."""
-        for other, force in self._forces:
-            if other == amplitude:
-                force.axpy(1.0, part)
-                return
-        self._forces.append((amplitude, part))
+        same = [force for other, force in self._forces if other == amplitude]
+        if same:
+            same[0].axpy(1.0, part)
+        else:
+            self._forces.append((amplitude, part))
+        self.set_load(0.0)
 
     def set_load(self, load: float) -> None:
         """Set the load parameter lambda."""

@@ -3,65 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Self
 
-import numpy as np
-import ufl
+from pydantic import Field
 
-from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts, writable_values
-from fem_snh.assembly.regions import Region, cell_constant, density_of
-from fem_snh.terms.dead_load import Amplitude, DeadLoad
+from fem_snh.tables.amplitudes import TABLE, TableName
+from fem_snh.tables.types import Vector
+from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
-    from fem_snh.assembly.nodal_mass import NodalMass
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.term import Term
 
 
-class Gravity(DeadLoad):
-    r"""A uniform acceleration of the whole body.
+class Gravity(Feature):
+    r"""The weight of the body, or another acceleration; materials need a density.
 
     .. math:: E = -a(\lambda) \int_\Omega \rho\, g \cdot u \, \mathrm{d}V
 
-    Parameters
-    ----------
-    V : dolfinx function space
-        The displacement's space.
-    regions : sequence of Region
-        The cells and their densities rho [kg/m^3].
-    vector : sequence of float
-        The acceleration g [m/s^2].
-    amplitude : callable, optional
-        The factor a as a function of the load; without, the load itself.
-    mass : NodalMass, optional
-        The mass matrix M of a body in motion, for the forces M g: with a lumped one a body falls
-        without being deformed. Without, those of the integral.
-
-    Raises
-    ------
-    BadInput
-        On every rank, if a material has no density.
+    With the mass matrix M of a body in motion the forces are M g: with a lumped one the body falls
+    without being deformed.
     """
 
-    def __init__(
-        self,
-        V: Any,
-        regions: Sequence[Region],
-        vector: Sequence[float],
-        amplitude: Amplitude = float,
-        mass: NodalMass | None = None,
-    ) -> None:
-        super().__init__("gravity", V)
-        if mass is not None:
-            weight = _dolfinx.create_vector(V)
-            uniform = np.tile(np.asarray(vector, dtype=float), len(writable_values(weight)) // 3)
-            writable_values(weight)[:] = mass.apply(uniform)
-            add_ghosts(weight)
-            update_ghosts(weight)
-            self.add_forces(weight, amplitude)
-            self.set_load(0.0)
-            return
-        densities = [density_of(region, "gravity") for region in regions]
-        density = cell_constant(V.mesh, regions, densities)
-        weight = density * _dolfinx.constant(V.mesh, vector)
-        self.add(ufl.inner(weight, ufl.TestFunction(V)) * ufl.dx, amplitude)
-        self.set_load(0.0)
+    key = "gravity"
+    vector: Vector = Field(description="Acceleration at amplitude 1 [m/s^2].")
+    table: TableName | None = Field(default=None, description=TABLE)
+
+    @classmethod
+    def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
+        """Return one term of all accelerations. Collective."""
+        from fem_snh.terms.dead_load import DeadLoad  # imports PETSc
+
+        term = DeadLoad(cls.key, body.V)
+        for load in features:
+            amplitude = body.amplitudes.force(load.table)
+            if body.motion:
+                term.add_weight(body.motion.mass, load.vector, amplitude)
+            else:
+                weight = body.density(cls.key) * body.constant(load.vector)
+                term.add(weight, body.cells, amplitude)
+        return [term]

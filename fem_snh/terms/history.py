@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import NotSettled
-from fem_snh.terms import Term
 from fem_snh.terms.settling import MAX_SOLVES, LaggedChange, largest_change
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[np.float64]
 

@@ -1,128 +1,37 @@
-"""Pressures on surfaces: forces that follow the deformed normal and area."""
+"""Pressures on surfaces."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Self
 
-from petsc4py import PETSc
+from pydantic import Field
 
-import numpy as np
+from fem_snh.tables.amplitudes import TABLE, TableName
+from fem_snh.tables.types import SURFACE, Number, Surface
+from fem_snh.terms.feature import Feature
 
-from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.errors import BadInput
-from fem_snh.mesh.mesh import Mesh
-from fem_snh.terms.dead_load import Amplitude
-from fem_snh.terms.swept_volume import SweptVolume, fit_points
-from fem_snh.terms.traction import surface_measure
-from fem_snh.terms.ufl_term import UFLTerm
-from fem_snh.terms.ufl_terms import UFLTerms
+if TYPE_CHECKING:
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.term import Term
 
 
-class SurfacePressure(Protocol):
-    """A pressure on a physical group."""
+class Pressure(Feature):
+    r"""A follower load on a surface: a force per present area, normal to the deformed surface.
 
-    @property
-    def group(self) -> str | int:
-        """Name or number of the physical group."""
-
-    @property
-    def value(self) -> float:
-        """The pressure [Pa]; a positive one pushes into the body."""
-
-
-class Pressure(UFLTerms):
-    r"""Forces per deformed area, normal to the deformed surface.
-
-    .. math:: R(u; v) = \sum_i a_i(\lambda)\, p_i \int_{\Gamma_i} \mathrm{cof}(F) N \cdot v
-        \, \mathrm{d}A
-
-    Surfaces with the same amplitude are examined together: a closed surface may be of several
-    groups. If they are not conservative, the Hessian is the symmetric part of dR/du.
-
-    Parameters
-    ----------
-    u : dolfinx Function
-        The displacement.
-    mesh : Mesh
-        The mesh whose physical groups the loads name.
-    loads : sequence of SurfacePressure
-        The pressures p_i [Pa] on the surfaces Gamma_i.
-    amplitudes : sequence of callables
-        The factors a_i as functions of the load; `float` is the load itself.
-    dirichlet : Dirichlet
-        The constrained dofs.
-
-    Attributes
-    ----------
-    has_energy : bool
-        Whether the pressures are conservative: see `fem_snh.terms.swept_volume`.
-    note : str
-        What a user should know: which pressures are not conservative.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for a group that is unknown or not a surface.
+    .. math:: R(u; v) = a(\lambda)\, p \int_{\Gamma} \mathrm{cof}(F) N \cdot v \, \mathrm{d}A
     """
 
-    name, depends_on_load = "pressure", True
+    key = "pressure"
+    group: Surface = Field(description=SURFACE)
+    value: Number = Field(
+        description="Pressure at amplitude 1 [Pa]; a positive one pushes into the body."
+    )
+    table: TableName | None = Field(default=None, description=TABLE)
 
-    def __init__(
-        self,
-        u: Any,
-        mesh: Mesh,
-        loads: Sequence[SurfacePressure],
-        amplitudes: Sequence[Amplitude],
-        dirichlet: Dirichlet,
-    ) -> None:
-        V = u.function_space
-        self._amplitudes, self._values = list(amplitudes), [load.value for load in loads]
-        self._present = [_dolfinx.constant(V.mesh, 0.0) for _ in loads]
-        self._volumes = [
-            SweptVolume(V, surface_measure(mesh, self.name, load.group)) for load in loads
-        ]
-        both = list(zip(self._present, self._volumes, strict=True))
-        self._terms = [UFLTerm(p * v.residual(u), u, self.name) for p, v in both]
-        open_surfaces: list[str] = []
-        for amplitude in dict.fromkeys(self._amplitudes):
-            which = [i for i, other in enumerate(self._amplitudes) if other == amplitude]
-            if not self._fit(which, dirichlet):
-                open_surfaces += [f"'{loads[i].group}'" for i in which]
-        self.has_energy = not open_surfaces
-        self.note = (
-            f"the pressure on {', '.join(open_surfaces)} has no energy, as an edge of the surface "
-            "is free: the line search is on the residual"
-            if open_surfaces
-            else ""
-        )
+    @classmethod
+    def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
+        """Return one term of all pressures: a closed surface may have several. Collective."""
+        from fem_snh.terms.follower_pressure import FollowerPressure  # imports PETSc
 
-    def _fit(self, which: Sequence[int], dirichlet: Dirichlet) -> bool:
-        """Set the points of some surfaces; whether the pressures on them are conservative."""
-        volumes, values = [self._volumes[i] for i in which], [self._values[i] for i in which]
-        points = fit_points(volumes, values, dirichlet)
-        for volume, point in zip(volumes, [] if points is None else points, strict=False):
-            volume.set_point(point)
-        return points is not None
-
-    def set_load(self, load: float) -> None:
-        """Set the pressures of a load."""
-        factors = zip(self._present, self._values, self._amplitudes, strict=True)
-        for present, value, amplitude in factors:
-            present.value = np.array(value * amplitude(load))
-        for term in self._terms:
-            term.set_load(load)
-
-    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
-        """Return the potential of the pressures [J], zero at rest. Collective.
-
-        Raises
-        ------
-        BadInput
-            If the pressures are not conservative.
-        """
-        if not self.has_energy:
-            raise BadInput(self.note)
-        both = zip(self._present, self._volumes, strict=True)
-        return sum(float(present.value) * volume.change(u) for present, volume in both)
+        return [FollowerPressure(features, body)]

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 import numpy.typing as npt
 
-from fem_snh.terms import Term
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 
 
+@runtime_checkable
 class Term(Protocol):
     """A part of a problem's energy, with its derivative.
+
+    A term with ``stateless = True`` keeps nothing from one evaluation to the next.
 
     ``u`` and ``p`` are the ghosted vectors of the displacement and of the pressure, ``r_u`` and
     ``r_p`` those of the derivatives with respect to them. Without an unknown pressure ``p`` and

@@ -29,6 +29,11 @@ from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
 
 #: Relative asymmetry of element matrices up to which a residual has an energy: far above rounding.
 _SYMMETRIC = 1e-10
+#: What a program's list of terms may have.
+TERM = (
+    "a UFL form, an energy (rank 0) or a residual (rank 1); a feature such as fem_snh.Pressure; or "
+    "an object with the methods of fem_snh.Term"
+)
 #: Integrals that have one element matrix per cell or facet.
 _KINDS = ("cell", "exterior_facet")
 
@@ -75,6 +80,8 @@ class UFLTerm:
     Constants and functions in the form may change between solves. A dead load is assembled when
     `set_load` is called, once per solve.
     """
+
+    stateless = True
 
     def __init__(
         self,
@@ -199,7 +206,7 @@ class UFLTerm:
 def check_form(form: Any, u: Any, name: str) -> None:
     """Raise BadInput, with key ``name``, unless ``form`` is an energy or a residual of ``u``."""
     if not isinstance(form, ufl.Form):
-        raise bad_value(name, form, "a UFL form: an energy (rank 0) or a residual (rank 1)")
+        raise bad_value(name, form, TERM)
     V, arguments = u.function_space, form.arguments()
     spaces = [argument.ufl_function_space() for argument in arguments]
     if len(arguments) > 1:

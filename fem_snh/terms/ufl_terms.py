@@ -14,6 +14,7 @@ class UFLTerms:
     Subclasses set the list ``_terms``.
     """
 
+    stateless = True
     _terms: list[UFLTerm]
 
     def add_residual(

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from fem_snh.scenes import _bones, _shapes, schema
-from fem_snh.scenes._validation import Expect
+from fem_snh.tables.validation import Expect
 from generated.table import table
 
 #: The tables of a scene file, in the order of the page, each with the model that validates it.

@@ -4,8 +4,8 @@ from pydantic import PositiveFloat
 
 from fem_snh.scenes._obstacles import ObstacleChoice
 from fem_snh.scenes._time import Damping
-from fem_snh.scenes._types import Count
 from fem_snh.scenes.schema import Amplitude, Geometry, Gravity, MaterialChoice, Scene, Time
+from fem_snh.tables.types import Count
 
 #: Frames a second, and semi-implicit steps a frame as in Smith et al. 2018.
 FRAME_RATE, SUBSTEPS = 24, 10

@@ -20,7 +20,7 @@ from fem_snh.steps.dynamics.damping import RayleighDamping
 from fem_snh.steps.dynamics.inertia import Inertia
 from fem_snh.steps.dynamics.integrators import Affine
 from fem_snh.steps.dynamics.spins import cell_rotations
-from fem_snh.terms import Term
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 

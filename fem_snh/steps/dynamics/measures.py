@@ -12,8 +12,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.problem import Problem
-from fem_snh.terms import Term
 from fem_snh.terms.history import WorkingTerm
+from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 

@@ -24,7 +24,7 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.render.fields import label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
-from fem_snh.viewing.render.surfaces import Body, body
+from fem_snh.viewing.render.surfaces import DrawnBody, body
 from fem_snh.viewing.render.worker import serve
 
 #: Width of the picture [pixels].
@@ -93,7 +93,7 @@ class View:
     height: float
 
 
-def bounds(bodies: Sequence[Body]) -> np.ndarray:
+def bounds(bodies: Sequence[DrawnBody]) -> np.ndarray:
     """Return the lowest and the highest coordinates (2, 3) of bodies, deformed and at rest."""
     points = [p for b in bodies for p in (b.surface.points, b.ghost.points) if len(p)]
     return np.array(
@@ -104,7 +104,7 @@ def bounds(bodies: Sequence[Body]) -> np.ndarray:
     )
 
 
-def view(bodies: Sequence[Body], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
+def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
     """Return a view from the front, right and above, or from the side of a long body.
 
     ``obstacles`` are the surfaces of all panels; with some, the view is that of all together.
@@ -126,7 +126,7 @@ def view(bodies: Sequence[Body], obstacles: Sequence[Sequence[pv.PolyData]] = ()
 
 
 def draw_body(
-    item: Body,
+    item: DrawnBody,
     where: View,
     field: str,
     cmap: str,

@@ -111,7 +111,7 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
 
 
 @dataclass
-class Body:
+class DrawnBody:
     """The geometry of one panel and the values of its field."""
 
     surface: pv.PolyData
@@ -121,7 +121,7 @@ class Body:
     values: np.ndarray
 
 
-def body(files: list[str], field: str) -> Body:
+def body(files: list[str], field: str) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks."""
     grid = read_grid(files, field)
     if field == "mode":
@@ -131,7 +131,7 @@ def body(files: list[str], field: str) -> Body:
     return body_of(grid, field)
 
 
-def body_of(grid: pv.UnstructuredGrid, field: str) -> Body:
+def body_of(grid: pv.UnstructuredGrid, field: str) -> DrawnBody:
     """Return surface, element edges, outline at rest and values (per cell or point) of a grid."""
     faces = boundary(grid, 0).n_cells
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
@@ -146,4 +146,4 @@ def body_of(grid: pv.UnstructuredGrid, field: str) -> Body:
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
     surface[field] = values
-    return Body(surface, edges, rest, ghost, values)
+    return DrawnBody(surface, edges, rest, ghost, values)

@@ -25,7 +25,7 @@ from trame_vtk.modules.vtk.serializers import (
 from fem_snh.viewing.render.drawing import bounds, colours, view
 from fem_snh.viewing.render.fields import label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
-from fem_snh.viewing.render.surfaces import Body, body
+from fem_snh.viewing.render.surfaces import DrawnBody, body
 from fem_snh.viewing.render.worker import serve
 
 #: Of the off-screen window [pixels]; the page draws with its own size.
@@ -57,7 +57,7 @@ def export(job: dict[str, Any]) -> None:
         plotter.close()
 
 
-def _add(plotter: Any, item: Body, field: str, cmap: str, limits: tuple[float, float]) -> None:
+def _add(plotter: Any, item: DrawnBody, field: str, cmap: str, limits: tuple[float, float]) -> None:
     """Add the deformed body, its element edges and its edges at rest."""
     bar = {"title": label(field).replace("  ", " "), "color": "black", "vertical": True}
     plotter.add_mesh(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import sys
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic.json_schema import SkipJsonSchema
 
-from fem_snh.assembly.elements import MAX_QUADRATURE_DEGREE
 from fem_snh.errors import bad_value
-from fem_snh.scenes._validation import Bounded, BoundedPositive, Expect, Finite, Whole
+from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
 INT32_MAX = 2**31 - 1
@@ -18,6 +19,8 @@ INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
 #: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
 MAX_CELLS = 10_000
+#: What UFL calls the integrals of a measure ds.
+_FACETS = "exterior_facet"
 #: run.json has a row of some 500 bytes for each step: 0.5 GB.
 MAX_STEPS = 1_000_000
 
@@ -42,7 +45,6 @@ Number = Annotated[Bounded, Expect("a finite number")]
 Positive = Annotated[BoundedPositive, Expect("a number > 0")]
 NonNegative = Annotated[Bounded, Field(ge=0), Expect("a number >= 0")]
 Cells = Annotated[int, Whole(1, MAX_CELLS)]
-Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 Steps = Annotated[int, Whole(1, MAX_STEPS)]
 Count = Annotated[int, Whole(1, INT32_MAX)]
 Seed = Annotated[int, Whole(0, INT64_MAX)]
@@ -56,6 +58,28 @@ Range = Annotated[tuple[Bounded, Bounded], Expect("two finite numbers")]
 GroupKey = Annotated[
     Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)],
     Expect(f"the name of a physical group, or its number from 1 to {INT32_MAX}"),
+]
+
+
+def _check_measure(value: object) -> object:
+    """Reject what is no UFL measure of exterior facets; without UFL there is none."""
+    ufl: Any = sys.modules.get("ufl")
+    if ufl is None or not isinstance(value, ufl.Measure) or value.integral_type() != _FACETS:
+        raise ValueError
+    return value
+
+
+#: What a key of this kind means.
+SURFACE = "Physical group of surfaces, by name or number; in a program a measure ds(...)."
+#: A surface: a physical group of a scene, or a measure of a program.
+Surface = Annotated[
+    Annotated[str, Field(min_length=1)]
+    | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)]
+    | Annotated[SkipJsonSchema[Any], AfterValidator(_check_measure)],
+    Expect(
+        f"the name of a physical group, or its number from 1 to {INT32_MAX}; in a program a "
+        "measure ds(...)"
+    ),
 ]
 Groups = Annotated[
     list[GroupKey],

@@ -8,18 +8,33 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, PlainSerializer, field_validator
 
-from fem_snh.errors import bad_value, choose
-from fem_snh.scenes._types import Text
-from fem_snh.scenes._validation import Bounded, Expect, Table
+from fem_snh.choices import LARGEST_NUMBER
+from fem_snh.errors import bad_value, check_number, choose
+from fem_snh.tables.types import Text
+from fem_snh.tables.validation import Bounded, Expect, Table
 
 _POINTS = "a list of [load, value], two or more, the loads ascending"
 
 Points = Annotated[tuple[tuple[Bounded, Bounded], ...], Field(min_length=2), Expect(_POINTS)]
 
-#: The key of a load or a motion that names a table.
-TableName = Annotated[str, Field(min_length=1), Expect("the name of a [[table]]")]
+Function = Callable[[float], float]
+
+
+def _function_name(table: Any) -> str:
+    """Return a function by its name, for JSON: its code cannot be compared."""
+    name = getattr(table, "__qualname__", type(table).__name__)
+    return f"function {name}" if callable(table) else str(table)
+
+
+#: The key of a load or a motion that names a table. In Python it may be a function of the load, of
+#: the time [s] where there is one.
+TableName = Annotated[
+    Annotated[str, Field(min_length=1)] | Function,
+    Expect("the name of a [[table]]"),
+    PlainSerializer(_function_name, when_used="json-unless-none"),
+]
 TABLE = (
     "Name of the [[table]] that is its amplitude; default: the load itself, and of a force in a "
     "scene with [time] 1."
@@ -75,7 +90,7 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
     for key, value in tables.items():
         here = f"{path}{key}"
         if key == "table" and path:
-            if value is not None:
+            if isinstance(value, str):
                 yield here, value
         elif isinstance(value, Table):
             yield from _references(dict(value), f"{here}.")
@@ -85,23 +100,26 @@ def _references(tables: Mapping[str, Any], path: str = "") -> Iterable[tuple[str
 
 
 @dataclass(frozen=True)
-class TimeAmplitude:
-    """The amplitude of a table in time, as a function of the load.
+class _Factor:
+    """A factor as a function of the load, which calls a function of the load or the time.
 
     Attributes
     ----------
-    table : Amplitude
-        The table, with times [s].
-    duration : float
-        The time of load 1 [s].
+    function : callable
+        The function; its values are numbers.
+    duration : float or None
+        The time of load 1 [s]; None for a function of the load.
     """
 
-    table: Amplitude
-    duration: float
+    function: Function
+    duration: float | None = None
 
     def __call__(self, load: float) -> float:
         """Return the factor at a load."""
-        return self.table.value(load * self.duration)
+        at = load if self.duration is None else load * self.duration
+        value = self.function(at)
+        check_number(f"table({at:g})", value, -LARGEST_NUMBER, highest=LARGEST_NUMBER)
+        return float(value)
 
 
 def constant(load: float) -> float:
@@ -109,17 +127,44 @@ def constant(load: float) -> float:
     return 1.0
 
 
-def amplitude(
-    tables: Sequence[Amplitude],
-    name: str | None,
-    default: Callable[[float], float] = float,
-    duration: float | None = None,
-) -> Callable[[float], float]:
-    """Return the function of the load that a key ``table`` names; ``default`` without a name.
+@dataclass(frozen=True)
+class Amplitudes:
+    """The amplitudes of the loads and motions of a body, as functions of the load.
 
-    Tables are in time if there is a ``duration``, the time of load 1 [s].
+    Attributes
+    ----------
+    tables : sequence of Amplitude
+        The tables that loads and motions may name.
+    duration : float or None
+        The time of load 1 [s], of which the tables are functions; None without time.
     """
-    if name is None:
-        return default
-    table = next(table for table in tables if table.name == name)
-    return table.value if duration is None else TimeAmplitude(table, duration)
+
+    tables: Sequence[Amplitude] = ()
+    duration: float | None = None
+
+    def motion(self, table: str | Function | None, default: Function = float) -> Function:
+        """Return the amplitude that a key ``table`` names; ``default`` without a name.
+
+        Two loads with one table have equal amplitudes.
+
+        Raises
+        ------
+        BadInput
+            For a name of no table.
+        """
+        if table is None:
+            return default
+        if callable(table):
+            return _Factor(table, self.duration)
+        if not self.tables:
+            raise bad_value("table", table, "a function of the load, as there is no [[table]]")
+        choose("table", table, [known.name for known in self.tables])
+        return _Factor(next(t for t in self.tables if t.name == table).value, self.duration)
+
+    def force(self, table: str | Function | None) -> Function:
+        """Return the amplitude of a force, which without a table is constant in time."""
+        return self.motion(table, float if self.duration is None else constant)
+
+
+#: Those of a body without tables and without time.
+LOAD_ITSELF = Amplitudes()

@@ -20,7 +20,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fem_snh.choices import LARGEST_NUMBER
 from fem_snh.errors import BadInput, shown, unknown_name
-from fem_snh.scenes._synonyms import suggestion
+from fem_snh.tables.synonyms import suggestion
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -101,6 +101,29 @@ class Table(BaseModel):
     """A table with known keys; messages name unknown and missing ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    def __init__(self, *values: Any, **keys: Any) -> None:
+        """Set the first keys to ``values``, in their order, and others by name.
+
+        Raises
+        ------
+        BadInput
+            One line, for a value that is not accepted, an unknown or a missing key.
+        """
+        fields, name = [*type(self).model_fields], type(self).__name__
+        if len(values) > len(fields):
+            accepted = f"at most {len(fields)}: {', '.join(fields)}"
+            raise BadInput(f"{name} with {len(values)} values: expected {accepted}")
+        given = dict(zip(fields, values, strict=False))
+        if twice := [key for key in given if key in keys]:
+            raise BadInput(f"{name}: expected one value of '{twice[0]}', not two")
+        try:
+            super().__init__(**given, **keys)
+        except ValidationError as error:
+            raise BadInput(one_line(error)) from None
+
+    # Otherwise pydantic calls it for tables in tables, too, and their errors lose their keys.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="before")
     @classmethod

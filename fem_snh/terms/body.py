@@ -1,0 +1,168 @@
+"""The body that terms act on, in a scene and in a program alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.regions import Region, cell_constant, density_of, reference_modulus
+from fem_snh.errors import bad_value
+from fem_snh.mesh.mesh import Mesh, volume
+from fem_snh.mesh.skin import Skin
+from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
+
+if TYPE_CHECKING:
+    from fem_snh.assembly.nodal_mass import NodalMass
+    from fem_snh.terms.term import Term
+
+Array = npt.NDArray[Any]
+#: Returns this rank's facets of a surface, given the key that names it, for messages, and its name.
+Facets = Callable[[str, Any], Array]
+
+
+class MotionInTime(Protocol):
+    """The motion of a body in time: `fem_snh.steps.dynamics.dynamics.Dynamics`."""
+
+    mass: NodalMass
+    terms: list[Term]
+    integrator: Any
+
+
+#: Returns the motion of a body, given displacement, regions and Dirichlet conditions.
+CreateMotion = Callable[[Any, Sequence[Region], Dirichlet], Any]
+
+
+@dataclass(frozen=True)
+class Body:
+    """The body that terms act on: what a feature may ask for when it makes them.
+
+    Attributes
+    ----------
+    u : dolfinx Function
+        The displacement [m].
+    regions : sequence of Region
+        The materials with their cells and densities.
+    dirichlet : Dirichlet
+        The constrained dofs and their values.
+    facets : callable
+        ``facets(key, surface)`` returns this rank's facets (n,) of a surface, a physical group of
+        a scene or a measure of a program; the key is that of messages. Collective. It raises
+        BadInput on every rank, for anything else.
+    amplitudes : Amplitudes
+        The factors of loads and motions as functions of the load.
+    motion : MotionInTime or None
+        The motion in time; None of a quasi-static body.
+    skin : Skin or None
+        The surface that a lattice carries.
+    """
+
+    u: Any
+    regions: Sequence[Region]
+    dirichlet: Dirichlet
+    facets: Facets
+    amplitudes: Amplitudes = LOAD_ITSELF
+    motion: MotionInTime | None = None
+    skin: Skin | None = None
+
+    @property
+    def V(self) -> Any:
+        """The displacement's function space."""
+        return self.u.function_space
+
+    @property
+    def domain(self) -> Any:
+        """The dolfinx mesh."""
+        return self.V.mesh
+
+    @cached_property
+    def volume(self) -> float:
+        """The reference volume of the mesh [m^3]. Collective."""
+        return volume(self.domain)
+
+    @cached_property
+    def modulus(self) -> float:
+        """The Young's modulus [Pa] by which forces are scaled. Collective."""
+        return reference_modulus(self.domain, self.regions)
+
+    def measure(self, key: str, surface: Any) -> Any:
+        """Return the UFL measure of a surface: see `facets`. Collective."""
+        ds = _dolfinx.surface_measure(self.domain, self.facets(key, surface))
+        return ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds
+
+    @property
+    def cells(self) -> Any:
+        """The UFL measure of all cells."""
+        return ufl.dx
+
+    def density(self, purpose: str) -> Any:
+        """Return the mass per reference volume [kg/m^3], a dolfinx Function.
+
+        Raises
+        ------
+        BadInput
+            If a material has no density, and the message says for which purpose one is needed.
+        """
+        densities = [density_of(region, purpose) for region in self.regions]
+        return cell_constant(self.domain, self.regions, densities)
+
+    def constant(self, value: Any) -> Any:
+        """Return a dolfinx Constant."""
+        return _dolfinx.constant(self.domain, value)
+
+
+def group_facets(mesh: Mesh, key: str, group: Any) -> Array:
+    """Return this rank's facets of a physical group that a scene's key names, (n,). Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown, not a surface, or in part inside of the body:
+        an integral over the boundary would leave that part out.
+    """
+    if not isinstance(group, str | int):
+        raise bad_value(key, group, "a physical group of the scene's mesh, by name or number")
+    found = mesh.group(group)
+    if found.dim != 2:
+        raise bad_value(key, group, f"a surface, not a {found.label}")
+    exterior = _dolfinx.exterior_facets(mesh.domain)[0]
+    outside = mesh.domain.comm.allreduce(int(np.isin(exterior, found.entities).sum()))
+    if outside < found.count:
+        inside = found.count - outside
+        accepted = f"a surface of the body; {inside} of its {found.count} facets are inside of it"
+        raise bad_value(key, group, accepted)
+    return found.entities
+
+
+def measure_facets(domain: Any, key: str, measure: Any) -> Array:
+    """Return this rank's facets of a program's measure, (n,). Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for what is no measure of exterior facets of the mesh, or has none.
+    """
+    if isinstance(measure, str | int):
+        raise bad_value(key, measure, "a measure ds(...): the mesh of a program has no groups")
+    if measure.ufl_domain() not in (None, domain.ufl_domain()):
+        raise bad_value(key, "a measure on another mesh", "the mesh of the displacement")
+    shown = surface_name(measure)
+    try:
+        facets = _dolfinx.measure_entities(measure, domain)
+    except ValueError as error:
+        raise bad_value(key, shown, str(error)) from None
+    if domain.comm.allreduce(len(facets)) == 0:
+        raise bad_value(key, shown, "a measure of facets of the boundary; none has this tag")
+    return facets
+
+
+def surface_name(surface: Any) -> str:
+    """Return the name of a physical group, or of a measure, in results and messages."""
+    return f"ds({surface.subdomain_id()})" if hasattr(surface, "subdomain_id") else str(surface)

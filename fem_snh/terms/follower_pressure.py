@@ -1,0 +1,104 @@
+"""Pressures on surfaces: forces that follow the deformed normal and area."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.errors import BadInput
+from fem_snh.terms.body import Body, surface_name
+from fem_snh.terms.swept_volume import SweptVolume, fit_points
+from fem_snh.terms.ufl_term import UFLTerm
+from fem_snh.terms.ufl_terms import UFLTerms
+
+if TYPE_CHECKING:
+    from fem_snh.terms.pressure import Pressure
+
+
+class FollowerPressure(UFLTerms):
+    r"""Forces per deformed area, normal to the deformed surface.
+
+    .. math:: R(u; v) = \sum_i a_i(\lambda)\, p_i \int_{\Gamma_i} \mathrm{cof}(F) N \cdot v
+        \, \mathrm{d}A
+
+    Surfaces with the same amplitude are examined together: a closed surface may be of several
+    groups. If they are not conservative, the Hessian is the symmetric part of dR/du.
+
+    Parameters
+    ----------
+    pressures : sequence of Pressure
+        The pressures p_i [Pa] on the surfaces Gamma_i.
+    body : Body
+        What they act on.
+
+    Attributes
+    ----------
+    has_energy : bool
+        Whether the pressures are conservative: see `fem_snh.terms.swept_volume`.
+    note : str
+        What a user should know: which pressures are not conservative.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown or not a surface.
+    """
+
+    name, depends_on_load = "pressure", True
+
+    def __init__(self, pressures: Sequence[Pressure], body: Body) -> None:
+        u, dirichlet = body.u, body.dirichlet
+        self._amplitudes = [body.amplitudes.force(load.table) for load in pressures]
+        self._values = [load.value for load in pressures]
+        self._present = [body.constant(0.0) for _ in pressures]
+        self._volumes = [
+            SweptVolume(body.V, body.measure("pressure.group", load.group)) for load in pressures
+        ]
+        both = list(zip(self._present, self._volumes, strict=True))
+        self._terms = [UFLTerm(p * v.residual(u), u, self.name) for p, v in both]
+        open_surfaces: list[str] = []
+        for amplitude in dict.fromkeys(self._amplitudes):
+            which = [i for i, other in enumerate(self._amplitudes) if other == amplitude]
+            if not self._fit(which, dirichlet):
+                open_surfaces += [f"'{surface_name(pressures[i].group)}'" for i in which]
+        self.has_energy = not open_surfaces
+        self.note = (
+            f"the pressure on {', '.join(open_surfaces)} has no energy, as an edge of the surface "
+            "is free: the line search is on the residual"
+            if open_surfaces
+            else ""
+        )
+
+    def _fit(self, which: Sequence[int], dirichlet: Dirichlet) -> bool:
+        """Set the points of some surfaces; whether the pressures on them are conservative."""
+        volumes, values = [self._volumes[i] for i in which], [self._values[i] for i in which]
+        points = fit_points(volumes, values, dirichlet)
+        for volume, point in zip(volumes, [] if points is None else points, strict=False):
+            volume.set_point(point)
+        return points is not None
+
+    def set_load(self, load: float) -> None:
+        """Set the pressures of a load."""
+        factors = zip(self._present, self._values, self._amplitudes, strict=True)
+        for present, value, amplitude in factors:
+            present.value = np.array(value * amplitude(load))
+        for term in self._terms:
+            term.set_load(load)
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the potential of the pressures [J], zero at rest. Collective.
+
+        Raises
+        ------
+        BadInput
+            If the pressures are not conservative.
+        """
+        if not self.has_energy:
+            raise BadInput(self.note)
+        both = zip(self._present, self._volumes, strict=True)
+        return sum(float(present.value) * volume.change(u) for present, volume in both)

@@ -1,0 +1,65 @@
+"""Elastic foundations: forces on surfaces, opposite to the displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from fem_snh.terms.ufl_term import UFLTerm
+from fem_snh.terms.ufl_terms import UFLTerms
+
+if TYPE_CHECKING:
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.spring import Spring
+
+
+class Foundation(UFLTerms):
+    r"""Foundations that resist the displacement of surfaces (Robin conditions).
+
+    .. math:: E = \sum_i \frac{a_i(\lambda)}{2} \int_{\Gamma_i} k_i u \cdot u \, \mathrm{d}A
+
+    Parameters
+    ----------
+    springs : sequence of Spring
+        The stiffnesses k_i [Pa/m] on the surfaces Gamma_i, and the factors a_i >= 0.
+    body : Body
+        What they act on.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown or not a surface.
+    """
+
+    name, has_energy = "spring", True
+
+    def __init__(self, springs: Sequence[Spring], body: Body) -> None:
+        self.depends_on_load = any(spring.table is not None for spring in springs)
+        self._amplitudes = [
+            None if spring.table is None else body.amplitudes.force(spring.table)
+            for spring in springs
+        ]
+        self._given: list[npt.NDArray[Any]] = []
+        self._present, self._terms = [], []
+        for spring in springs:
+            self._given.append(np.broadcast_to(np.array(spring.stiffness, float), 3).copy())
+            k = body.constant(self._given[-1])
+            forces = ufl.as_vector([k[i] * body.u[i] for i in range(3)])
+            ds = body.measure("spring.group", spring.group)
+            self._present.append(k)
+            self._terms.append(UFLTerm(ufl.inner(forces, body.u) / 2 * ds, body.u, self.name))
+
+    def set_load(self, load: float) -> None:
+        """Set the stiffnesses of a load."""
+        for k, given, amplitude in zip(self._present, self._given, self._amplitudes, strict=True):
+            k.value[:] = given if amplitude is None else amplitude(load) * given
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of the foundations [J]. Collective."""
+        return sum(term.energy(u, p) for term in self._terms)
