@@ -140,7 +140,7 @@ def measure(name: str, scene: Scene, exact: float | None, factor: float) -> Row:
         "failed": len(result.steps) - len(steps),
         "newton": sum(step["newton"] for step in result.steps),
         "linear": sum(step["linear"] for step in result.steps),
-        "solves": max(found.get("solves", 1) for found in touching),
+        "solves": max(step["solves"] for step in steps),
         "penetration": max(found["penetration"] for found in touching) / size,
     }
     if scene.time and result.converged:

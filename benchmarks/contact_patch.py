@@ -100,7 +100,7 @@ def measure(element: str, cells: tuple[int, int], factor: float, method: str) ->
         "contacts": pair["contacts"],
         "newton": step["newton"],
         "linear": step["linear"],
-        "solves": pair["solves"],
+        "solves": step["solves"],
         "limit": LIMIT,
         "ok": bool(result.converged and (error <= LIMIT or (factor < 100 and tolerance is None))),
     }

@@ -89,7 +89,7 @@ def measure(scene: Scene) -> Row:
         "halved": len(result.steps) - len(steps),
         "steps_in_contact": sum(row["contacts"] > 0 for row in contacts),
         "newton_a_step": round(sum(step["newton"] for step in result.steps) / len(steps), 1),
-        "most_solves": max(row["solves"] for row in contacts),
+        "most_solves": max(step["solves"] for step in steps),
         "penetration": float(f"{penetration:.3g}"),
         "distance": float(f"{distance(result.problem):.3g}"),
         "min_J": float(f"{min(step['min_J'] for step in steps):.3g}"),

@@ -50,7 +50,7 @@ assert result.converged, result.status
 # %% [markdown]
 # ## What a step takes, and what touches
 #
-# The last steps, in which the fingers press on the palm, take most iterations. `rounds` says how
+# The last steps, in which the fingers press on the palm, take most iterations. `solves` says how
 # often a step is solved until the pairs that touch have settled.
 
 # %%
@@ -104,7 +104,7 @@ if MPI.COMM_WORLD.rank == 0:
     print(f"at the end {contact[-1]['pairs']} points touch: {contact[-1]['force']:.0f} N")
     for parts, force in between.most_common():
         print(f"  {' and '.join(sorted(parts))}: {force:.2f} N")
-    print(f"solves of a step: at most {max(row['rounds'] for row in contact)}")
+    print(f"solves of a step: at most {max(step['solves'] for step in steps)}")
     for name, lost in materials.items():
         print(f"volume lost without contact, {name}: {lost:.2%}")
     picture = render(args.out, args.out / "hand.png", [0.25, 1.0])

@@ -94,7 +94,7 @@ def press(p, steps=1, tolerance=1e-11):
 
 
 def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[str, Any]]:
-    """Solve time steps, or make linearised ones; yield the rows of the obstacles."""
+    """Solve time steps, or make linearised ones; yield the obstacles' rows, with ``solves``."""
     snes = accurate_snes(p, tolerance)
     linearised = dynamics.integrator.name == "semi_implicit"
     one_step = solver.SemiImplicit(p, snes)
@@ -116,7 +116,8 @@ def march(p, dynamics, steps, velocity=None, tolerance=1e-11) -> Iterator[dict[s
                 again = p.history.update_lagged(u())
         dynamics.end_step(p)
         p.history.end_step(u())
-        yield p.history.record(u())["obstacles"]
+        rows = p.history.record(u())["obstacles"]
+        yield {name: row | {"solves": p.history.solves} for name, row in rows.items()}
 
 
 def nodes_mean(p):

@@ -43,8 +43,9 @@ def test_a_group_of_the_surface(comm, group, contacts):
 
 def test_a_tolerance_is_relative_to_the_body(comm):
     plate = {"method": "augmented_lagrangian", "tolerance": 1e-6, "friction": 0.0}
-    found = solve(slide(**plate), comm=comm).record["steps"][-1]["obstacles"]["plate"]
-    assert found["penetration"] <= 1e-6 and 1 < found["solves"] < 10 and "sliding" not in found
+    step = solve(slide(**plate), comm=comm).record["steps"][-1]
+    found = step["obstacles"]["plate"]
+    assert found["penetration"] <= 1e-6 and 1 < step["solves"] < 10 and "sliding" not in found
 
 
 def test_mistakes(comm):

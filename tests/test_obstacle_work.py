@@ -13,7 +13,7 @@ from two_bodies import ROLLERS
 
 import fem_snh
 from fem_snh.contact.obstacle_contact import Contact
-from fem_snh.contact.obstacle_work import PointForces, obstacle_work
+from fem_snh.contact.obstacle_pair import PointForces, obstacle_work
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Cylinder
@@ -78,7 +78,7 @@ def test_a_press(comm, integrator, lost):
     found, force = dynamics.energies(p), row["press"]["force"][2]
     stored = found["elastic"] + found["potential"] + found["kinetic"]
     assert found["kinetic"] < 1e-3 * stored
-    m, k = fem_snh.material("stable_neo_hookean", E=E, nu=nu), contact.pairs[0].stiffness.max()
+    m, k = fem_snh.material("stable_neo_hookean", E=E, nu=nu), contact.pairs[0].law.stiffness.max()
     k = comm.allreduce(float(k), op=MPI.MAX)
 
     def deformation(s):

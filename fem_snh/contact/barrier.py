@@ -63,8 +63,6 @@ class IPC:
         Its geometry.
     stiffness, distance : float
         See the parameters.
-    solves : int
-        How often the present step was solved.
 
     Raises
     ------
@@ -93,7 +91,7 @@ class IPC:
         self.distance = surface.default_distance(points) if distance is None else distance
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
         self._matrix = SurfaceMatrix(self.surface)
-        self.solves, self._checked, self._ended, self._slides = 0, False, False, friction > 0
+        self._checked, self._ended, self._slides = False, False, friction > 0
         # Forces of friction at the end of the last step, and where the next one starts.
         self._old: Array = np.zeros(self.surface.support.X.shape)
         self._origin = np.zeros_like(self._old)
@@ -153,8 +151,7 @@ class IPC:
         ``pairs`` in contact; ``distance`` [m], the smallest, or None without a pair; ``force`` [N],
         half of the sum of the magnitudes of the points' forces; ``bodies``, the force [N] of
         contact on each connected part of the surface, and ``friction``, its part of it;
-        ``stiffness`` [Pa]; ``activation`` [m], the distance at which contact begins; ``solves``,
-        how often the step was solved.
+        ``stiffness`` [Pa]; ``activation`` [m], the distance at which contact begins.
         """
         x = self._positions(u)
         collisions, forces = self._energy.collisions(x), -self._energy.gradient(x)
@@ -166,7 +163,6 @@ class IPC:
             "bodies": self.collision_surface.sums(forces),
             "stiffness": self.stiffness,
             "activation": self.distance,
-            "solves": self.solves,
         }
         if self._energy.friction.acts:
             row["friction"] = self.collision_surface.sums(-self._energy.friction.gradient(x))
@@ -186,7 +182,7 @@ class IPC:
         x = self._positions(u)
         if not self._checked:
             self.collision_surface.check(x, "at the start")
-        self.solves, self._checked, self._ended = 0, True, False
+        self._checked, self._ended = True, False
         self._energy.begin_step(x)
         self._origin = self._nodal_displacement(u)
         self._next, self._blocks = x, None
@@ -200,7 +196,6 @@ class IPC:
             On every rank, if the surface intersects itself after all.
         """
         x = self._positions(u)
-        self.solves += 1
         if self.collision_surface.intersects(x):
             raise NotSettled("the surface intersects itself")
         ratio = self._energy.settle(x)

@@ -57,8 +57,6 @@ class BodyContact:
         The nodes of all surfaces, on every rank.
     pairs : list of SurfacePair
         The contact of each pair.
-    solves : int
-        How often the present step was solved.
 
     Raises
     ------
@@ -80,18 +78,14 @@ class BodyContact:
         self.pairs = list[SurfacePair]()
         for i, pair in enumerate(pairs):
             both, sides = surfaces[2 * i : 2 * i + 2], self.surface.sides[2 * i : 2 * i + 2]
-            k, tolerance = pair.stiffness, pair.tolerance
             default = min(surface_mean(s, default_stiffness(s, V, regions), comm) for s in both)
-            if k is None:
-                k = default
-            if tolerance is None:
-                sizes = [surface_mean(s, cell_heights(s, V), comm) for s in both]
-                tolerance = TOLERANCE * max(sizes)
+            height = max(surface_mean(s, cell_heights(s, V), comm) for s in both)
+            first, second = sides
             self.pairs.append(
-                SurfacePair(pair, self.surface, sides[0], sides[1], k, tolerance, default / k)
+                SurfacePair(pair, self.surface, (first, second), default, TOLERANCE * height)
             )
         self._passes = [one for pair in self.pairs for one in pair.passes]
-        self._stale, self._stepped, self.solves = True, False, 0
+        self._stale, self._stepped = True, False
         self._coupled: tuple[list[Array], Array] | None = None
 
     def set_load(self, load: float) -> None:
@@ -101,7 +95,7 @@ class BodyContact:
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of contact [J]. Collective."""
         x = self._positions(u)
-        return sum(one.energy(x) for one in self._passes)
+        return sum(pair.energy(x) for pair in self.pairs)
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
@@ -136,34 +130,32 @@ class BodyContact:
 
         ``force`` [N], which the second surface exerts on the first; ``contacts``, the number of
         points that touch; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
-        `DeepestPoint.row`; ``stiffness`` [Pa/m]; ``solves``, how often the step was solved.
+        `DeepestPoint.row`; ``stiffness`` [Pa/m].
         """
         x = self._positions(u)
-        rows = {pair.name: pair.row(x) | {"solves": self.solves} for pair in self.pairs}
-        return {"contacts": rows}
+        return {"contacts": {pair.name: pair.row(x) for pair in self.pairs}}
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the multipliers to those of the last step and search the facets. Collective."""
-        self.solves, self._stepped, self._stale = 0, True, True
+        self._stepped, self._stale = True, True
         for pair in self.pairs:
-            pair.reset()
+            pair.begin_step()
         self._positions(u)
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again, update multipliers; return the largest change. Collective."""
         x = self._positions(u)
-        self.solves += 1
-        return largest_change([pair.settle(x, self.solves) for pair in self.pairs])
+        return largest_change([pair.settle(x) for pair in self.pairs])
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep the multipliers."""
         x = self._positions(u)
         for pair in self.pairs:
-            pair.keep(x)
+            pair.end_step(x)
 
     def history(self) -> tuple[Array, Array]:
         """Return points of this rank's facets (n, 3), and what is kept there, (n, 2)."""
-        found = [pair.history() for pair in self.pairs if pair.augmented]
+        found = [pair.history() for pair in self.pairs if pair.law.augmented]
         points = [np.empty((0, 3)), *(points for points, _ in found)]
         values = [np.empty((0, 2)), *(values for _, values in found)]
         return np.concatenate(points), np.concatenate(values)
@@ -172,8 +164,8 @@ class BodyContact:
         """Set what is kept, in the order of `history`. Collective."""
         first = 0
         for pair in self.pairs:
-            if pair.augmented:
-                last = first + sum(len(one.own_points) for one in pair.passes)
+            if pair.law.augmented:
+                last = first + len(pair.own_rows)
                 pair.set_history(values[first:last])
                 first = last
 

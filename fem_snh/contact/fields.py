@@ -46,12 +46,11 @@ def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
         points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
         `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
         ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
-        one. With friction ``sliding``, how many of the points
-        slide; with friction or multipliers ``solves``, how often the step was solved.
+        one. With friction ``sliding``, how many of the points slide.
     """
     rows, comm = {}, term.comm
-    for contact, pair, friction in zip(term.contacts, term.pairs, term.frictions, strict=True):
-        at = pair.points(u)
+    for contact, pair in zip(term.contacts, term.pairs, strict=True):
+        at, friction = pair.points(u), pair.friction
         weighted = term.surface.weights[at.which] * at.pressure
         force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
         if friction:
@@ -67,12 +66,10 @@ def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
             "penetration": penetration,
             **deepest.row(penetration),
             "pose": np.column_stack(contact.obstacle.pose(pair.load)).tolist(),
-            "stiffness": surface_mean(term.surface, pair.stiffness, comm),
+            "stiffness": surface_mean(term.surface, pair.law.stiffness[:, 0], comm),
         }
         if friction:
             row["sliding"] = int(counts[4])
-        if friction or contact.augmented:
-            row["solves"] = term.solves
         rows[contact.name] = row
     return rows
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.obstacle_pair import ContactPoints
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.terms.settling import relative
@@ -22,6 +21,35 @@ _YIELD = 1 - 1e-9
 _SLOW = 0.5
 #: ... of at least this share.
 _LEAST_SHARE = 1 / 32
+
+
+class ContactPoints(NamedTuple):
+    """The quadrature points of m facets of which each has a point in contact.
+
+    Attributes
+    ----------
+    which : (m,) int
+        The facets.
+    gap : (m, points)
+        Signed distance from the obstacle [m].
+    pressure : (m, points)
+        Contact force per reference area [Pa], 0 without contact.
+    normal : (m, points, 3)
+        Gradient of the gap: the obstacle's normal.
+    curvature : (m, points, 3, 3)
+        Hessian of the gap [1/m].
+    """
+
+    which: Array
+    gap: Array
+    pressure: Array
+    normal: Array
+    curvature: Array
+
+    @property
+    def acting(self) -> tuple[Array, Array, Array]:
+        """Facets, pressures and normals."""
+        return self.which, self.pressure, self.normal
 
 
 class Friction:

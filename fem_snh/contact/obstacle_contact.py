@@ -17,15 +17,8 @@ from fem_snh.assembly.ghosted_vectors import nodal_vectors, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.friction import Friction
-from fem_snh.contact.law import (
-    TOLERANCE,
-    PenaltyGrowth,
-    cell_heights,
-    default_stiffness,
-    multiplier_change,
-)
-from fem_snh.contact.obstacle_pair import ContactPair
-from fem_snh.contact.obstacle_work import ObstacleWork
+from fem_snh.contact.law import TOLERANCE, ContactLaw, cell_heights, default_stiffness
+from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import Obstacle
@@ -84,8 +77,8 @@ class ObstacleContact:
 
     .. math:: E = \sum_q \frac{w_q}{2 k} \left(\langle \ell - k g(x_q)\rangle^2 - \ell^2\right)
 
-    `ContactPair` has the derivatives, `Friction` the energy of friction. Multipliers and the lagged
-    forces of friction are constant in a solve and updated after it: with an augmented Lagrangian
+    `ObstaclePair` has the derivatives, `Friction` its own energy. Multipliers and the lagged forces
+    of friction are constant in a solve and updated after it: with an augmented Lagrangian
     until no point in contact is farther from the obstacle than the tolerance, with friction until
     the normal forces have settled.
 
@@ -100,10 +93,8 @@ class ObstacleContact:
 
     Attributes
     ----------
-    pairs, frictions : list
-        The `ContactPair` with each obstacle, and its `Friction` or None.
-    solves : int
-        How often the present step has been solved.
+    pairs : list of ObstaclePair
+        The contact with each obstacle.
     depends_on_load : bool
         Whether an obstacle moves.
     """
@@ -116,35 +107,37 @@ class ObstacleContact:
         self.surface = surface = SurfaceQuadrature(V, degree=_DEGREE[tetrahedra])
         self.X = V.tabulate_dof_coordinates()
         heights, default = cell_heights(surface, V), default_stiffness(surface, V, regions)
-        self.pairs, self.frictions = list[ContactPair](), list[Friction | None]()
-        self.tolerances = list[Array]()
+        self.pairs = list[ObstaclePair]()
         for c in contacts:
             k = default if c.stiffness is None else np.full(len(surface), c.stiffness)
             ratio = self.comm.allreduce((default / k).max(initial=0.0), op=MPI.MAX)
-            self.pairs.append(ContactPair(surface, self.X, c.obstacle, k, c.facets, ratio))
+            law = ContactLaw(
+                f"obstacle '{c.name}'",
+                surface.weights,
+                k[:, None],
+                ratio,
+                c.augmented,
+                TOLERANCE * heights[:, None] if c.tolerance is None else c.tolerance,
+                c.tolerance is None and c.limits_force,
+                self.comm,
+            )
             friction = Friction(surface, c.obstacle, c.friction, _TANGENTIAL * k)
-            self.frictions.append(friction if c.friction else None)
-            allowed = TOLERANCE * heights if c.tolerance is None else [c.tolerance] * len(surface)
-            self.tolerances.append(np.asarray(allowed))
-        self._kept = [np.zeros_like(pair.multipliers) for pair in self.pairs]
-        self._work = ObstacleWork(self.comm, self.pairs, self.frictions)
-        self.solves = 0
+            self.pairs.append(
+                ObstaclePair(
+                    surface, self.X, c.obstacle, law, friction if c.friction else None, c.facets
+                )
+            )
         self.depends_on_load = any(c.obstacle.motion is not None for c in contacts)
 
     def set_load(self, load: float) -> None:
         """Move the obstacles to their positions at a load."""
-        for pair, friction in self._both():
+        for pair in self.pairs:
             pair.set_load(load)
-            if friction:
-                friction.set_load(load)
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of contact and friction [J]. Collective."""
         values = nodal_vectors(u)
-        local = sum(
-            pair.energy(values) + (friction.energy(values) if friction else 0.0)
-            for pair, friction in self._both()
-        )
+        local = sum(pair.energy(values) for pair in self.pairs)
         return float(self.comm.allreduce(local, op=MPI.SUM))
 
     def add_residual(
@@ -152,10 +145,8 @@ class ObstacleContact:
     ) -> None:
         """Add the forces [N] to all entries of ``r_u``, ghosts included."""
         values, r = nodal_vectors(u), writable_values(r_u).reshape(-1, 3)
-        for pair, friction in self._both():
+        for pair in self.pairs:
             pair.add_gradient(values, r)
-            if friction:
-                friction.add_gradient(values, r)
 
     def add_hessian(
         self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
@@ -163,12 +154,12 @@ class ObstacleContact:
         """Add the filtered Hessian; return how many points of this rank were filtered."""
         choose("filter", filter, FILTERS)
         values, count = nodal_vectors(u), 0
-        for pair, friction in self._both():
+        for pair in self.pairs:
             cells, matrices, filtered = pair.matrices(values, filter)
             target.add_matrices(cells, matrices)
             count += filtered
-            if friction:
-                target.add_matrices(*friction.matrices(values))
+            if pair.friction:
+                target.add_matrices(*pair.friction.matrices(values))
         return count
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
@@ -179,73 +170,58 @@ class ObstacleContact:
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset multipliers and friction to those of the last accepted step."""
-        self.solves, values = 0, nodal_vectors(u)
-        for (pair, friction), kept in zip(self._both(), self._kept, strict=True):
-            pair.begin_step(values, kept)
-            if friction:
-                friction.begin_step(values, pair.load, pair.points(values))
-        self._work.begin_step(values)
+        values = nodal_vectors(u)
+        for pair in self.pairs:
+            pair.begin_step(values)
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Update multipliers and lagged forces; return their largest change. Collective."""
         values, changes = nodal_vectors(u), list[LaggedChange]()
-        self.solves += 1
-        for c, (pair, friction), tolerance in zip(
-            self.contacts, self._both(), self.tolerances, strict=True
-        ):
+        for c, pair in zip(self.contacts, self.pairs, strict=True):
             at = pair.points(values)
-            if c.augmented:
-                gaps = np.abs(at.gap) / tolerance[at.which, None]
-                error = self.comm.allreduce(gaps[at.pressure > 0].max(initial=0.0), op=MPI.MAX)
-                found = [LaggedChange(error, f"obstacle '{c.name}': the gap")]
-                if c.tolerance is None and c.limits_force:
-                    change, force = self.comm.allreduce(np.array(pair.augmentation(at)))
-                    what = f"obstacle '{c.name}': the change of multipliers"
-                    found.append(LaggedChange(multiplier_change(change, force, error), what))
-                if not largest_change(found).settled:
-                    pair.augment(at, error)
-                changes += found
-            if friction:
-                ratio = friction.settle(at, self.comm, _SETTLED)
+            changes += pair.law.settle(*at[:3])
+            if pair.friction:
+                ratio = pair.friction.settle(at, self.comm, _SETTLED)
                 what = f"obstacle '{c.name}': the change of friction's normal forces"
                 changes.append(LaggedChange(ratio, what))
         return largest_change(changes)
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
         """Return the work of moving obstacles in a step, and what friction dissipated [J]."""
-        return self._work.measure(nodal_vectors(u), end_weight)
+        values = nodal_vectors(u)
+        local = np.sum([pair.work(values, end_weight) for pair in self.pairs], axis=0)
+        work, lost = self.comm.allreduce(local).tolist()
+        return work, lost
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep multipliers, and the elastic part of the slip."""
-        for (pair, friction), kept in zip(self._both(), self._kept, strict=True):
-            kept[:] = pair.end_step(values := nodal_vectors(u))
-            if friction:
-                friction.keep(values)
+        values = nodal_vectors(u)
+        for pair in self.pairs:
+            pair.end_step(values)
 
     def history(self) -> tuple[Array, Array]:
         """Return this rank's points (n, 3) and what is kept there, (n, k)."""
-        columns = list[Array]()
-        for kept, growth in self._augmented():
-            columns += [kept.reshape(-1, 1), np.full((kept.size, 1), growth.kept)]
-        columns += [friction.slip.reshape(-1, 3) for friction in self.frictions if friction]
+        columns = [column for law in self._augmented for column in law.history()]
+        columns += [friction.slip.reshape(-1, 3) for friction in self._frictions]
         points = self.surface.X.reshape(-1, 3)
         return (points, np.hstack(columns)) if columns else (points[:0], np.empty((0, 0)))
 
     def set_history(self, values: Array) -> None:
         """Set what is kept, in the order of `history`. Collective."""
         first = 0
-        for kept, growth in self._augmented():
-            kept[:] = values[:, first].reshape(kept.shape)
-            growth.kept = self.comm.allreduce(values[:, first + 1].max(initial=1.0), op=MPI.MAX)
+        for law in self._augmented:
+            law.kept[:] = values[:, first].reshape(law.kept.shape)
+            factor = float(values[:, first + 1].max(initial=1.0))
+            law.kept_factor = self.comm.allreduce(factor, op=MPI.MAX)
             first += 2
-        for friction in filter(None, self.frictions):
+        for friction in self._frictions:
             friction.slip[:] = values[:, first : first + 3].reshape(friction.slip.shape)
             first += 3
 
-    def _both(self) -> list[tuple[ContactPair, Friction | None]]:
-        return list(zip(self.pairs, self.frictions, strict=True))
+    @property
+    def _augmented(self) -> list[ContactLaw]:
+        return [pair.law for pair in self.pairs if pair.law.augmented]
 
-    def _augmented(self) -> list[tuple[Array, PenaltyGrowth]]:
-        """Return the kept multipliers of the obstacles that have some, with their stiffness."""
-        all_of = zip(self._kept, self.pairs, self.contacts, strict=True)
-        return [(kept, pair.growth) for kept, pair, contact in all_of if contact.augmented]
+    @property
+    def _frictions(self) -> list[Friction]:
+        return [pair.friction for pair in self.pairs if pair.friction]

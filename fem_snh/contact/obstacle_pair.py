@@ -1,4 +1,4 @@
-"""Contact of a surface with one rigid obstacle, without friction: energy, force and Hessian."""
+"""Contact of a surface with one rigid obstacle: energy, force, Hessian, and the work it does."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
-from fem_snh.contact.law import PenaltyGrowth
+from fem_snh.contact.friction import ContactPoints, Friction
+from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.geometry.motions import Obstacle
-from fem_snh.kernels.svd_eigen import eigen3
+from fem_snh.kernels.form_cells import filter_matrices
 
 Array = npt.NDArray[Any]
 
@@ -105,43 +106,25 @@ class NearFacets:
         return centers, self._spread * np.sqrt(np.einsum("fki,fki->fk", ways, ways).max(axis=1))
 
 
-class ContactPoints(NamedTuple):
-    """The quadrature points of m facets of which each has a point in contact.
+class PointForces(NamedTuple):
+    """Forces of an obstacle on a body.
 
     Attributes
     ----------
-    which : (m,) int
-        The facets.
-    gap : (m, points)
-        Signed distance from the obstacle [m].
-    pressure : (m, points)
-        Contact force per reference area [Pa], 0 without contact.
-    normal : (m, points, 3)
-        Gradient of the gap: the obstacle's normal.
-    curvature : (m, points, 3, 3)
-        Hessian of the gap [1/m].
+    x : (n, 3)
+        Their points of action [m].
+    forces : (n, 3)
+        The forces [N].
     """
 
-    which: Array
-    gap: Array
-    pressure: Array
-    normal: Array
-    curvature: Array
-
-    @property
-    def acting(self) -> tuple[Array, Array, Array]:
-        """Facets, pressures and normals."""
-        return self.which, self.pressure, self.normal
+    x: Array
+    forces: Array
 
 
-class ContactPair:
-    r"""A surface and an obstacle, with a penalty or with an augmented Lagrangian.
+class ObstaclePair:
+    r"""A surface and an obstacle: the energies of `ContactLaw` and `Friction`. Not collective.
 
-    With the gap g of the quadrature points, their weights w_q, the stiffness k and multipliers
-    :math:`\ell`, which are zero with a penalty (Wriggers 2006, section 6.3):
-
-    .. math:: E = \sum_q \frac{w_q}{2 k} \left(p^2 - \ell^2\right), \qquad
-        p = \langle \ell - k g \rangle = \max(\ell - k g, 0)
+    Of the former the derivatives are
 
     .. math:: \frac{\partial E}{\partial x_q} = - w_q p \nabla g, \qquad
         \frac{\partial^2 E}{\partial x_q^2} = w_q \left(k \nabla g \nabla g^T - p \nabla^2 g\right)
@@ -158,19 +141,17 @@ class ContactPair:
         Reference coordinates of the displacement's nodes [m].
     obstacle : Obstacle
         The obstacle.
-    stiffness : (facets,)
-        Penalty stiffness k [Pa/m] of each facet; augmentation may increase it within a step.
+    law : ContactLaw
+        The law of the quadrature points, (facets, points).
+    friction : Friction, optional
+        The friction at these points.
     facets : (n,) int, optional
         Local numbers of the facets that may touch the obstacle. Default: all of the surface.
-    ratio : float
-        The default stiffness over the given one: see `PenaltyGrowth`.
 
     Attributes
     ----------
-    growth : PenaltyGrowth
-        The factor of the stiffness.
-    multipliers : (facets, points)
-        The multipliers l [Pa].
+    surface, obstacle, law, friction
+        The parameters.
     load : float
         The load at which the obstacle is.
     linearised : bool
@@ -184,17 +165,17 @@ class ContactPair:
         surface: SurfaceQuadrature,
         X: Array,
         obstacle: Obstacle,
-        stiffness: Array,
+        law: ContactLaw,
+        friction: Friction | None = None,
         facets: Array | None = None,
-        ratio: float = 1.0,
     ) -> None:
-        self.surface, self.obstacle, self._given = surface, obstacle, stiffness
-        self.stiffness, self.growth = stiffness, PenaltyGrowth(ratio)
+        self.surface, self.obstacle, self.law, self.friction = surface, obstacle, law, friction
         self.load, self.linearised = 0.0, False
-        self.multipliers = np.zeros(surface.weights.shape)
         self._near = NearFacets(surface, X, self.distance, facets, self._material)
         #: Displacement at the start of a linearised step; its facets and points in contact.
         self._start: tuple[Array, Array, Array] | None = None
+        #: The load at the start of the step, and the forces of an obstacle that moves.
+        self._before: tuple[float, PointForces | None] = 0.0, None
         #: The last displacement, and what `_evaluate` returned for it.
         self._gaps: tuple[Array, tuple[Array, Array, Array, Array]] | None = None
 
@@ -203,27 +184,51 @@ class ContactPair:
         if load != self.load and self.obstacle.motion is not None:
             self._gaps = None
         self.load = load
+        if self.friction:
+            self.friction.set_load(load)
 
-    def begin_step(self, u: Array, multipliers: Array) -> None:
-        """Begin a step at nodal displacements ``u`` (nodes, 3), with these multipliers."""
-        self.multipliers[:] = multipliers
-        self.growth.reset()
-        self.stiffness = self.growth.factor * self._given
+    def begin_step(self, u: Array) -> None:
+        """Begin a step at nodal displacements ``u`` (nodes, 3)."""
+        self.law.begin_step()
         self._start = None
         if self.linearised:
             at = self.points(u)
             self._start, self._gaps = (u.copy(), at.which, at.pressure > 0), None
+        if self.friction:
+            self.friction.begin_step(u, self.load, self.points(u))
+        moves = self.obstacle.motion is not None
+        self._before = self.load, self._forces(u, self.points(u).acting) if moves else None
 
-    def end_step(self, u: Array) -> Array:
-        """End a step; return multipliers that give the same pressures with the next stiffness."""
+    def end_step(self, u: Array) -> None:
+        """Accept a step that ends at nodal displacements ``u`` (nodes, 3)."""
         self._start = None
-        if self.growth.keep():
-            at, stiffness = self.points(u), self.growth.factor * self._given
-            pressure = at.pressure + stiffness[at.which, None] * at.gap
-            self.multipliers[:] = 0.0
-            self.multipliers[at.which] = np.where(at.pressure > 0, pressure, 0.0)
-            self.stiffness = stiffness
-        return self.multipliers
+        if self.law.augmented:
+            self.law.end_step(*self.points(u)[:3])
+        if self.friction:
+            self.friction.keep(u)
+
+    def work(self, u: Array, end_weight: float) -> tuple[float, float]:
+        """Return the obstacle's work in a step, and what friction dissipated, on this rank [J].
+
+        The arguments are those of `fem_snh.terms.history.WorkingTerm`. The forces of a step that is
+        linearised at its start are those of the linearisation.
+        """
+        work, (load, before) = 0.0, self._before
+        if before is not None:
+            after = self._forces(u, self._end_pressure(u))
+            for weight, at in ((end_weight, after), (1 - end_weight, before)):
+                work += weight * obstacle_work(self.obstacle, at, load, self.load)
+        return work, self.friction.dissipated(u, end_weight) if self.friction else 0.0
+
+    def _forces(self, u: Array, acting: tuple[Array, Array, Array]) -> PointForces:
+        """Return the forces of contact and friction on this rank's facets."""
+        which, pressure, normal = acting
+        found = [(which, (self.surface.weights[which] * pressure)[..., None] * normal)]
+        if self.friction:
+            found.append(self.friction.weighted_forces(u))
+        x = [self.surface.positions(u, which).reshape(-1, 3) for which, _ in found]
+        forces = [f.reshape(-1, 3) for _, f in found]
+        return PointForces(np.concatenate(x), np.concatenate(forces))
 
     def distance(self, x: Array) -> Array:
         """Return the signed distance of points (n, 3) from the obstacle [m]."""
@@ -236,7 +241,7 @@ class ContactPair:
     def points(self, u: Array) -> ContactPoints:
         """Return the points of facets in contact; ``u`` are nodal displacements (nodes, 3)."""
         near, gap, normal, curvature = self._evaluate(u)
-        trial = self.multipliers[near] - self.stiffness[near, None] * gap
+        trial = self.law.trial(near, gap)
         pressure = np.maximum(trial, 0.0)
         if self._start and np.array_equal(self._start[0], u):
             rows = np.searchsorted(near, self._start[1])
@@ -250,7 +255,7 @@ class ContactPair:
             curvature[touching],
         )
 
-    def end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
+    def _end_pressure(self, u: Array) -> tuple[Array, Array, Array]:
         """Return facets, pressures and normals at a step's end, as the step's solution has them.
 
         In a linearised step these are the points in contact at its start, on the linear branch.
@@ -260,7 +265,7 @@ class ContactPair:
         near, gap, normal, _ = self._evaluate(u)
         which = self._start[1]
         rows = np.searchsorted(near, which)
-        trial = self.multipliers[which] - self.stiffness[which, None] * gap[rows]
+        trial = self.law.trial(which, gap[rows])
         return which, np.where(self._start[2], trial, 0.0), normal[rows]
 
     def _evaluate(self, u: Array) -> tuple[Array, Array, Array, Array]:
@@ -288,41 +293,27 @@ class ContactPair:
         x = np.concatenate([self.surface.positions(u, near), x], axis=1)
         return DeepestPoint.among(gaps, self.surface.weights[near].sum(axis=1), x)
 
-    def augmentation(self, at: ContactPoints) -> tuple[float, float]:
-        """Return the sum of the pressures' changes by `augment`, and that of pressures [N]."""
-        change, weights = self.multipliers.copy(), self.surface.weights
-        change[at.which] -= at.pressure
-        force = (weights[at.which] * at.pressure).sum()
-        return float((weights * np.abs(change)).sum()), float(force)
-
-    def augment(self, at: ContactPoints, gap: float) -> None:
-        """Set the multipliers to the contact pressures (Wriggers 2006, section 6.3.4).
-
-        ``gap`` is the largest of all ranks, in any unit. The stiffness increases until the end of
-        the step while the gap decreases slowly.
-        """
-        self.multipliers[:] = 0.0
-        self.multipliers[at.which] = at.pressure
-        self.stiffness = self.growth.update(gap) * self._given
-
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""
-        at, weights = self.points(u), self.surface.weights
-        energies = (weights[at.which] * at.pressure**2).sum(axis=1) / self.stiffness[at.which]
-        kept = (weights * self.multipliers**2).sum(axis=1) / self.stiffness
-        return 0.5 * float(energies.sum() - kept.sum())
+        at = self.points(u)
+        energy = self.law.energy(at.which, at.pressure)
+        return energy + (self.friction.energy(u) if self.friction else 0.0)
 
     def add_gradient(self, u: Array, r: Array) -> None:
         """Add the energy's derivative [N] to nodal vectors (nodes, 3)."""
         at = self.points(u)
         forces = (self.surface.weights[at.which] * at.pressure)[..., None] * at.normal
         self.surface.add_vectors(-forces, at.which, r)
+        if self.friction:
+            self.friction.add_gradient(u, r)
 
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
         """Return cells, their filtered matrices [N/m], and the number of filtered points."""
         at = self.points(u)
-        stiffness = np.where(at.pressure != 0, self.stiffness[at.which, None], 0.0)
-        curved, count = filtered(-at.pressure[..., None, None] * at.curvature, filter)
+        stiffness = np.where(at.pressure != 0, self.law.stiffness[at.which], 0.0)
+        curved = -at.pressure[..., None, None] * at.curvature
+        some = curved.any(axis=(-2, -1))  # most obstacles are flat, most points without contact
+        curved[some], count = filter_matrices(curved[some], filter)
         normal = at.normal
         products = normal[..., :, None] * normal[..., None, :]
         hessian = stiffness[..., None, None] * products + curved
@@ -330,21 +321,15 @@ class ContactPair:
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
 
 
-def filtered(matrices: Array, filter: str) -> tuple[Array, int]:
-    """Return symmetric matrices (..., 3, 3) with filtered eigenvalues, and how many were changed.
+def obstacle_work(obstacle: Obstacle, at: PointForces, start: float, end: float) -> float:
+    r"""Return the work of forces that move with an obstacle from load ``start`` to ``end`` [J].
 
-    Parameters
-    ----------
-    matrices : (..., 3, 3)
-        Symmetric matrices; most of them may be zero.
-    filter : {"exact", "clamp", "abs"}
-        What becomes of negative eigenvalues.
+    .. math:: W = \sum_q f_q \cdot \tfrac12 \left[d_{0 \to 1}(x_q) - d_{1 \to 0}(x_q)\right]
+
+    with the displacement d of the obstacle's material point at x_q. The central difference leaves
+    no work to the normal forces on a body of revolution that turns about its axis.
     """
-    curved = matrices.any(axis=(-2, -1))
-    if filter == "exact" or not curved.any():
-        return matrices, 0
-    values, vectors = eigen3(matrices[curved], "jacobi")
-    changed = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
-    found = np.zeros_like(matrices)
-    found[curved] = (vectors * changed[:, None]) @ np.swapaxes(vectors, 1, 2)
-    return found, int((values < 0).any(axis=1).sum())
+    if not len(at.x):
+        return 0.0
+    forth, back = obstacle.displacement(at.x, start, end), obstacle.displacement(at.x, end, start)
+    return float((at.forces * (forth - back)).sum() / 2)

@@ -9,11 +9,18 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.deepest_point import DeepestPoint
+from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
+from fem_snh.contact.gaps import (
+    ClosestFacets,
+    Gaps,
+    gap_derivative,
+    gap_second_derivative,
+    measure_gaps,
+)
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
-from fem_snh.contact.law import PenaltyGrowth, multiplier_change
-from fem_snh.contact.surface_pass import SurfacePass
+from fem_snh.contact.law import ContactLaw
 from fem_snh.errors import bad_value
+from fem_snh.kernels.form_cells import filter_matrices
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
 
 Array = npt.NDArray[Any]
@@ -30,6 +37,13 @@ _REACH = 0.5
 #: Points by which a checkpoint finds multipliers are inside of their body by this many facets, as
 #: surfaces that touch have points at the same place.
 _INSIDE = 1e-3
+#: A point of a facet moves by at most this times the largest motion of the facet's nodes: the sum
+#: of the absolute values of the shape functions, largest on triangles of degree 2.
+_SPREAD = 5 / 3
+#: Gap in sizes of a facet below which a point's facet is in the sparsity pattern before they touch.
+_MARGIN = 0.5
+#: Gap in sizes of a facet below which surfaces touch without a force: rounding.
+_ZERO_GAP = 1e-10
 
 
 class BodyPair(NamedTuple):
@@ -61,6 +75,229 @@ class BodyPair(NamedTuple):
     limits_force: bool = True
 
 
+class Touching(NamedTuple):
+    """The n points that touch a facet.
+
+    Attributes
+    ----------
+    point : (n,) int
+        The points, numbered facet by facet.
+    row : (n,) int
+        Their rows in the pair's law.
+    facet : (n,) int
+        The facets of the other surface.
+    gaps : Gaps
+        Their gaps.
+    pressure : (n,)
+        Contact force per reference area [Pa].
+    """
+
+    point: Array
+    row: Array
+    facet: Array
+    gaps: Gaps
+    pressure: Array
+
+
+class SurfacePass:
+    r"""The points of one surface with their gaps to the other one, and derivatives of `ContactLaw`.
+
+    Every rank evaluates all points.
+
+    Parameters
+    ----------
+    surface : GatheredSurface
+        The nodes.
+    own, other : Side
+        The surface whose quadrature points are used, and the one whose facets they touch.
+    law : ContactLaw
+        The law of the points of both passes.
+    first : int
+        Row in the law of this pass's first point.
+    reach : float
+        Largest distance of a point from its facet [m].
+    """
+
+    def __init__(
+        self,
+        surface: GatheredSurface,
+        own: Side,
+        other: Side,
+        law: ContactLaw,
+        first: int,
+        reach: float,
+    ) -> None:
+        self.surface, self.own, self.other, self.law = surface, own, other, law
+        self._reach, self._count = reach, own.weights.size
+        self._rows = np.arange(first, first + self._count)
+        self.size = float(np.sqrt(own.weights.sum(axis=1).mean()))
+        self._closest = ClosestFacets(surface.shape, other)
+        self._facet: Array = np.full(self._count, -1)
+        self._start: Array = np.zeros((0, 2))
+        self._evaluated: tuple[Array, int, Touching] | None = None
+
+    def search(self, x: Array, keep: float | None = None) -> None:
+        """Choose the facet of each point.
+
+        Parameters
+        ----------
+        x : (m, 3)
+            Positions of the nodes [m].
+        keep : float, optional
+            A point keeps the facet that it has while its closest point is outside of it by less
+            than this, in reference coordinates. Default: all points get the closest facet.
+        """
+        points = self.points(x)
+        facet, start = self._closest.find(x, points, self.normals(x), self._reach)
+        if keep is not None:
+            other = np.flatnonzero((self._facet >= 0) & (facet != self._facet))
+            near = other[self._measure(x, other).outside < keep]
+            facet[near], start[near] = self._facet[near], self._start[near]
+        self._facet, self._start = facet, start
+        self._searched, self._evaluated = x, None
+        self._gap = np.full(len(points), np.inf)
+        some = np.flatnonzero(facet >= 0)
+        self._gap[some] = self._measure(x, some).gap
+        near = some[self._gap[some] < _MARGIN * self.size]
+        self._known = self._keys(near)
+        self._pairs: Array | None = None
+
+    def points(self, x: Array) -> Array:
+        """Return the positions of the quadrature points [m], (points, 3)."""
+        return np.asarray((self.own.basis @ x[self.own.nodes]).reshape(-1, 3))
+
+    def normals(self, x: Array, derivatives: Array | None = None) -> Array:
+        """Return the outward unit normals of the own surface at the points, (points, 3).
+
+        ``derivatives`` (n, k, 2) are those of the shape functions at other points of a facet.
+        """
+        nodes = x[self.own.nodes]
+        table = self.own.derivatives if derivatives is None else derivatives
+        tangents = np.einsum("fki,pka->fpia", nodes, table, optimize=True)
+        normals = np.cross(tangents[..., 0], tangents[..., 1])
+        normals *= self.own.outward[:, None, None]
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        return normals.reshape(-1, 3)
+
+    @property
+    def own_rows(self) -> Array:
+        """The rows in the law of facets whose cells this rank owns, (n,) int."""
+        return self._rows.reshape(self.own.weights.shape)[self.own.own].ravel()
+
+    def points_inside(self) -> Array:
+        """Return the points of these facets, moved a little into the body, (n, 3) [m]."""
+        X = self.surface.X
+        points = self.points(X) - _INSIDE * self.size * self.normals(X)
+        return points.reshape(*self.own.weights.shape, 3)[self.own.own].reshape(-1, 3)
+
+    def touching(self, x: Array) -> Touching:
+        """Return the points that touch their facets."""
+        if self._evaluated and self._evaluated[1] == self.law.version:
+            if np.array_equal(x, self._evaluated[0]):
+                return self._evaluated[2]
+        # Both surfaces move towards each other by at most this.
+        moved = 2 * _SPREAD * float(np.linalg.norm(x - self._searched, axis=1).max(initial=0.0))
+        zero = _ZERO_GAP * self.size
+        close = (self._gap <= moved + zero) | (self.law.multipliers[self._rows] > 0)
+        some = np.flatnonzero(close & (self._facet >= 0))
+        gaps = self._measure(x, some)
+        pressure = np.maximum(self.law.trial(self._rows[some], gaps.gap), 0.0)
+        which = (pressure > 0) | (gaps.gap <= zero)
+        chosen = Gaps(*(values[which] for values in gaps))
+        some = some[which]
+        found = Touching(some, self._rows[some], self._facet[some], chosen, pressure[which])
+        self._evaluated = x, self.law.version, found
+        return found
+
+    def deepest(self, x: Array) -> DeepestPoint:
+        """Return the deepest point of the own surface in the other one."""
+        shape, at = self.surface.shape, self.touching(x)
+        basis, derivatives = shape.evaluate(facet_grid(shape.kind))
+        grid = basis @ x[self.own.nodes]
+        points = grid.reshape(-1, 3)
+        normals = self.normals(x, derivatives)
+        facet, start = self._closest.find(x, points, normals, self._reach)
+        gaps, some = np.full(len(points), np.inf), np.flatnonzero(facet >= 0)
+        gaps[some] = measure_gaps(shape, self.other, x, points[some], facet[some], start[some]).gap
+        known = np.full(self._count, np.inf)
+        known[at.point] = at.gaps.gap
+        both = np.hstack([known.reshape(self.own.weights.shape), gaps.reshape(grid.shape[:2])])
+        positions = np.concatenate([self.own.basis @ x[self.own.nodes], grid], axis=1)
+        return DeepestPoint.among(both, self.own.weights.sum(axis=1), positions)
+
+    def gradient(self, x: Array) -> Array:
+        """Return the energy's derivative by the nodes [N], (m, 3)."""
+        at = self.touching(x)
+        forces = gap_derivative(at.gaps, self._basis(at))
+        forces *= (-self.law.weights[at.row] * at.pressure)[:, None, None]
+        nodes, count = self._nodes(at).ravel(), len(x)
+        columns = [np.bincount(nodes, forces[..., i].ravel(), count) for i in range(3)]
+        return np.stack(columns, axis=1)
+
+    def matrices(self, x: Array, filter: str) -> tuple[Array, Array, int]:
+        """Return global nodes (n, k), filtered matrices (n, 3 k, 3 k), and how many were filtered.
+
+        Only those of which this rank owns a row are returned, summed over the points of a facet
+        that touch the same facet.
+        """
+        at = self.touching(x)
+        mine = self.surface.is_own[self._nodes(at)].any(axis=1)
+        gaps = Gaps(*(values[mine] for values in at.gaps))
+        rows = at.row[mine]
+        at = Touching(at.point[mine], rows, at.facet[mine], gaps, at.pressure[mine])
+        basis, nodes = self._basis(at), self._nodes(at)
+        dg = gap_derivative(gaps, basis).reshape(len(rows), 3 * nodes.shape[1])
+        Q, C = gap_second_derivative(gaps, basis)
+        # The eigenvalues of Q C Q^T are those of R C R^T, and zeros.
+        Q, R = np.linalg.qr(Q)
+        curved = R @ (-at.pressure[:, None, None] * C) @ np.swapaxes(R, 1, 2)
+        curved, filtered = filter_matrices(curved, filter)
+        found = self.law.stiffness[rows, None, None] * dg[:, :, None] * dg[:, None]
+        found += Q @ curved @ np.swapaxes(Q, 1, 2)
+        found *= self.law.weights[rows, None, None]
+        _, first, which = np.unique(self._key(at), return_index=True, return_inverse=True)
+        order = np.argsort(which.ravel(), kind="stable")
+        starts = np.searchsorted(which.ravel()[order], np.arange(len(first)))
+        found = np.add.reduceat(found[order], starts) if len(first) else found
+        return self.surface.nodes[nodes[first]], found, filtered
+
+    def pairs(self, x: Array) -> Array:
+        """Return the pairs of global nodes of facets that may touch, (n, 2).
+
+        The same array until a facet outside of it is touched.
+        """
+        at = self.touching(x)
+        keys = self._key(at)
+        if self._pairs is None or not np.isin(keys, self._known).all():
+            self._known = np.union1d(self._known, keys)
+            own, other = np.divmod(self._known, max(len(self.other), 1))
+            a = self.surface.nodes[self.own.nodes[own]]
+            b = self.surface.nodes[self.other.nodes[other]]
+            both = np.stack(np.broadcast_arrays(a[:, :, None], b[:, None]), axis=-1).reshape(-1, 2)
+            self._pairs = np.unique(np.concatenate([both, both[:, ::-1]]), axis=0)
+        return self._pairs
+
+    def _measure(self, x: Array, which: Array) -> Gaps:
+        shape, points = self.surface.shape, self.points(x)[which]
+        return measure_gaps(shape, self.other, x, points, self._facet[which], self._start[which])
+
+    def _basis(self, at: Touching) -> Array:
+        return np.asarray(self.own.basis[at.point % len(self.own.basis)])
+
+    def _nodes(self, at: Touching) -> Array:
+        """Return the nodes of both facets of each point, as rows of the surface's nodes."""
+        own = self.own.nodes[at.point // len(self.own.basis)]
+        return np.concatenate([own, self.other.nodes[at.facet]], axis=1)
+
+    def _key(self, at: Touching) -> Array:
+        return np.asarray(at.point // len(self.own.basis) * len(self.other) + at.facet)
+
+    def _keys(self, points: Array) -> Array:
+        """Return numbers of the pairs of facets of some points, sorted."""
+        own = points // len(self.own.basis)
+        return np.unique(own * len(self.other) + self._facet[points])
+
+
 class SurfacePair:
     """Contact of two surfaces in two passes, each with half of the stiffness.
 
@@ -72,49 +309,61 @@ class SurfacePair:
         Name and method.
     surface : GatheredSurface
         The nodes.
-    first, second : Side
+    sides : tuple of two Side
         The surfaces.
-    stiffness : float
-        Penalty stiffness [Pa/m].
+    default : float
+        The default stiffness [Pa/m].
     tolerance : float
-        Largest penetration [m] with the augmented Lagrangian.
-    ratio : float
-        The default stiffness over the given one: see `PenaltyGrowth`.
+        The default tolerance of the gap [m], with the augmented Lagrangian.
 
     Attributes
     ----------
+    name : str
+        Name in run.json.
+    law : ContactLaw
+        The law of all points.
     passes : tuple of two SurfacePass
         The points of the first surface, and those of the second.
 
     Raises
     ------
     BadInput
-        If a surface has no facet on the boundary, or the two have a common node.
+        If the two surfaces have a common node.
     """
 
     def __init__(
         self,
         pair: BodyPair,
         surface: GatheredSurface,
-        first: Side,
-        second: Side,
-        stiffness: float,
+        sides: tuple[Side, Side],
+        default: float,
         tolerance: float,
-        ratio: float = 1.0,
     ) -> None:
+        first, second = sides
         if len(np.intersect1d(first.nodes, second.nodes)):
             raise bad_value("contact.groups", pair.name, "two surfaces without a common node")
-        self.name, self.augmented = pair.name, pair.augmented
-        self._limits_force = pair.tolerance is None and pair.limits_force
-        self.stiffness, self._tolerance, self._surface = stiffness, tolerance, surface
-        boxes = (np.ptp(surface.X[side.nodes.ravel()], axis=0) for side in (first, second))
+        self.name, self._surface, self._searches = pair.name, surface, 0
+        boxes = (np.ptp(surface.X[side.nodes.ravel()], axis=0) for side in sides)
         reach = _REACH * min(float(np.linalg.norm(box)) for box in boxes)
-        self.passes = (
-            SurfacePass(surface, first, second, stiffness / 2, reach),
-            SurfacePass(surface, second, first, stiffness / 2, reach),
+        self.stiffness = default if pair.stiffness is None else pair.stiffness
+        self.law = ContactLaw(
+            f"contact '{pair.name}'",
+            np.concatenate([side.weights.ravel() for side in sides]),
+            np.full(1, self.stiffness / 2),
+            default / self.stiffness,
+            pair.augmented,
+            tolerance if pair.tolerance is None else pair.tolerance,
+            pair.tolerance is None and pair.limits_force,
         )
-        self._kept = [one.multipliers.copy() for one in self.passes]
-        self._growth = PenaltyGrowth(ratio)
+        self.passes = (
+            SurfacePass(surface, first, second, self.law, 0, reach),
+            SurfacePass(surface, second, first, self.law, first.weights.size, reach),
+        )
+
+    def energy(self, x: Array) -> float:
+        """Return the energy [J]."""
+        rows, _, pressure = self._touching(x)
+        return self.law.energy(rows, pressure)
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the nodes [N], (m, 3)."""
@@ -123,82 +372,61 @@ class SurfacePair:
 
     def row(self, x: Array) -> dict[str, Any]:
         """Return the pair's row of run.json: see `BodyContact.record`."""
-        first = np.unique(self.passes[0].own.nodes)
-        found = [one.touching(x) for one in self.passes]
-        penetration = max(0.0, *(float(-at.gaps.gap.min(initial=0.0)) for at in found))
+        first, (_, gap, pressure) = np.unique(self.passes[0].own.nodes), self._touching(x)
+        penetration = max(0.0, float(-gap.min(initial=0.0)))  # max: not -0.0
         deepest = DeepestPoint.deepest(one.deepest(x) for one in self.passes)
         return {
             "force": (-self.gradient(x)[first].sum(axis=0)).tolist(),
-            "contacts": sum(int((at.pressure > 0).sum()) for at in found),
+            "contacts": int((pressure > 0).sum()),
             "penetration": penetration,
             **deepest.row(penetration),
             "stiffness": self.stiffness,
         }
 
-    def settle(self, x: Array, solves: int) -> LaggedChange:
-        """Search again and update the multipliers; return the largest change.
+    def begin_step(self) -> None:
+        """Reset the multipliers to those of the last step."""
+        self.law.begin_step()
+        self._searches = 0
 
-        ``solves`` counts the solves of the step.
-        """
-        before = self.gradient(x)
+    def settle(self, x: Array) -> LaggedChange:
+        """Search again and update the multipliers; return the largest change."""
+        before, keep = self.gradient(x), _KEPT if self._searches >= _FREE_SEARCHES else None
+        self._searches += 1
         for one in self.passes:
-            one.search(x, _KEPT if solves > _FREE_SEARCHES else None)
+            one.search(x, keep)
         after = self.gradient(x)
         largest = max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
         change = float(np.abs(after - before).max(initial=0.0))
-        ratio = relative(change, largest, _SETTLED)
         what = f"contact '{self.name}': the change of forces by another search"
-        changed = LaggedChange(ratio, what)
-        if not self.augmented:
-            return changed
-        gap = max(one.largest_gap(x) for one in self.passes)
-        error = gap / self._tolerance
-        found = [LaggedChange(error, f"contact '{self.name}': the gap")]
-        if self._limits_force:
-            change, force = np.sum([one.augmentation(x) for one in self.passes], axis=0)
-            what = f"contact '{self.name}': the change of multipliers"
-            found.append(LaggedChange(multiplier_change(change, force, error), what))
-        if not largest_change(found).settled:
-            factor = self._growth.update(gap)
-            for one in self.passes:
-                one.set_multipliers(x)
-                one.stiffness = factor * self.stiffness / 2
-        return largest_change([changed, *found])
+        changed = LaggedChange(relative(change, largest, _SETTLED), what)
+        return largest_change([changed, *self.law.settle(*self._touching(x))])
 
-    def reset(self) -> None:
-        """Reset the multipliers to those of the last step."""
-        self._growth.reset()
-        for one, kept in zip(self.passes, self._kept, strict=True):
-            one.multipliers[:], one.stiffness = kept, self._growth.factor * self.stiffness / 2
-
-    def keep(self, x: Array) -> None:
+    def end_step(self, x: Array) -> None:
         """Keep the multipliers: the step is accepted."""
-        decreases = self._growth.keep()
-        for one, kept in zip(self.passes, self._kept, strict=True):
-            if decreases:
-                stiffness = self._growth.factor * self.stiffness / 2
-                one.set_multipliers(x, stiffness)
-                one.stiffness = stiffness
-            kept[:] = one.multipliers
+        if self.law.augmented:
+            self.law.end_step(*self._touching(x))
 
     def history(self) -> tuple[Array, Array]:
         """Return points of this rank's facets (n, 3), and multipliers and factors there, (n, 2)."""
-        points, values = [], []
-        for one, kept in zip(self.passes, self._kept, strict=True):
-            X = self._surface.X
-            inside = one.points(X) - _INSIDE * one.size * one.normals(X)
-            points.append(inside[one.own_points])
-            mine = kept[one.own_points]
-            values.append(np.column_stack([mine, np.full(len(mine), self._growth.kept)]))
-        return np.concatenate(points), np.concatenate(values)
+        points = np.concatenate([one.points_inside() for one in self.passes])
+        return points, np.hstack(self.law.history())[self.own_rows]
 
     def set_history(self, values: Array) -> None:
         """Set what is kept, (n, 2), in the order of `history`. Collective."""
-        first, comm = 0, self._surface.comm
-        self._growth.kept = comm.allreduce(float(values[:, 1].max(initial=1.0)), op=MPI.MAX)
-        for one, kept in zip(self.passes, self._kept, strict=True):
-            last = first + len(one.own_points)
-            mine = np.zeros_like(kept)
-            mine[one.own_points] = values[first:last, 0]
-            kept[:] = comm.allreduce(mine)  # each point has one owner
-            first = last
+        kept, comm = np.zeros_like(self.law.kept), self._surface.comm
+        kept[self.own_rows] = values[:, 0]
+        self.law.kept[:] = comm.allreduce(kept)  # each point has one owner
+        factor = float(values[:, 1].max(initial=1.0))
+        self.law.kept_factor = comm.allreduce(factor, op=MPI.MAX)
+
+    @property
+    def own_rows(self) -> Array:
+        """The rows of the law that this rank keeps in a checkpoint, (n,) int."""
+        return np.concatenate([one.own_rows for one in self.passes])
+
+    def _touching(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return the rows, gaps and pressures of the points of both passes that touch."""
+        found = [one.touching(x) for one in self.passes]
+        parts = [(at.row, at.gaps.gap, at.pressure) for at in found]
+        rows, gap, pressure = map(np.concatenate, zip(*parts, strict=True))
+        return rows, gap, pressure

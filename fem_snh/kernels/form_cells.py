@@ -21,6 +21,8 @@ _API = "form_cells_api.h"
 #: An eigenvalue above minus this part of the largest entry counts as zero: rounding of the rigid
 #: motions' eigenvalues is about 1e-15, that of the linear solver in single precision 1e-7.
 SHIFT = 1e-10
+#: An eigenvalue above minus this part of the largest one is zero but for rounding.
+_ROUNDING = 1e-12
 #: Bytes of a batch of element matrices, which then stay in the cache between the steps.
 _BATCH = 2**20
 
@@ -39,22 +41,25 @@ def form_cells_source(kernel_arguments: int) -> str:
     )
 
 
-def filter_matrices(K: Array, filter: str) -> Array:
-    """Return symmetric matrices (m, n, n) with negative eigenvalues filtered.
+def filter_matrices(K: Array, filter: str) -> tuple[Array, int]:
+    """Return symmetric matrices (m, n, n) with filtered eigenvalues, and how many were changed.
 
     Parameters
     ----------
     K : (m, n, n) array
         Symmetric matrices; those that are not finite are returned as they are.
-    filter : {"clamp", "abs"}
-        What becomes of a negative eigenvalue: 0, or its absolute value.
+    filter : {"exact", "clamp", "abs"}
+        What becomes of a negative eigenvalue: it stays, 0, or its absolute value.
     """
+    if filter == "exact" or not len(K):
+        return K, 0
     finite = np.isfinite(K).all(axis=(1, 2))
     values, vectors = np.linalg.eigh(K[finite])
     kept = np.maximum(values, 0.0) if filter == "clamp" else np.abs(values)
     filtered = K.copy()
     filtered[finite] = (vectors * kept[:, None]) @ vectors.transpose(0, 2, 1)
-    return filtered
+    negative = values[:, 0] < -_ROUNDING * np.abs(values).max(axis=1, initial=0.0)
+    return filtered, int(negative.sum())
 
 
 class Integral(NamedTuple):
@@ -141,7 +146,7 @@ class FormCells:
         found = self._lib.find_indefinite(len(self._work), count, matrices, SHIFT, work, numbers)
         indefinite = self._indefinite[:found]
         if found:
-            self._matrices[indefinite] = filter_matrices(self._matrices[indefinite], filter)
+            self._matrices[indefinite] = filter_matrices(self._matrices[indefinite], filter)[0]
         return int(found)
 
     def _batches(self, integral: Integral) -> Iterator[tuple[Array, int, float]]:

@@ -29,7 +29,7 @@ _SETTLED = 1e-2
 #: After the first number of searches of a step a sample keeps a target that would move by less than
 #: this part of a cell, after the second number any: where two triangles of different normals are
 #: close, it would change from one to the other and back for ever.
-_FREE_SEARCHES, _ROUNDS_TO_MOVE, _MOVED = 1, 2, 0.25
+_FREE_SEARCHES, _SEARCHES_TO_MOVE, _MOVED = 1, 2, 0.25
 
 
 class ReferenceContact:
@@ -59,8 +59,6 @@ class ReferenceContact:
         The surface, on every rank.
     pairs : ContactPairs
         The present pairs of samples and targets, the same on all ranks.
-    rounds : int
-        How often the present step was solved.
     """
 
     name, has_energy, depends_on_load = "self_contact", True, False
@@ -76,7 +74,7 @@ class ReferenceContact:
         is_lattice = getattr(mesh, "skin", None) is not None
         self._search = TargetSearch(V, self.surface, regions, stiffness, is_lattice)
         self._matrix = SurfaceMatrix(self.surface)
-        self.pairs, self.rounds = ContactPairs.none(), 0
+        self.pairs, self._searches = ContactPairs.none(), 0
         self._penetration, self._coupled, self._stale = 0.0, False, True
 
     def set_load(self, load: float) -> None:
@@ -120,7 +118,7 @@ class ReferenceContact:
 
         ``pairs``, how many springs push; ``penetration`` [m], that of the deepest point of the
         surface; ``force`` [N], the sum of the springs' forces, as lengths; ``stiffness`` [Pa/m],
-        their mean; ``rounds``, how often the step was solved.
+        their mean.
         """
         pairs, x = self._present(u)
         row = {
@@ -128,7 +126,6 @@ class ReferenceContact:
             "penetration": self._penetration,
             "force": float(pairs.forces(x).sum()),
             "stiffness": self._search.stiffness,
-            "rounds": self.rounds,
         }
         return {"self_contact": row}
 
@@ -157,13 +154,13 @@ class ReferenceContact:
 
         These depend on the displacement ``u`` alone, so that a run that is resumed has the same.
         """
-        self.rounds, self._stale = 0, True
+        self._searches, self._stale = 0, True
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Search again; return the change of the forces. Collective."""
         pairs, x = self._present(u)
         before = self._matrix.nodal(pairs.gradient(x))
-        self.rounds += 1
+        self._searches += 1
         new = self._search.find(local_values(u).reshape(-1, 3), x)
         self._penetration = self._search.penetration(new, x)
         updated = self._updated(new, x)
@@ -188,11 +185,11 @@ class ReferenceContact:
     def _updated(self, new: ContactPairs, x: Array) -> ContactPairs:
         """Return the pairs of a new search, with former ones."""
         old = self.pairs
-        if self.rounds > _ROUNDS_TO_MOVE:
+        if self._searches > _SEARCHES_TO_MOVE:
             return old.joined(new[~np.isin(new.sample, old.sample)])
         # A sample that its target has pushed out may come back in the next solve.
         kept = (old.gaps(x) >= 0) & ~np.isin(old.sample, new.sample)
-        if self.rounds > _FREE_SEARCHES:
+        if self._searches > _FREE_SEARCHES:
             same = new.find(old, x, _MOVED * self._search.size)
             kept[same[same >= 0]] = True
             new = new[same < 0]

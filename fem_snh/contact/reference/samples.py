@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import Region
 from fem_snh.contact.embedded_surface import EmbeddedSurface
+from fem_snh.contact.law import cell_moduli
 from fem_snh.mesh.mesh import cell_volumes
 
 Array = npt.NDArray[Any]
@@ -157,10 +158,7 @@ def cell_sizes(V: Any) -> Array:
 
 def cell_stiffness(V: Any, regions: Sequence[Region]) -> Array:
     """Return the default penalty stiffness of each owned cell [Pa/m]: `FACTOR` E over its size."""
-    moduli = np.empty(_dolfinx.num_owned(V.mesh))
-    for region in regions:
-        moduli[region.cells] = region.material.numbers.E
-    return np.asarray(FACTOR * moduli / cell_sizes(V))
+    return np.asarray(FACTOR * cell_moduli(V, regions) / cell_sizes(V))
 
 
 def smallest_at_points(V: Any, surface: EmbeddedSurface, values: Array) -> Array:
