@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks import Row, split_list
 from benchmarks.assembly import CELLS, deformed, hessian, times
 from fem_snh import _dolfinx, c_declarations
-from fem_snh.choices import EIGENSOLVERS, FILTERS
+from fem_snh.choices import FILTERS
 from fem_snh.kernels.material import material as make_material
 from fem_snh.terms.elastic import Elastic
 
@@ -75,8 +75,7 @@ class COOMatrix:
     def assemble(self, u: np.ndarray, filter: str) -> None:
         """Compute the element matrices at ``u`` (3 nodes,) and assemble them."""
         self.values[:] = 0.0
-        filter_index, solver_index = FILTERS.index(filter), EIGENSOLVERS.index(EIGENSOLVERS[0])
-        self._loops.jacobian(u, filter_index, solver_index, self._target)
+        self._loops.jacobian(u, FILTERS.index(filter), self._target)
         values = ffi.cast("double *", self.values.ctypes.data)
         call("MatSetValuesCOO", self.mat, values, int(PETSc.InsertMode.INSERT_VALUES))
 

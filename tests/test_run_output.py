@@ -21,7 +21,7 @@ mpi = pytest.mark.mpi
 KEYS = {
     "scene", "material", "element", "hessian", "globalization", "terms", "cells", "dofs", "ranks",
     "converged", "status", "steps", "seconds", "peak_memory_mb", "versions", "load_name",
-    "load_range", "quadrature", "eigensolver", "defaults",
+    "load_range", "quadrature", "defaults",
 }  # fmt: skip
 
 

@@ -184,16 +184,16 @@ def study(own: Path, lines: list[str], **more: Any) -> pd.DataFrame:
 
 def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines: list[str] = []
-    table = study(own, lines, elements=["Q2Q1"], vary=["eigensolver"])
-    assert len(table) == 4 and table["converged"].all() and table["cpu"].between(1e-4, 60).all()
-    assert set(table["eigensolver"]) == {"cubic", "jacobi"} and table["default"].sum() == 3
+    table = study(own, lines, elements=["Q2Q1"], vary=["tolerance"])
+    assert len(table) == 6 and table["converged"].all() and table["cpu"].between(1e-4, 60).all()
+    assert set(table["tolerance"]) == {1e-3, 1e-5, 1e-7, 1e-9} and table["default"].sum() == 3
     assert table["h"].tolist()[:3] == pytest.approx([1, 1 / 2, 1 / 4])
     assert any("energy: Q2Q1 up to" in line for line in lines)
 
     lines.clear()
     table = study(own, lines, elements=["Q1", "Q2Q1"])
     assert lines[0] == "3 of 6 points are there already"
-    assert len(table) == 7
+    assert len(table) == 9
     q1 = table[table["element"] == "Q1"]
     assert q1["error_energy"].iloc[0] > q1["error_energy"].iloc[2] > 0
     assert (table["floor_energy"] > 0).all()

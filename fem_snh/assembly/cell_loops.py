@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
 from fem_snh.kernels.compiled import Compiled, compile_kernel
 from fem_snh.kernels.headers import header
@@ -176,15 +177,13 @@ class CellLoops:
         arrays = map(self.pointer, (u, pressure, r, r_pressure))
         self._lib.residual_cells(self._cells, *arrays)
 
-    def jacobian(
-        self, u: Array, filter: int, eigensolver: int, target: Any, pressure: Array | None = None
-    ) -> int:
+    def jacobian(self, u: Array, filter: int, target: Any, pressure: Array | None = None) -> int:
         """Add the filtered second derivative of the energy to ``target``.
 
         Parameters
         ----------
-        filter, eigensolver : int
-            Positions in `fem_snh.choices.POINT_FILTERS` and `EIGENSOLVERS`.
+        filter : int
+            Position in `fem_snh.choices.POINT_FILTERS`.
         target : MatrixTarget
             From `target`.
 
@@ -194,7 +193,8 @@ class CellLoops:
             Number of quadrature points where the exact material Hessian has a negative eigenvalue.
         """
         arrays = map(self.pointer, (u, pressure))
-        return int(self._lib.jacobian_cells(self._cells, *arrays, filter, eigensolver, target))
+        solver = EIGENSOLVERS.index("cubic")
+        return int(self._lib.jacobian_cells(self._cells, *arrays, filter, solver, target))
 
     def fields(self, u: Array, pressure: Array | None = None) -> dict[str, Array]:
         """Return FIELDS, one value per cell: volumes [m^3], J, energy [J], eigenvalue [Pa]."""

@@ -17,7 +17,6 @@ _DEFAULTS = {
     "+direct; Taylor-Hood: fgmres+ssor, minres+hypre, +gamg, +icc, direct",
     "forcing": "largest relative tolerance of a linear solve",
     "tolerance": "of the residual, relative to E V^(2/3)",
-    "eigensolver": "cubic or jacobi",
     "steps": "load steps",
 }
 
@@ -27,7 +26,7 @@ def tradeoff_parser() -> Parser:
     parser = Parser(
         "tradeoff",
         "Run an accuracy-cost study of a scene: elements by meshes, then one setting at a time\n"
-        "(Hessian policy, linear solver, forcing, tolerance, eigensolver), each in its own\n"
+        "(Hessian policy, linear solver, forcing, tolerance), each in its own\n"
         "process. Errors are relative to a reference solution computed from the finest meshes. An\n"
         "interrupted study continues; with more --nu, --elements or --cells only new points run.",
         scene_list,

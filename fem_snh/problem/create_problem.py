@@ -17,7 +17,7 @@ from fem_snh.assembly.boundary_conditions import (
 from fem_snh.assembly.elements import ELEMENTS, Element
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.choices import DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.choices import DEFAULT_ASSEMBLY
 from fem_snh.errors import bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
@@ -43,7 +43,6 @@ def create_problem(
     loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
     reactions: Sequence[str | int] = (),
     volumes: Sequence[str | int] = (),
-    eigensolver: str = EIGENSOLVERS[0],
     assembly: str = DEFAULT_ASSEMBLY,
 ) -> Problem:
     """Return a problem whose conditions name physical groups of its mesh. Collective.
@@ -74,8 +73,6 @@ def create_problem(
         Physical groups whose reaction forces `Problem.reactions` returns.
     volumes : sequence of str or int, optional
         Physical groups of volumes whose volume ratios `Problem.measures` returns.
-    eigensolver : str, optional
-        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
     assembly : str, optional
         What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
 
@@ -107,7 +104,6 @@ def create_problem(
         [*terms, *(moving.terms if moving else [])],
         Reactions(V, mesh, reactions) if reactions else None,
         group_cells(mesh, volumes),
-        eigensolver,
         assembly,
         moving,
         mesh.skin,

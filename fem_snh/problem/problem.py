@@ -21,7 +21,7 @@ from fem_snh.assembly.near_null_space import rigid_motions
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.assembly.timing import timed
 from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
-from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY, EIGENSOLVERS
+from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
 from fem_snh.errors import choose
 from fem_snh.mesh.mesh import volume
 from fem_snh.mesh.mesh_checks import check_force_scale
@@ -66,8 +66,6 @@ class Problem:
         The groups whose reaction forces `reactions` returns.
     parts : mapping of arrays, optional
         Cells, among those this rank owns, of the parts whose volume ratios `measures` returns.
-    eigensolver : str, optional
-        Solver for the 3x3 scaling block of the Hessian, one of `fem_snh.choices.EIGENSOLVERS`.
     assembly : str, optional
         What evaluates the elastic energy and its residual, one of `fem_snh.choices.ASSEMBLIES`.
     motion : MotionInTime, optional
@@ -125,14 +123,12 @@ class Problem:
         terms: Sequence[Term] = (),
         reactions: Reactions | None = None,
         parts: Mapping[str, Array] | None = None,
-        eigensolver: str = EIGENSOLVERS[0],
         assembly: str = DEFAULT_ASSEMBLY,
         motion: MotionInTime | None = None,
         skin: Skin | None = None,
     ) -> None:
         self._unknowns, self.element, self.regions = unknowns, element, list(regions)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
-        self.eigensolver = choose("eigensolver", eigensolver, EIGENSOLVERS)
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
         self.length = volume(self.domain) ** (1 / 3)
@@ -146,7 +142,7 @@ class Problem:
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
-        self.elastic = elastic(self.V, element, regions, unknowns.Q, scale, eigensolver)
+        self.elastic = elastic(self.V, element, regions, unknowns.Q, scale)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
         self.saddle_point: PressureBlock | None = None

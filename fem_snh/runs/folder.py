@@ -75,7 +75,6 @@ def describe(
         "quadrature": problem.element.quadrature,
         "hessian": solver_options["snes_hessian"],
         "globalization": solver_options["snes_globalization"],
-        "eigensolver": problem.eigensolver,
         "assembly": problem.elastic.assembly,
         "terms": [term.name for term in problem.terms],
         **({"notes": notes} if notes else {}),

@@ -12,7 +12,7 @@ from fem_snh.scenes import Scene
 
 #: Keys of a scene that concern the solver: a resumed run may have other values.
 SOLVER_KEYS = (
-    "hessian", "globalization", "eigensolver", "assembly", "predictor", "petsc",
+    "hessian", "globalization", "assembly", "predictor", "petsc",
     "static_condensation",
 )  # fmt: skip
 #: Keys of a scene that concern the output of later steps: likewise.

@@ -216,7 +216,6 @@ def make_problem(
         loads=partial(contact_terms, scene),
         reactions=scene.reactions,
         volumes=scene.volumes,
-        eigensolver=scene.eigensolver,
         assembly=scene.assembly,
     )
 

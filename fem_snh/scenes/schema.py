@@ -11,10 +11,8 @@ from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
-    DEFAULT_EIGENSOLVER,
     DEFAULT_HESSIAN,
     DEFAULT_PREDICTOR,
-    EIGENSOLVERS,
     GLOBALIZATIONS,
     HESSIANS,
     PREDICTORS,
@@ -71,7 +69,6 @@ WORDS = {
     "element": tuple(ELEMENTS),
     "hessian": HESSIANS,
     "globalization": GLOBALIZATIONS,
-    "eigensolver": EIGENSOLVERS,
     "assembly": ASSEMBLIES,
     "predictor": PREDICTORS,
 }
@@ -115,11 +112,6 @@ class Scene(Table):
         description=f"Globalisation of Newton's method, one of {', '.join(GLOBALIZATIONS)}; "
         "default: linesearch if a Hessian is named, and for any problem but a minimisation "
         "problem; else trust_region.",
-    )
-    eigensolver: str = Field(
-        default=DEFAULT_EIGENSOLVER,
-        description="Eigensolver of the Hessian's 3x3 scaling block, "
-        f"one of {', '.join(EIGENSOLVERS)}.",
     )
     assembly: str = Field(
         default=DEFAULT_ASSEMBLY,

@@ -22,7 +22,7 @@ from fem_snh.assembly.element_tables import element_tables, restricted, selectio
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
-from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
+from fem_snh.choices import POINT_FILTERS
 from fem_snh.errors import BadInput, choose, on_root
 
 Array = npt.NDArray[Any]
@@ -62,8 +62,6 @@ class Elastic:
         The space of an unknown pressure, in which the energy is stationary, not minimal.
     pressure_scale : float, optional
         Unit of the pressure unknown [Pa/m].
-    eigensolver : str, optional
-        Solver for the 3x3 scaling block, one of `fem_snh.choices.EIGENSOLVERS`.
 
     Attributes
     ----------
@@ -90,10 +88,8 @@ class Elastic:
         regions: Sequence[Region],
         Q: Any = None,
         pressure_scale: float = 1.0,
-        eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         self._comm = V.mesh.comm
-        self._solver = EIGENSOLVERS.index(choose("eigensolver", eigensolver, EIGENSOLVERS))
         tables = element_tables(V, element, Q, pressure_scale)
         self.shape = tables.nodes.shape[0], tables.nodes.shape[1]
         start = perf_counter()
@@ -172,7 +168,7 @@ class Elastic:
                 cells = selection(part.region.cells, len(rotations))
                 turned = np.ascontiguousarray(rotations[cells])
             struct.rotation = part.loops.pointer(turned)
-            filtered += part.loops.jacobian(values, which, self._solver, struct, pressure)
+            filtered += part.loops.jacobian(values, which, struct, pressure)
         return filtered
 
     def _structs(self, matrix: BlockMatrix) -> list[Any]:

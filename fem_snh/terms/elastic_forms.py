@@ -20,7 +20,6 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import copy_to_function
 from fem_snh.assembly.regions import Region, cell_constant
-from fem_snh.choices import EIGENSOLVERS
 from fem_snh.errors import bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.kernels.ufl_stretches import FUNCTIONS
@@ -65,13 +64,12 @@ class ElasticForms(Elastic):
         regions: Sequence[Region],
         Q: Any = None,
         pressure_scale: float = 1.0,
-        eigensolver: str = EIGENSOLVERS[0],
     ) -> None:
         for material in (region.material for region in regions):
             if not material.has_energy:
                 accepted = f"'kernels' for '{material.name}', which has a stress but no energy"
                 raise bad_value("assembly", "ufl", accepted)
-        super().__init__(V, element, regions, Q, pressure_scale, eigensolver)
+        super().__init__(V, element, regions, Q, pressure_scale)
         start = perf_counter()
         self._u = _dolfinx.function(V, "u")
         self._p = None if Q is None else _dolfinx.function(Q, "p")

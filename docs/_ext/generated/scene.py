@@ -79,7 +79,6 @@ def _accepted(key: str, field: FieldInfo) -> str:
         "element": ELEMENTS,
         "hessian": choices.HESSIANS,
         "globalization": getattr(choices, "GLOBALIZATIONS", ()),
-        "eigensolver": choices.EIGENSOLVERS,
         "assembly": choices.ASSEMBLIES,
         "predictor": choices.PREDICTORS,
     }

@@ -251,6 +251,5 @@ def _choice(line: Mapping[str, str]) -> Choice:
         solver=line["solver"],
         forcing=float(line["forcing"]),
         tolerance=float(line["tolerance"]),
-        eigensolver=line["eigensolver"],
         steps=int(float(line["steps"])) if line.get("steps") else None,
     )

@@ -23,7 +23,6 @@ CHOICE = (
     "solver",
     "forcing",
     "tolerance",
-    "eigensolver",
     "steps",
 )
 COST = ("cpu", "seconds", "dofs", "newton", "linear", "peak_memory_mb")
@@ -139,15 +138,11 @@ def page(table: pd.DataFrame) -> str:
 def describe(row: Mapping[str, Any]) -> str:
     """Return the settings of a row as text."""
     named = [str(row[knob]) for knob in ("hessian", "solver") if row[knob] != AUTOMATIC]
-    return (
-        ", ".join([str(row["element"]), _where(row), *named])
-        + "".join(
-            f", {knob} {row[knob]:g}"
-            for knob, default in (("forcing", 0.1), ("tolerance", 1e-7))
-            if row[knob] != default
-            and not (knob == "forcing" and str(row["solver"]).endswith("direct"))
-        )
-        + (f", {row['eigensolver']}" if row["eigensolver"] != "cubic" else "")
+    return ", ".join([str(row["element"]), _where(row), *named]) + "".join(
+        f", {knob} {row[knob]:g}"
+        for knob, default in (("forcing", 0.1), ("tolerance", 1e-7))
+        if row[knob] != default
+        and not (knob == "forcing" and str(row["solver"]).endswith("direct"))
     )
 
 

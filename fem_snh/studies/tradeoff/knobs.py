@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.choices import EIGENSOLVERS, HESSIANS
+from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 
 #: Incomplete Cholesky factors of the diagonal block of each rank.
@@ -52,7 +52,7 @@ GLOBALIZATION = "linesearch"
 #: Values of forcing and tolerance.
 FORCINGS = (0.5, 0.1, 5e-3, 1e-8)
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9)
-KNOBS = ("hessian", "solver", "forcing", "tolerance", "eigensolver")
+KNOBS = ("hessian", "solver", "forcing", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,6 @@ class Choice:
         Largest relative tolerance of a linear solve, -snes_forcing_max.
     tolerance : float
         Tolerance of the residual, -snes_scaled_tol.
-    eigensolver : str
-        Eigensolver of the scaling block of the Hessian.
     steps : int, optional
         Load steps; None: those of the scene.
 
@@ -93,13 +91,11 @@ class Choice:
     solver: str = AUTOMATIC
     forcing: float = 0.1
     tolerance: float = 1e-7
-    eigensolver: str = EIGENSOLVERS[0]
     steps: int | None = None
 
     def __post_init__(self) -> None:
         choose("element", self.element, ELEMENTS)
         choose("hessian", self.hessian, (AUTOMATIC, *HESSIANS))
-        choose("eigensolver", self.eigensolver, EIGENSOLVERS)
         choose(f"solver of {self.element}", self.solver, solvers(self.element))
         for key in ("forcing", "tolerance"):
             number = getattr(self, key)
@@ -118,7 +114,7 @@ class Choice:
         petsc = solvers(self.element)[self.solver] | {
             "snes_forcing_max": self.forcing, "snes_scaled_tol": self.tolerance
         }  # fmt: skip
-        plain: dict[str, Any] = {key: getattr(self, key) for key in ("element", "eigensolver")}
+        plain: dict[str, Any] = {"element": self.element}
         if self.hessian != AUTOMATIC:
             plain |= {"hessian": self.hessian, "globalization": GLOBALIZATION}
         if ELEMENTS[self.element].volume == "mean" and self.solver != AUTOMATIC:
@@ -172,5 +168,4 @@ def knob_values(element: str) -> Mapping[str, tuple[Any, ...]]:
         "solver": tuple(solvers(element)),
         "forcing": FORCINGS,
         "tolerance": TOLERANCES,
-        "eigensolver": EIGENSOLVERS,
     }

@@ -32,7 +32,7 @@ from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, resolutions
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, SOLVERS
 
-_FEATURES = ("mesh", "solver", "forcing", "tolerance", "eigensolver", "default")
+_FEATURES = ("mesh", "solver", "forcing", "tolerance", "default")
 _COST = ("cpu", "peak_memory_mb", "h", "linear_solver")
 
 
@@ -67,7 +67,7 @@ def tradeoff(
     meshes : sequence of int | str
         Cells or mesh files for every element, coarse to fine; default: those of the scene.
     base : mapping, optional
-        Other defaults of the knobs (hessian, solver, forcing, tolerance, eigensolver) and of the
+        Other defaults of the knobs (hessian, solver, forcing, tolerance) and of the
         number of load steps.
     vary : sequence of str
         The knobs that are varied.
@@ -171,8 +171,8 @@ def _plan(
         choose("solver", base["solver"], [name for kind in SOLVERS.values() for name in kind])
     nus = list(dict.fromkeys(nus)) or [own.nu]
     names = list(elements) or fitting(own, meshes)
-    scene_values = {"forcing": own.petsc.get("snes_forcing_max"), "eigensolver": own.eigensolver}
-    scene_values["tolerance"] = own.petsc.get("snes_scaled_tol")
+    options = {"forcing": "snes_forcing_max", "tolerance": "snes_scaled_tol"}
+    scene_values = {key: own.petsc.get(option) for key, option in options.items()}
     base = {key: value for key, value in scene_values.items() if value is not None} | base
     lists = resolutions(own, names, meshes)
     plan = Plan(nus, names, lists, base, vary, vary_at, full)
