@@ -29,11 +29,9 @@ MOST_PARTS = 18
 #: Class names that still stand in two modules: tables of scenes and the terms that they make. The
 #: list only shrinks.
 SHARED_NAMES = {
-    "Bone",
     "Closest",
     "Contact",
     "Group",
-    "Joint",
     "Point",
     "SelfContact",
 }

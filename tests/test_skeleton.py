@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import BadInput
 from fem_snh.scenes.builtin import hand, torso
-from fem_snh.scenes.skeleton import Joint, Skeleton, bone_between, limb
+from fem_snh.scenes.skeleton import BallJoint, Skeleton, bone_between, limb
 
 ARM = [
-    Joint("shoulder", None, (0.1, 0.2, 0.3), (0.3, -0.4, 0.9)),
-    Joint("elbow", "shoulder", (1.1, 0.2, 0.4), (0.0, 1.2, -0.5), begin=0.25),
-    Joint("wrist", "elbow", (2.0, 0.1, 0.4), (-0.7, 0.0, 0.2)),
+    BallJoint("shoulder", None, (0.1, 0.2, 0.3), (0.3, -0.4, 0.9)),
+    BallJoint("elbow", "shoulder", (1.1, 0.2, 0.4), (0.0, 1.2, -0.5), begin=0.25),
+    BallJoint("wrist", "elbow", (2.0, 0.1, 0.4), (-0.7, 0.0, 0.2)),
 ]
 RIGS = pytest.mark.parametrize("scene", [hand, torso], ids=lambda scene: scene.__name__[-5:])
 
@@ -44,8 +44,8 @@ def test_skeletons_reject_what_is_no_tree():
 def test_limb_points_where_it_is_told():
     points = np.array([(0, 0, 0), (1, 0, 0.2), (1.5, 0.3, 0.1), (1.9, 0.2, 0.0)])
     wanted = np.array([(0.2, 1, 0.3), (-1, 0.1, 0), (-1, 0.1, 0)])
-    joints = limb(Joint("body", None, (0, 0, 0)), ["a", "b", "c"], points, wanted)
-    maps = [Skeleton([Joint("body", None, (0, 0, 0)), *joints]).affine(n, 1.0) for n in "abc"]
+    joints = limb(BallJoint("body", None, (0, 0, 0)), ["a", "b", "c"], points, wanted)
+    maps = [Skeleton([BallJoint("body", None, (0, 0, 0)), *joints]).affine(n, 1.0) for n in "abc"]
     for affine, a, b, direction in zip(maps, points, points[1:], wanted, strict=False):
         found = apply(affine, b) - apply(affine, a)
         length = np.linalg.norm(b - a)

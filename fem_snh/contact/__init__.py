@@ -1,1 +1,1 @@
-"""Contact of a body with obstacles, with another body, and with itself."""
+"""Contact with obstacles, other bodies and itself: surfaces, search, law, friction."""

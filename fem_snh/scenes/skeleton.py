@@ -26,7 +26,7 @@ _HALF_DIAGONAL = 3**0.5 / 2
 
 
 @dataclass(frozen=True)
-class Joint:
+class BallJoint:
     """A ball joint, which turns all bones and joints that hang on it.
 
     Attributes
@@ -53,7 +53,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Bone:
+class BoneSegment:
     """A bone: the points within a radius of a segment, and the joint that moves it.
 
     Attributes
@@ -85,7 +85,7 @@ class Skeleton:
 
     Attributes
     ----------
-    joints : sequence of Joint
+    joints : sequence of BallJoint
         Each after its parent.
 
     Raises
@@ -94,11 +94,11 @@ class Skeleton:
         For a joint that comes before its parent, and for two of the same name.
     """
 
-    joints: Sequence[Joint]
-    _named: Mapping[str, Joint] = field(init=False, repr=False, compare=False)
+    joints: Sequence[BallJoint]
+    _named: Mapping[str, BallJoint] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        named: dict[str, Joint] = {}
+        named: dict[str, BallJoint] = {}
         for joint in self.joints:
             if joint.name in named:
                 raise bad_value("joint", joint.name, "a different name for each joint")
@@ -131,7 +131,7 @@ class Skeleton:
         """
         return JointMotion(self, choose("joint", name, tuple(self._named)))
 
-    def tables(self, bones: Sequence[Bone], cell: float) -> list[dict[str, Any]]:
+    def tables(self, bones: Sequence[BoneSegment], cell: float) -> list[dict[str, Any]]:
         """Return bones as tables of a scene: capsules with the motions of their joints.
 
         In a lattice of cells with edges ``cell`` [length], every bone has a node: one that is too
@@ -159,18 +159,18 @@ class JointMotion:  # no dataclass: pydantic would write it as a table
 
 
 def limb(
-    parent: Joint,
+    parent: BallJoint,
     names: Sequence[str],
     points: Sequence[Sequence[float]],
     directions: Sequence[Sequence[float]],
     begin: float = 0.0,
     end: float = 1.0,
-) -> list[Joint]:
+) -> list[BallJoint]:
     """Return joints in a row, each on the one before, that turn straight segments.
 
     Parameters
     ----------
-    parent : Joint
+    parent : BallJoint
         The joint on which the first one hangs; it stands still.
     names : sequence of str
         Names of the n joints.
@@ -182,24 +182,26 @@ def limb(
     begin, end : float
         The loads between which they turn.
     """
-    joints: list[Joint] = []
+    joints: list[BallJoint] = []
     turned = Rotation.identity()  # of the segment before
     for k, name in enumerate(names):
         segment = np.subtract(points[k + 1], points[k])
         rotation = _smallest_rotation(segment, turned.inv().apply(directions[k]))
         on = joints[-1].name if joints else parent.name
-        joints.append(Joint(name, on, point(points[k]), point(rotation.as_rotvec()), begin, end))
+        joints.append(
+            BallJoint(name, on, point(points[k]), point(rotation.as_rotvec()), begin, end)
+        )
         turned = turned * rotation
     return joints
 
 
 def bone_between(
     name: str, joint: str, start: Sequence[float], end: Sequence[float], radius: float, gap: float
-) -> Bone:
+) -> BoneSegment:
     """Return a bone between two joints, whose segment ends ``gap`` before each [length]."""
     a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     inset = gap * (b - a) / np.linalg.norm(b - a)
-    return Bone(name, joint, point(a + inset), point(b - inset), radius)
+    return BoneSegment(name, joint, point(a + inset), point(b - inset), radius)
 
 
 def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> dict[str, Any]:

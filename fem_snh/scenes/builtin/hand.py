@@ -10,8 +10,8 @@ import numpy as np
 from fem_snh.scenes.schema import Scene
 from fem_snh.scenes.skeleton import (
     SOLUTION,
-    Bone,
-    Joint,
+    BallJoint,
+    BoneSegment,
     Skeleton,
     bone_between,
     capsule,
@@ -128,12 +128,12 @@ def hand(cells: int = 119, noise: float = 0.05, seed: int = 1, contact: bool = T
     return Scene.model_validate(tables)
 
 
-def rig() -> tuple[Skeleton, list[Bone]]:
+def rig() -> tuple[Skeleton, list[BoneSegment]]:
     """Return the joints of the hand, and its bones [m]."""
-    wrist = Joint("wrist", None, (0.0, 0.0, 0.0))
+    wrist = BallJoint("wrist", None, (0.0, 0.0, 0.0))
     joints = [wrist]
     still = [(name, *bone) for name, bone in (FOREARM | CARPALS).items()]
-    bones = [Bone(n, wrist.name, _m(a), _m(b), r * MM) for n, a, b, r in still]
+    bones = [BoneSegment(n, wrist.name, _m(a), _m(b), r * MM) for n, a, b, r in still]
     for name, finger in FINGERS.items():
         ends = _m(finger.base), _m(finger.knuckle)
         bones.append(_bone(f"{name}_metacarpal", wrist.name, *ends, METACARPAL_RADIUS))
@@ -175,7 +175,7 @@ def _around(points: list[Any], radii: tuple[float, float, float]) -> list[dict[s
     return [capsule(a, b, r * MM) for a, b, r in zip(points, ends, radii, strict=False)]
 
 
-def _row(names: list[str], points: list[Any], radii: tuple[float, ...]) -> list[Bone]:
+def _row(names: list[str], points: list[Any], radii: tuple[float, ...]) -> list[BoneSegment]:
     """Return the bones between the joints of a finger, which have their names."""
     rows = zip(names, points, points[1:], radii, strict=False)
     return [_bone(name, name, a, b, radius) for name, a, b, radius in rows]
@@ -187,7 +187,7 @@ def _ends(points: list[Any], short: float) -> list[Any]:
     return [*points[1:-1], points[-1] - short * MM * last / np.linalg.norm(last)]
 
 
-def _bone(name: str, joint: str, start: Any, end: Any, radius: float) -> Bone:
+def _bone(name: str, joint: str, start: Any, end: Any, radius: float) -> BoneSegment:
     """Return a bone between two joints, with its radius in mm."""
     return bone_between(name, joint, start, end, radius * MM, GAP * MM)
 

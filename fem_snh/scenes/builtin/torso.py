@@ -9,8 +9,8 @@ import numpy as np
 from fem_snh.scenes.schema import Scene
 from fem_snh.scenes.skeleton import (
     SOLUTION,
-    Bone,
-    Joint,
+    BallJoint,
+    BoneSegment,
     Skeleton,
     bone_between,
     capsule,
@@ -103,11 +103,11 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     return Scene.model_validate(tables)
 
 
-def rig() -> tuple[Skeleton, list[Bone]]:
+def rig() -> tuple[Skeleton, list[BoneSegment]]:
     """Return the joints of the torso, and its bones [m]."""
-    trunk = Joint("trunk", None, (0.0, 0.0, 0.0))
+    trunk = BallJoint("trunk", None, (0.0, 0.0, 0.0))
     joints = [trunk]
-    bones = [Bone(name, "trunk", point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
+    bones = [BoneSegment(name, "trunk", point(a), point(b), r) for name, (a, b, r) in TRUNK.items()]
     for side, sign in (("left", 1), ("right", -1)):
         points = [_mirrored(p, sign) for p in ARM]
         names = [f"{side}_{bone}" for bone in ARM_BONES]
@@ -116,7 +116,7 @@ def rig() -> tuple[Skeleton, list[Bone]]:
         bones += [bone_between(name, name, a, b, radius, gap) for name, a, b, (radius, gap) in rows]
         start, end, radius = SCAPULA
         ends = _mirrored(start, sign), _mirrored(end, sign)
-        bones.append(Bone(f"{side}_scapula", names[0], *ends, radius))
+        bones.append(BoneSegment(f"{side}_scapula", names[0], *ends, radius))
     return Skeleton(joints), bones
 
 
