@@ -67,6 +67,7 @@ THIRD_PARTY = {
         "kernels.ufl_stretches",
         "kernels.ufl_forms",
         "terms",
+        "accuracy.goals",
         "problem.mixed.pressure_masses",
         "runs.output.nodal_projection",
     },

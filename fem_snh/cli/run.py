@@ -28,6 +28,12 @@ def run_parser() -> Parser:
         help="any other key of the scene: angle=1.57, material.barrier=true",
     )
     parser.add_argument(
+        "--error",
+        action="store_true",
+        help="estimate the errors of probes, reactions, volumes and energy, or of the scene's "
+        "accuracy.goals, after the last step",
+    )
+    parser.add_argument(
         "--accuracy",
         metavar="A",
         help="relative accuracy of displacements, 1%% or 0.01: choose element, mesh and solver "
@@ -70,6 +76,9 @@ def run(argv: list[str]) -> int:
         )
     overrides = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
     overrides |= {key: value(word) for key, word in assignments(args.set).items()}
+
+    if args.error:
+        overrides["error"] = True
 
     from mpi4py import MPI
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -24,6 +24,9 @@ from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, petsc_options, set_up
+
+if TYPE_CHECKING:
+    from fem_snh.accuracy.goals import Goal
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
 #: run.json. It is longer than the second after which mpirun kills all ranks.
@@ -127,11 +130,12 @@ def _run(
         if stored and folder:
             stored.restore(setup.stepper)
             printed.resumed(stored.load, stored.finished, scene.duration)
-            if stored.finished:
+            if stored.finished and not (scene.estimates_error and "estimate" not in stored.record):
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
         recorder = _recorder(comm, about, scene, setup, folder, stored, start)
-        _solve(comm, scene, setup, recorder, printed)
+        goals = _goals(scene, setup)
+        _solve(comm, scene, setup, recorder, printed, goals)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
@@ -139,6 +143,15 @@ def _run(
         printed.end(recorder.record, path, unused())
         setup.destroy()
     return setup.result(setup.stepper.done, status, recorder.record, path)
+
+
+def _goals(scene: scenes.Scene, setup: Setup) -> list[Goal]:
+    """Return the goals whose errors the scene asks for."""
+    if not scene.estimates_error:
+        return []
+    from fem_snh.runs.goals import scene_goals
+
+    return scene_goals(scene, setup.mesh, setup.problem.has_energy)
 
 
 def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
@@ -176,9 +189,14 @@ def _recorder(
 
 
 def _solve(
-    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, recorder: Recorder, printed: Progress
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    setup: Setup,
+    recorder: Recorder,
+    printed: Progress,
+    goals: Sequence[Goal],
 ) -> None:
-    """Solve all load steps, then compute the modes; record each result. Collective."""
+    """Solve all load steps, then compute modes and errors; record each result. Collective."""
     with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
         recorder.save("running", state=True)
         for step in setup.stepper:
@@ -192,6 +210,12 @@ def _solve(
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():
                 recorder.add_modes(found)
+        if goals and setup.make and setup.stepper.done:
+            from fem_snh.accuracy.estimate import estimate_error
+
+            estimate = estimate_error(setup.problem, setup.make, goals, printed.estimating)
+            recorder.add_estimate(estimate)
+            printed.estimated(estimate)
 
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fem_snh.notes import with_notes
+
+if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
 
 #: ANSI codes of the styles (ECMA-48, section 8.3.117). Importing rich, which has them, takes a
 #: tenth of a small run.
@@ -91,6 +94,15 @@ class Progress:
             + f", {row['seconds']:.2f} s"
             + ("" if row["converged"] else f"  {row['reason']}, halved")
         )
+
+    def estimating(self, estimate: Estimate) -> None:
+        """Print what the estimate of the errors will cost, before it is made."""
+        self._print(f"  {estimate.announcement()}")
+
+    def estimated(self, estimate: Estimate) -> None:
+        """Print the goals with their errors, or why there is no estimate."""
+        for line in estimate.lines():
+            self._print(f"  {line}")
 
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
         """Print the frequencies, the status, the files, and PETSc options that nothing used."""

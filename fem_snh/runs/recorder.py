@@ -17,6 +17,7 @@ from fem_snh.steps.jump import jump_note
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.problem.modes import VibrationModes
 
 
@@ -122,6 +123,14 @@ class Recorder:
         if self._folder:
             write_modes(self._folder.path / "modes.pvd", modes, self._folder.files)
         self._output += perf_counter() - start
+
+    def add_estimate(self, estimate: Estimate) -> None:
+        """Add the goals and the estimates of their errors, also to the row of the last step."""
+        self.record["estimate"] = estimate.record()
+        self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
+        last = next(row for row in reversed(self.record["steps"]) if row["converged"])
+        last["errors"] = {name: goal.error for name, goal in estimate.goals.items()}
+        self._seconds = self._seconds | {"estimate": estimate.seconds}
 
     def save(self, status: str, state: bool = False) -> None:
         """Write the output. Collective.

@@ -55,6 +55,11 @@ class Result:
         return list(self.record.get("notes", ()))
 
     @property
+    def goals(self) -> dict[str, dict[str, float | None]]:
+        """Return the goals of run.json, with value, error, relative error, corrected value."""
+        return dict(self.record.get("goals", {}))
+
+    @property
     def u(self) -> Any:
         """Return the displacement [length], a dolfinx Function, at the last converged load."""
         return self.problem.u

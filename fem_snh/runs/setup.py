@@ -54,6 +54,8 @@ class Setup:
         This rank's processor seconds, without compilation.
     condensation : Condensation
         Whether cell pressures are eliminated.
+    mesh : Mesh
+        The mesh.
     make : callable or None
         Makes the problem on the same mesh with another element; None of a scene in time.
     """
@@ -64,6 +66,7 @@ class Setup:
     seconds: dict[str, float]
     processor: float
     condensation: Condensation
+    mesh: meshes.Mesh
     make: Callable[[elements.Element], Problem] | None = None
 
     def result(
@@ -129,7 +132,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
     other = None if scene.time else lambda element: make(element=element)
-    return Setup(problem, snes, stepper, seconds, working, condensation, other)
+    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other)
 
 
 def _why_condensed(scene: scenes.Scene) -> str:

@@ -11,6 +11,7 @@ materials, never the solver.
 
 from __future__ import annotations
 
+from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._consistency import group_references, why_condensed
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
@@ -18,6 +19,7 @@ from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
 from fem_snh.scenes._obstacles import names as obstacle_names
 from fem_snh.scenes._obstacles import read_obstacles
 from fem_snh.scenes.schema import (
+    Accuracy,
     Amplitude,
     BoneChoice,
     Cavity,
@@ -45,11 +47,11 @@ from fem_snh.scenes.schema import (
 )
 
 __all__ = [
-    "GROUP", "OBSTACLE_FILES", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping",
-    "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes", "Move",
+    "GROUP", "OBSTACLE_FILES", "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact",
+    "Damping", "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes", "Move",
     "ObstacleChoice", "Pressure", "Probe", "Rig", "Rotate", "Scene", "SelfContact", "Spring",
     "Start", "Tetrahedra", "Time", "Traction", "describe", "function", "group_references",
     "load", "names",
-    "obstacle_names", "own_parameters", "read_obstacles", "read_toml", "validate",
+    "obstacle_names", "own_parameters", "read_goal", "read_obstacles", "read_toml", "validate",
     "why_condensed",
 ]  # fmt: skip

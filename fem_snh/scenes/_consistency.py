@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
+from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._contact import check_pairs
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
 
 #: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
-#: ratio solves problems without inertia.
-_QUASI_STATIC = ("modes", "nu_continuation")
+#: ratio solves problems without inertia. The error of a path in time is not estimated.
+_QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy")
 
 #: Tables with a key ``group``.
 _GROUP_TABLES = (
@@ -52,6 +53,8 @@ def check_consistency(scene: Scene) -> None:
         if name in AT_OBSTACLES and not (name == "contact_pressure" and scene.self_contact):
             raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
     _check_mesh(scene)
+    for goal in scene.accuracy.goals if scene.accuracy else ():
+        read_goal(goal, scene.probe)
     if scene.time:
         _check_time(scene)
     else:
@@ -75,6 +78,10 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
     for key in ("reactions", "volumes"):
         for group in getattr(scene, key):
             yield key, group
+    for goal in scene.accuracy.goals if scene.accuracy else ():
+        named = read_goal(goal, scene.probe)
+        if named.is_of_group:
+            yield "accuracy.goals", named.name
 
 
 def why_condensed(scene: Scene) -> str:

@@ -18,6 +18,7 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.errors import choose
+from fem_snh.scenes._accuracy import Accuracy
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motions
 from fem_snh.scenes._consistency import check_consistency
@@ -56,7 +57,7 @@ from fem_snh.terms.spring import Spring
 from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
+    "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Motion", "Move", "ObstacleChoice",
     "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
     "Time", "Traction",
@@ -178,6 +179,14 @@ class Scene(Table):
         description="Means over cells, or nodes: values of the L2 projection to degree 1.",
     )
     modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
+    error: Annotated[bool, Expect("true or false")] = Field(
+        default=False,
+        description="Whether the errors of the probes, reactions, volumes and the energy are "
+        "estimated after the last step: by a solution in the element of the next degree.",
+    )
+    accuracy: Accuracy | None = Field(
+        default=None, description="Goals whose errors are estimated, in place of those of `error`."
+    )
     predictor: str = Field(
         default=DEFAULT_PREDICTOR,
         description=f"Initial guess of a load step, one of {', '.join(PREDICTORS)}: the last "
@@ -215,6 +224,11 @@ class Scene(Table):
     def duration(self) -> float | None:
         """The time of load 1 [s]; None in a quasi-static scene."""
         return None if self.time is None else self.time.duration
+
+    @property
+    def estimates_error(self) -> bool:
+        """Whether errors are estimated after the last step."""
+        return self.error or self.accuracy is not None
 
     @property
     def materials(self) -> list[MaterialChoice]:

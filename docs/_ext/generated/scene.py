@@ -45,6 +45,7 @@ TABLES = (
     ("[start]", schema.Start),
     ("[[probe]]", schema.Probe),
     ("[modes]", schema.Modes),
+    ("[accuracy]", schema.Accuracy),
     ("mesh, of a built-in geometry", schema.Geometry),
     ("mesh, of a lattice", schema.Lattice),
     ("mesh, of tetrahedra", schema.Tetrahedra),

@@ -16,7 +16,7 @@ _LISTS = ("force", "pose", "deepest_at")
 def flat(step: dict[str, Any]) -> dict[str, Any]:
     """Return a step as a table row: a column for each component of what has several."""
     tables = ("reactions", "probes", "cavities", "obstacles", "contacts", "bones", "self_contact")
-    nested = (*tables, "volumes", *_VECTORS)
+    nested = (*tables, "volumes", "errors", *_VECTORS)
     row = {key: value for key, value in step.items() if key not in nested}
     if "notes" in row:
         row["notes"] = " ".join(row["notes"])
@@ -24,6 +24,8 @@ def flat(step: dict[str, Any]) -> dict[str, Any]:
         if key in step:
             row |= {f"{key}_{axis}": v for axis, v in zip("xyz", step[key], strict=True)}
     row |= {f"volume_ratio_{name}": ratio for name, ratio in step.get("volumes", {}).items()}
+    errors = step.get("errors", {})
+    row |= {f"error_{name.replace('.', '_')}": error for name, error in errors.items()}
     for kind in ("reaction", "probe"):
         for name, vector in step.get(f"{kind}s", {}).items():
             row |= {f"{kind}_{name}_{axis}": v for axis, v in zip("xyz", vector, strict=True)}

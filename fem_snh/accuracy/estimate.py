@@ -1,0 +1,236 @@
+"""Estimate the errors of goals: their values in the lifted problem less those of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from math import floor, isfinite, log10
+from time import perf_counter
+from typing import Any
+
+from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.lift import (
+    Lift,
+    NoEstimate,
+    check_memory,
+    check_problem,
+    create_lifted,
+    lifted_dofs,
+    lifted_elements,
+    memory,
+)
+from fem_snh.assembly.elements import Element
+from fem_snh.problem.problem import Problem
+
+#: An estimate is found when a further reduction of the residual by ten changes it by less than
+#: this part of it.
+_SETTLED = 0.05
+#: Or by less than this part of the goal.
+_ROUNDING = 1e-6
+#: Components below this part of their vector are not printed: the solvers leave that much.
+_SHOWN = 1e-5
+#: Solves of the lifted problem: the residual is then reduced by 1e-7, the run's own tolerance.
+_MAX_SOLVES = 6
+
+
+@dataclass(frozen=True)
+class GoalError:
+    """A goal of a solution with the estimate of its error.
+
+    Attributes
+    ----------
+    value : float
+        The goal of the run.
+    error : float or None
+        The estimate of what is to be added to it; None: no estimate.
+    scale : float
+        The largest size of a component of the same vector.
+    """
+
+    value: float
+    error: float | None = None
+    scale: float = 0.0
+
+    @property
+    def corrected(self) -> float | None:
+        """The value with the estimate added."""
+        return None if self.error is None else self.value + self.error
+
+    @property
+    def relative(self) -> float | None:
+        """The size of the estimate over that of the value; None for a value that is rounding."""
+        if self.error is None or abs(self.value) <= _SHOWN * self.scale:
+            return None
+        return abs(self.error / self.value)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether value and estimate are rounding beside the other components."""
+        limit = _SHOWN * self.scale
+        return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
+
+    def record(self) -> dict[str, float | None]:
+        """Return the entry of ``goals`` in run.json."""
+        return {
+            "value": self.value,
+            "error": self.error,
+            "relative": self.relative,
+            "corrected": self.corrected,
+        }
+
+    def text(self, name: str) -> str:
+        """Return one line, "corner.y 6.631, error +0.267 (4.0 %), corrected 6.898"."""
+        if self.error is None:
+            return f"{name} {self.value:.6g}, no estimate"
+        value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
+        share = "" if self.relative is None else f" ({_share(self.relative)})"
+        return f"{name} {value}, error {self.error:+.3g}{share}, corrected {corrected}"
+
+
+def _shown(value: float, error: float) -> str:
+    """Return a value with three digits of its error, ten at most."""
+    if not (error and value):
+        return f"{value:.6g}"
+    digits = 3 + floor(log10(abs(value))) - floor(log10(abs(error)))
+    return f"{value:#.{min(max(3, digits), 10)}g}".rstrip(".")
+
+
+def _share(part: float) -> str:
+    """Return a part in per cent with two digits; above 1 as a multiple."""
+    return f"{100 * part:#.2g}".rstrip(".") + " %" if part < 1 else f"{part:.3g} times"
+
+
+@dataclass
+class Estimate:
+    """The errors of the goals of a solution.
+
+    Attributes
+    ----------
+    goals : dict of GoalError
+        The goals by name.
+    reason : str
+        Why there is no estimate; empty if there is one.
+    element : str
+        The lifted element.
+    dofs, memory : int, float
+        Its unknowns and the memory that it needs [bytes], before it is created.
+    newton, linear : int
+        Its Newton and linear iterations.
+    seconds : float
+        Elapsed time.
+    """
+
+    goals: dict[str, GoalError] = field(default_factory=dict)
+    reason: str = ""
+    element: str = ""
+    dofs: int = 0
+    memory: float = 0.0
+    newton: int = 0
+    linear: int = 0
+    seconds: float = 0.0
+
+    def announcement(self) -> str:
+        """Return the line to print before the lifted problem is created."""
+        return (
+            f"error estimate: {self.dofs:,} unknowns of {self.element} on the same cells, about "
+            f"{self.memory / 1e6:.2g} MB"
+        )
+
+    def lines(self) -> list[str]:
+        """Return what is printed: a line for each goal, or why there is no estimate."""
+        if self.reason:
+            return [f"no estimate of the error: {self.reason}"]
+        return [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
+
+    def record(self) -> dict[str, Any]:
+        """Return the entry ``estimate`` of run.json."""
+        return {
+            "reason": self.reason or None,
+            "element": self.element,
+            "dofs": self.dofs,
+            "memory_mb": self.memory / 1e6,
+            "newton": self.newton,
+            "linear": self.linear,
+            "seconds": self.seconds,
+        }
+
+
+def estimate_error(
+    problem: Problem,
+    make: Callable[[Element], Problem],
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None] = lambda estimate: None,
+) -> Estimate:
+    """Return the errors of goals of a problem at its solution. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution; its state is unchanged.
+    make : callable
+        Returns the same problem on the same mesh with another element.
+    goals : sequence of Goal
+        The goals.
+    announce : callable, optional
+        Called before the lifted problem is created, with its unknowns and memory.
+    """
+    start, found = perf_counter(), Estimate()
+    vectors = [goal.bind(problem)() for goal in goals]
+    for goal, vector in zip(goals, vectors, strict=True):
+        scale = max(map(abs, vector))
+        pairs = zip(goal.names, vector, strict=True)
+        found.goals |= {name: GoalError(value, None, scale) for name, value in pairs}
+    try:
+        errors = _errors(problem, make, goals, found, announce)
+        for name, error in zip(list(found.goals), errors, strict=True):
+            found.goals[name] = replace(found.goals[name], error=error)
+    except NoEstimate as reason:
+        found.reason = str(reason)
+    problem.split(problem.x)
+    found.seconds = perf_counter() - start
+    return found
+
+
+def _errors(
+    problem: Problem,
+    make: Callable[[Element], Problem],
+    goals: Sequence[Goal],
+    found: Estimate,
+    announce: Callable[[Estimate], None],
+) -> list[float]:
+    """Return the estimates; raise NoEstimate if there is none."""
+    check_problem(problem)
+    element = next(lifted_elements(problem))
+    found.element, found.dofs = element.name, lifted_dofs(problem, element)
+    found.memory = memory(problem, element)
+    announce(found)
+    check_memory(problem, found.memory)
+    lifted = create_lifted(problem, make)
+    found.element = lifted.element.name
+    lift = Lift(problem, lifted)
+    try:
+        functions = [goal.bind(lifted) for goal in goals]
+        known = list(found.goals.values())
+        errors: list[float] = []
+        for solves in range(_MAX_SOLVES):
+            before = errors
+            lift.solve(first=solves == 0)
+            found.newton, found.linear = lift.newton, lift.linear
+            values = [value for function in functions for value in function()]
+            errors = [new - old.value for new, old in zip(values, known, strict=True)]
+            if not all(map(isfinite, errors)):
+                raise NoEstimate(f"a goal is not finite in the state of {lifted.element.name}")
+            settled = bool(before) and all(
+                abs(new - old) <= max(_SETTLED * abs(new), _ROUNDING * goal.scale)
+                for new, old, goal in zip(errors, before, known, strict=True)
+            )
+            if (settled and lift.stable) or lift.at_end:
+                break
+    finally:
+        lift.destroy()
+    if not lift.stable:
+        raise NoEstimate(
+            f"the equilibrium of {lifted.element.name} near the run's is unstable: its Hessian has "
+            "negative curvature"
+        )
+    return errors

@@ -1,0 +1,281 @@
+r"""The lifted problem: the same one in the element of the next degree on the same cells.
+
+A body's error of discretisation is estimated as the difference between two equilibria: the run's,
+and that of an element whose own error is smaller by a power of the cell size. The lifted element
+has a continuous pressure (Taylor-Hood), so that it does not lock either: Q1 and Q1P0 are lifted to
+Q2Q1, P1 to P2P1, elements of degree 2 to P3P2 and Q3Q2. The run's own state is the first guess,
+and the solver is that of the run, so that a few Newton iterations suffice (docs/theory/error.md).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from fem_snh import _dolfinx, solver
+from fem_snh.assembly.elements import ELEMENTS, Element
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    copy_to_function,
+    local_values,
+    set_to_zero,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.errors import BadInput
+from fem_snh.problem.problem import Problem
+
+#: Prefix of its solver's options: those of the run are for another problem.
+PREFIX = f"{solver.PREFIX}lifted_"
+#: Taylor-Hood elements of degree 3, on which nothing but the estimate relies. Their quadrature is
+#: exact for products of two gradients on affine cells.
+_DEGREE_3 = {
+    "tetrahedron": Element("P3P2", "tetrahedron", 3, 5, 4, "pressure", 2),
+    "hexahedron": Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
+}
+_DEGREE_2 = {"tetrahedron": ELEMENTS["P2P1"], "hexahedron": ELEMENTS["Q2Q1"]}
+#: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4.
+_NO_LOCKING = 4.0
+#: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
+#: tetrahedra; and what a pair of nodes needs in bytes: nine numbers in double precision for the
+#: matrix, nine in single precision for the linear solver, and indices.
+_COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron", 2): 64,
+                  ("hexahedron", 3): 125}  # fmt: skip
+_BYTES_PER_PAIR = 9 * (8 + 4) + 8
+#: Reduction of the residual by the first solve and by each further one.
+_FIRST, _FURTHER = 1e-2, 1e-1
+#: Newton iterations of one solve: a state that needs more is far from the run's.
+_MAX_IT = 15
+
+
+class NoEstimate(Exception):
+    """There is no estimate of the error; the text says why in one line."""
+
+
+def lifted_elements(problem: Problem) -> Iterator[Element]:
+    """Return the elements to which a problem is lifted, the best first.
+
+    The further ones are for materials whose volume term has no unknown pressure.
+    """
+    base = problem.element
+    best = (_DEGREE_2 if base.degree == 1 else _DEGREE_3)[base.cell]
+    several = len(problem.regions) > 1
+    if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
+        yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
+    elif several and base.volume != "pressure":  # a continuous pressure is wrong at interfaces
+        if not _locks(problem):
+            yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+        yield replace(best, name=f"{best.name[:2]}P0", volume="cell_pressure", pressure_degree=0)
+    else:
+        yield best
+    if not _locks(problem):
+        yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+
+
+def _locks(problem: Problem) -> bool:
+    """Return whether a pointwise volume term can lock with one of the materials."""
+    moduli = [part.region.material.lame for part in problem.elastic.parts]
+    return any(not lam <= _NO_LOCKING * mu for mu, lam in moduli)
+
+
+def check_problem(problem: Problem) -> None:
+    """Raise NoEstimate for a problem whose state depends on its path. Collective."""
+    for name, term in problem.history.by_name.items():
+        if problem.comm.allreduce(term.history()[1].size):
+            raise NoEstimate(
+                f"'{name}' keeps friction or multipliers from step to step, which another element "
+                "does not have"
+            )
+
+
+def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Problem:
+    """Return the lifted problem at the problem's load. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution.
+    make : callable
+        Returns the same problem on the same mesh with another element.
+
+    Raises
+    ------
+    NoEstimate
+        For materials that no lifted element supports.
+    """
+    reason = ""
+    for element in lifted_elements(problem):
+        try:
+            lifted = make(element)
+        except BadInput as error:  # a material without a volume term of its own
+            reason = reason or str(error)
+            continue
+        lifted.set_load(problem.load)
+        return lifted
+    raise NoEstimate(f"no element of degree {problem.element.degree + 1} fits: {reason}")
+
+
+def lifted_dofs(problem: Problem, element: Element) -> int:
+    """Return the number of unknowns of the lifted problem. Collective."""
+    spaces = [(element.degree, 3, "Lagrange")]
+    if element.has_pressure:
+        spaces.append((element.pressure_degree, 1, "Lagrange" if element.pressure_degree else "DG"))
+    total = 0
+    for degree, width, family in spaces:
+        Q = _dolfinx.function_space(problem.domain, degree, family=family)
+        total += width * problem.comm.allreduce(_dolfinx.num_nodes(Q)[0])
+    return int(total)
+
+
+def memory(problem: Problem, element: Element) -> float:
+    """Return about how many bytes the lifted problem needs on all ranks. Collective."""
+    nodes = lifted_dofs(problem, element) / 3
+    return float(nodes * _COUPLED_NODES[element.cell, element.degree] * _BYTES_PER_PAIR)
+
+
+def check_memory(problem: Problem, needed: float) -> None:
+    """Raise NoEstimate if the ranks' machines have less memory than that [bytes]. Collective."""
+    hosts = dict(problem.comm.allgather((os.uname().nodename, _available_memory())))
+    if needed > (available := sum(hosts.values())):
+        raise NoEstimate(
+            f"it needs about {needed / 1e9:.1f} GB of memory, of which {available / 1e9:.1f} GB "
+            "are available"
+        )
+
+
+def _available_memory() -> float:
+    """Return the memory that is available on this machine [bytes]; infinity if it is unknown."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            rows = dict(line.split(":") for line in lines)
+        return float(rows["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):
+        return float("inf")
+
+
+class Lift:
+    """Solves the lifted problem from the state of the run. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution.
+    lifted : Problem
+        The same with the lifted element, from `create_lifted`.
+
+    Attributes
+    ----------
+    newton, linear : int
+        Newton and linear iterations so far.
+    """
+
+    def __init__(self, problem: Problem, lifted: Problem) -> None:
+        self.problem, self.lifted = problem, lifted
+        self.newton = self.linear = 0
+        problem.split(problem.x)
+        lifted.u.interpolate(problem.u)
+        size = 3 * len(lifted.coordinates)
+        lifted.x.set(0.0)
+        lifted.x.array[:size] = lifted.u.x.array[:size]
+        lifted.prescribe(lifted.x)
+        if lifted.saddle_point is not None:
+            self._guess_pressure()
+        lifted.history.begin_step(lifted.split(lifted.x)[0])
+        self._snes = solver.create(lifted, prefix=PREFIX)
+        self._outcome, self._last_filter = solver.StepOutcome(), ""
+
+    def solve(self, first: bool) -> None:
+        """Reduce the residual, by more in the first solve.
+
+        Raises
+        ------
+        NoEstimate
+            If the solver does not converge.
+        """
+        self._snes.setTolerances(rtol=_FIRST if first else _FURTHER, atol=0, stol=0, max_it=_MAX_IT)
+        self._outcome = outcome = solver.StepOutcome()
+        solver.solve_until_settled(self.lifted, self._snes, outcome)
+        self.newton += outcome.newton
+        self.linear += outcome.linear
+        if outcome.history:
+            self._last_filter = outcome.history[-1].filter
+        if not outcome.converged:
+            raise NoEstimate(
+                f"no equilibrium of {self.lifted.element.name} was found near the run's "
+                f"({outcome.reason} after {self.newton} Newton iterations)"
+            )
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the last solve found that its start was a solution to all digits."""
+        return self._outcome.newton == 0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the exact Hessian was positive definite in the last Newton iteration."""
+        return self._last_filter not in ("clamp", "abs")
+
+    def destroy(self) -> None:
+        """Destroy the solver."""
+        solver.destroy(self._snes)
+
+    def _guess_pressure(self) -> None:
+        """Set the pressure to the run's, or to zero if the residual is smaller."""
+        lifted, saddle_point = self.lifted, self.lifted.saddle_point
+        assert saddle_point is not None
+        without, residual = lifted.x.copy(), lifted.x.duplicate()
+        lifted.residual(lifted.x, residual)
+        norm = residual.norm()
+        pressure = self._pressure()
+        dofs = saddle_point.pressure_dofs(lifted.x)
+        dofs[:] = pressure[: len(dofs)] / saddle_point.unit
+        lifted.residual(lifted.x, residual)
+        if not residual.norm() < norm:
+            without.copy(lifted.x)
+
+    def _pressure(self) -> np.ndarray:
+        """Return nodal pressures [Pa] of the lifted space.
+
+        They interpolate the run's nodal pressures. Without any, the pressure of a cell is the bulk
+        stiffness times its mean change of volume, that of a vertex the mean over its cells.
+        """
+        problem, lifted = self.problem, self.lifted
+        assert lifted.saddle_point is not None
+        target = _dolfinx.function(lifted.saddle_point.Q, "pressure")
+        if problem.saddle_point is not None:
+            source = _dolfinx.function(problem.saddle_point.Q, "pressure")
+            source.x.array[:] = problem.saddle_point.pressure()
+        else:
+            fields = problem.cell_fields(problem.x)
+            volumes = fields["volume"]
+            pressures = fields["deformed_volume"] / volumes - 1
+            for part in lifted.elastic.parts:
+                pressures[part.region.cells] *= part.loops.constants.volume_stiffness
+            if lifted.saddle_point.cell_pressures:
+                target.x.array[_dolfinx.node_dofs(target.function_space)[:, 0]] = pressures
+                return np.asarray(target.x.array)
+            source = _vertex_means(problem, volumes, pressures)
+        target.interpolate(source)
+        return np.asarray(target.x.array)
+
+
+def _vertex_means(problem: Problem, volumes: np.ndarray, values: np.ndarray) -> object:
+    """Return the function of degree 1 with the means over the cells of each vertex. Collective."""
+    Q = _dolfinx.function_space(problem.domain, 1)
+    nodes = _dolfinx.node_dofs(Q)[: len(volumes)]
+    sums, weights = (_dolfinx.create_vector(Q) for _ in range(2))
+    for vector, cells in ((sums, volumes * values), (weights, volumes)):
+        set_to_zero(vector)
+        np.add.at(writable_values(vector), nodes, np.repeat(cells[:, None], nodes.shape[1], axis=1))
+        add_ghosts(vector)
+        update_ghosts(vector)
+    means = sums.duplicate()
+    quotient = writable_values(means)
+    np.divide(local_values(sums), local_values(weights), out=quotient,
+              where=local_values(weights) > 0)  # fmt: skip
+    function = _dolfinx.function(Q, "pressure")
+    copy_to_function(means, function)
+    return function

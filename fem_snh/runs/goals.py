@@ -1,0 +1,109 @@
+"""The goals of a scene, from the names of its table ``[accuracy]``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.accuracy.goals import (
+    EnergyGoal,
+    ForceGoal,
+    Goal,
+    MeanGoal,
+    PointGoal,
+    VolumeGoal,
+)
+from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.errors import bad_value
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.problem.measures import group_cells
+from fem_snh.problem.problem import Problem
+from fem_snh.scenes import Scene, read_goal
+from fem_snh.terms.body import group_facets
+
+#: Key of the goals' names.
+_KEY = "accuracy.goals"
+#: Quadrature degree of means: exact for a displacement of degree 3 on cells with flat faces.
+_MEAN_DEGREE = 5
+
+
+def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
+    """Return the goals of a scene, by default its probes, reactions, volumes and energy.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    mesh : Mesh
+        Its mesh.
+    has_energy : bool
+        Whether all its forces have an energy.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a goal that the scene or its mesh does not have.
+    """
+    names = scene.accuracy.goals if scene.accuracy else default_goals(scene, has_energy)
+    if "energy" in names and not has_energy:
+        raise bad_value(_KEY, "energy", "another goal, as there is a force without an energy")
+    return [_goal(scene, mesh, name) for name in dict.fromkeys(names)]
+
+
+def default_goals(scene: Scene, has_energy: bool) -> list[str]:
+    """Return the names of the goals of a scene that names none."""
+    return [
+        *(probe.name for probe in scene.probe),
+        *(f"{group}.force" for group in scene.reactions),
+        *(f"{group}.volume" for group in scene.volumes),
+        "volume",
+        *(["energy"] if has_energy else []),
+    ]
+
+
+def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
+    kind, name, components = read_goal(text, scene.probe)
+    if kind == "energy":
+        return EnergyGoal()
+    if kind == "point":
+        point = next(probe.point for probe in scene.probe if probe.name == name)
+        return PointGoal(name, point, components)
+    if kind == "volume":
+        return VolumeGoal(text, _cells(mesh, name, text) if name else None)
+    if kind == "force":
+        return ForceGoal(f"{name}.force", _dofs_of_group(mesh, name), components)
+    return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
+
+
+def _dofs_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
+    """Return the function that marks the owned dofs of a physical group in a problem."""
+
+    def mark(problem: Problem) -> Any:
+        owned = len(problem.coordinates)
+        nodes = group_nodes(problem.V, mesh, key)
+        mask = np.zeros((owned, 3), dtype=bool)
+        mask[nodes[nodes < owned]] = True
+        return mask
+
+    return mark
+
+
+def _cells(mesh: Mesh, key: str, text: str) -> Any:
+    """Return the owned cells of a group of volumes."""
+    group = mesh.group(key)
+    if group.dim != 3:
+        raise bad_value(_KEY, text, f"a goal of a group of volumes, not of a {group.label}")
+    return group_cells(mesh, [key])[key]
+
+
+def _measure(mesh: Mesh, key: str, text: str) -> Any:
+    """Return the measure of a group of surfaces or volumes."""
+    if mesh.group(key).dim == 2:
+        return _dolfinx.surface_measure(mesh.domain, group_facets(mesh, _KEY, key))
+    cells = _cells(mesh, key, text)
+    others = np.setdiff1d(np.arange(_dolfinx.num_owned(mesh.domain, 3), dtype=np.int32), cells)
+    measures = _dolfinx.cell_measures(mesh.domain, [cells, others], mesh.cell, _MEAN_DEGREE)
+    return measures[0]

@@ -1,0 +1,266 @@
+"""The estimate of the error: exact cases, finer solutions, units, ranks, refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+from running import rows, solve
+
+from fem_snh import scenes
+from fem_snh.accuracy.estimate import GoalError
+from fem_snh.errors import BadInput
+from fem_snh.scenes.schema import (
+    Accuracy,
+    Geometry,
+    Hold,
+    MaterialChoice,
+    Move,
+    Probe,
+    Scene,
+    Traction,
+)
+
+mpi = pytest.mark.mpi
+_COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
+
+
+def reference(nu):
+    """The corner's displacement in the finest solution of the study of Cook's membrane."""
+    with _COOK.open() as file:
+        table = [row for row in csv.DictReader(file) if row["element"] == "Q2Q1"]
+    found = [r for r in table if float(r["nu"]) == nu and r["default"] == r["converged"] == "True"]
+    finest = max(found, key=lambda row: int(row["cells"]))
+    assert int(finest["cells"]) >= 32
+    return [float(finest[f"probe_corner_{axis}"]) for axis in "xy"]
+
+
+def stretched(element, nu=0.49, stretch=1.5, E=1.0, cells=2, **keys):
+    """A cube between three symmetry planes, stretched along x: a homogeneous state."""
+    return Scene(
+        name="stretched",
+        mesh=Geometry(source="cube"),
+        cells=cells,
+        element=element,
+        steps=2,
+        material=MaterialChoice(name="stable_neo_hookean", E=E, nu=nu),
+        hold=[
+            Hold(group=group, components=(axis,))
+            for group, axis in (("left", "x"), ("front", "y"), ("bottom", "z"))
+        ],
+        move=[Move(group="right", translate=(stretch - 1, 0, 0), components=("x",))],
+        reactions=["right"],
+        probe=[Probe(name="corner", point=(1, 1, 1))],
+        error=True,
+        **keys,
+    )
+
+
+def sheared(element="Q1", force=0.05, E=1.0, cells=2, **keys):
+    """A cube on a clamped bottom, sheared by a dead load on its top."""
+    return Scene(
+        name="sheared",
+        mesh=Geometry(source="cube"),
+        cells=cells,
+        element=element,
+        material=MaterialChoice(name="stable_neo_hookean", E=E, nu=0.49),
+        hold=[Hold(group="bottom")],
+        traction=[Traction(group="top", vector=(force, 0, 0))],
+        reactions=["bottom"],
+        probe=[Probe(name="corner", point=(1, 1, 1))],
+        error=True,
+        **keys,
+    )
+
+
+@pytest.mark.parametrize("element", ["Q1", "P1", "Q1P0", "P2P0"])
+def test_a_state_that_the_element_holds_has_no_error(element):
+    result = solve(stretched(element))
+    assert result.record["estimate"]["reason"] is None
+    for name, goal in result.goals.items():
+        assert abs(goal["error"]) < 2e-6, (name, goal)
+
+
+@pytest.mark.parametrize(
+    ("element", "nu", "limit"), [("Q1P0", 0.3, 1e-2), ("Q1P0", 0.4999, 1e-2), ("Q1", 0.4999, 1e-2)]
+)
+def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, limit):
+    """A run in Q2Q1 on the same cells is the nonlinear solution that the estimate stands for."""
+    found = solve("cook", element=element, nu=nu, cells=4, error=True)
+    lifted = solve("cook", element="Q2Q1", nu=nu, cells=4)
+    assert found.record["estimate"]["element"] == "Q2Q1"
+    corner = lifted.steps[-1]["probes"]["corner"]
+    for axis, value in zip("xy", corner, strict=False):
+        goal = found.goals[f"corner.{axis}"]
+        assert goal["corrected"] == pytest.approx(value, abs=limit * abs(goal["error"]))
+    energy = found.goals["energy"]
+    assert energy["corrected"] == pytest.approx(
+        lifted.steps[-1]["energy"], abs=limit * abs(energy["error"])
+    )
+
+
+@pytest.mark.parametrize("element", ["Q1", "Q1P0", "P1"])
+@pytest.mark.parametrize("nu", [0.3, 0.4999])
+def test_effectivity_on_cook(element, nu):
+    """Against a solution whose error is at most 0.4 %; those here have 7 to 99 %."""
+    goals = solve("cook", element=element, nu=nu, cells=8, error=True).goals
+    for axis, exact in zip("xy", reference(nu), strict=True):
+        goal = goals[f"corner.{axis}"]
+        assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4
+        # The corrected value is at least twice as good.
+        assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 2
+
+
+def test_effectivity_on_a_twisted_bar():
+    """Against Q2Q1 on a mesh twice as fine, whose error is a hundredth of that of Q1P0."""
+    fine = solve("twist", element="Q2Q1", cells=6, angle=1.0, nu=0.49).steps[-1]
+    goals = solve("twist", element="Q1P0", cells=3, angle=1.0, nu=0.49, error=True).goals
+    exact = {"top.force.z": fine["reactions"]["top"][2], "energy": fine["energy"]}
+    exact |= {f"edge.{a}": v for a, v in zip("xy", fine["probes"]["edge"], strict=False)}
+    for name, value in exact.items():
+        goal = goals[name]
+        assert 0.7 < goal["error"] / (value - goal["value"]) < 1.4, name
+
+
+def test_the_error_of_a_locked_element_agrees_with_its_note():
+    """A force-driven body that is `stiffness` times too stiff has that displacement too little."""
+    result = solve("cook", element="Q1", cells=4, error=True)
+    (note,) = result.notes
+    assert note["kind"] == "locking"
+    corner = result.goals["corner.y"]
+    # Q1P0, with which the note compares, has 73 % of the displacement of Q2Q1 on this mesh.
+    assert corner["corrected"] / corner["value"] > note["stiffness"] > 2
+
+
+def test_units_do_not_matter():
+    """With E and the load 2^20 times as large, forces and energies are, and displacements stay."""
+    soft = solve(sheared(E=1.0, force=0.05)).goals
+    hard = solve(sheared(E=2.0**20, force=0.05 * 2**20)).goals
+    factors = {"corner": 1, "bottom": 2**20, "energy": 2**20, "volume": 1}
+    for name, goal in soft.items():
+        factor = factors[name.partition(".")[0]]
+        for key in ("value", "error"):
+            assert hard[name][key] == pytest.approx(
+                factor * goal[key], rel=1e-9, abs=1e-12 * factor
+            )
+
+
+def test_a_run_without_error_is_the_same():
+    with_error = solve(sheared())
+    without = solve(sheared().model_copy(update={"error": False}))
+    assert "goals" not in without.record
+    assert "estimate" not in without.record
+    assert without.goals == {}
+    a, b = with_error.steps[-1], without.steps[-1]
+    for key in ("energy", "probes", "reactions", "newton", "linear", "residual"):
+        assert a[key] == b[key]
+    assert (with_error.problem.x.array_r == without.problem.x.array_r).all()
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1P0", "P1"])
+def test_goals_do_not_depend_on_ranks(element):
+    """Each rank has the goals of a run on one, as far as the solvers' tolerances go."""
+    scene = sheared(element, accuracy=Accuracy(goals=["corner.x", "top.mean.x", "body.mean.x"]))
+    alone = solve(scene, comm=MPI.COMM_SELF).goals
+    together = solve(scene, comm=MPI.COMM_WORLD).goals
+    assert list(together) == ["corner.x", "top.mean.x", "body.mean.x"]
+    for name, goal in alone.items():
+        assert together[name]["value"] == pytest.approx(goal["value"], rel=1e-5)
+        assert together[name]["error"] == pytest.approx(goal["error"], rel=1e-2)
+
+
+def test_goals_of_groups():
+    """On a surface that moves as a whole: mean, force of the opposite side, volume of the body."""
+    goals = ["right.mean", "left.force.x", "right.force.x", "body.volume", "volume"]
+    found = solve(stretched("Q1", accuracy=Accuracy(goals=goals))).goals
+    assert found["right.mean.x"]["value"] == pytest.approx(0.5, abs=1e-12)
+    assert found["right.mean.x"]["error"] == pytest.approx(0, abs=1e-9)
+    assert found["left.force.x"]["value"] == pytest.approx(-found["right.force.x"]["value"])
+    assert found["body.volume"] == found["volume"]
+
+
+def test_goals_in_the_files(tmp_path, capsys):
+    import fem_snh
+
+    result = fem_snh.run(sheared(), out=tmp_path / "run")
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["goals"] == result.goals
+    corner = record["goals"]["corner.x"]
+    assert corner["corrected"] == corner["value"] + corner["error"]
+    assert corner["relative"] == abs(corner["error"] / corner["value"])
+    (row,) = rows(tmp_path / "run")
+    assert float(row["error_corner_x"]) == corner["error"]
+    estimate = record["estimate"]
+    assert estimate["dofs"] == 3 * 5**3 + 3**3
+    printed = capsys.readouterr().out
+    assert "error estimate: 402 unknowns of Q2Q1 on the same cells" in printed
+    assert f"corner.x {corner['value']:.3g}" in printed
+    # A run that is finished gets its estimate when it is resumed with --error.
+    without = fem_snh.run(
+        sheared().model_copy(update={"error": False}), out=tmp_path / "run", overwrite=True
+    )
+    assert without.goals == {}
+    resumed = fem_snh.run(sheared(), out=tmp_path / "run", resume=True)
+    assert resumed.goals["corner.x"]["error"] == pytest.approx(corner["error"], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        ("corner.w", "accuracy.goals = 'corner.w': expected 'energy', 'volume', a probe"),
+        ("cornr.x", "did you mean 'corner'"),
+        ("top.moment.z", "accuracy.goals = 'top.moment.z': expected"),
+        ("body.volume.x", "accuracy.goals = 'body.volume.x': expected"),
+        ("", "accuracy.goals"),
+    ],
+)
+def test_goals_that_are_none(goal, message):
+    with pytest.raises(BadInput, match=r"accuracy\.goals") as refused:
+        scenes.load(sheared(), **{"accuracy": {"goals": [goal]}})
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        ("lid.mean", "accuracy.goals = 'lid': no physical group 'lid'"),
+        ("top.volume", "expected a goal of a group of volumes, not of a surface:top"),
+        ("corners.mean", "expected a goal of a group of volumes, not of a point:corners"),
+    ],
+)
+def test_goals_of_groups_that_are_none(goal, message):
+    with pytest.raises(BadInput) as refused:
+        solve(sheared(accuracy=Accuracy(goals=[goal])))
+    assert message in str(refused.value)
+
+
+def test_no_error_of_a_path_in_time():
+    with pytest.raises(BadInput, match="'time' and 'error' exclude each other"):
+        scenes.load("squash", error=True)
+
+
+def test_a_material_without_a_lifted_element_has_no_estimate():
+    """Near nu = 1/2 a pointwise volume term would lock in the lifted element as well."""
+    result = solve("twist", material="stvk", nu=0.45, cells=2, angle=0.1, error=True)
+    assert result.converged
+    reason = result.record["estimate"]["reason"]
+    assert reason.startswith("no element of degree 2 fits")
+    assert all(goal["error"] is None for goal in result.goals.values())
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (6.6306, 0.2670, "g 6.631, error +0.267 (4.0 %), corrected 6.898"),
+        (2.0, 3.0, "g 2.00, error +3 (1.5 times), corrected 5.00"),
+        (1.0, -1e-7, "g 1.000000000, error -1e-07 (1.0e-05 %), corrected 0.999999900"),
+        (0.0, 1e-3, "g 0, error +0.001, corrected 0.00100"),
+    ],
+)
+def test_the_line_of_a_goal(value, error, text):
+    assert GoalError(value, error, abs(value)).text("g") == text
