@@ -35,7 +35,7 @@ from fem_snh.viewing.render.compare import main as compare
 parser = ArgumentParser(description="A cube twisted by two quarter turns, in four materials.")
 parser.add_argument("--cells", type=int, default=15, help="along an edge")
 parser.add_argument("--hessian", default="clamp")
-parser.add_argument("--out", type=Path, default=Path("out/twist"))
+parser.add_argument("--out", type=Path, default=Path("out/cube_twist"))
 args = parser.parse_args()
 
 # %% [markdown]

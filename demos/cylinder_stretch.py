@@ -39,7 +39,7 @@ from fem_snh.viewing.render.compare import main as compare
 
 parser = ArgumentParser(description="A cylinder stretched to 3.4 times its length.")
 parser.add_argument("--cells", type=int, default=16, help="along the diameter")
-parser.add_argument("--out", type=Path, default=Path("out/stretch"))
+parser.add_argument("--out", type=Path, default=Path("out/cylinder_stretch"))
 args = parser.parse_args()
 
 PUBLISHED = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}

@@ -33,8 +33,8 @@ SMALLER = {
 }
 #: What each leaves behind, besides its run folders.
 PICTURES = {
-    "cylinder_stretch": ["stretch/figure_5.png", "stretch/figure_6.png"],
-    "cube_twist": ["twist/figure_9.png"],
+    "cylinder_stretch": ["cylinder_stretch/figure_5.png", "cylinder_stretch/figure_6.png"],
+    "cube_twist": ["cube_twist/figure_9.png"],
     "cook": ["cook/cook.png"],
     "pull": ["pull/figure_3.png"],
     "modes": ["modes/normalised/modes.png"],
@@ -69,6 +69,8 @@ def test_demo_reads_like_a_page(demo: Path) -> None:
     assert len(text.splitlines()) <= 120
     assert f"python demos/{demo.name}" in text
     assert "assert " in text
+    # No folder of a scene's name, into which the README and the pages run the scene.
+    assert set(re.findall(r'default=Path\("out/(\w+)"\)', text)) <= {demo.stem}
     index = (ROOT / "docs" / "gallery" / "index.md").read_text()
     cards = ",".join(re.findall(r"^```\{generated\} grid (.*)$", index, re.M)).split(",")
     assert demo.stem in cards and f"\n{demo.stem}\n" in index
