@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from fem_snh.kernels.material import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
+    from fem_snh.scenes import register_feature
     from fem_snh.terms.cavity import Cavity
+    from fem_snh.terms.feature import Feature
     from fem_snh.terms.gravity import Gravity
     from fem_snh.terms.pressure import Pressure
     from fem_snh.terms.spring import Spring
@@ -35,8 +37,9 @@ if TYPE_CHECKING:
     from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "BadInput", "Cavity", "DynamicProblem", "Gravity", "NonlinearProblem", "Pressure", "Result",
-    "SelfContact", "Spring", "Term", "Traction", "material", "materials", "run",
+    "BadInput", "Cavity", "DynamicProblem", "Feature", "Gravity", "NonlinearProblem", "Pressure",
+    "Result", "SelfContact", "Spring", "Term", "Traction", "material", "materials",
+    "register_feature", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -48,6 +51,8 @@ _MODULES = {
     "DynamicProblem": "dynamic_problem",
     "SelfContact": "contact.self_contact",
     "Cavity": "terms.cavity",
+    "Feature": "terms.feature",
+    "register_feature": "scenes",
     "Gravity": "terms.gravity",
     "Pressure": "terms.pressure",
     "Spring": "terms.spring",

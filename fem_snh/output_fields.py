@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 #: Names of components, in the order of the values: of vectors, of 3x3 tensors by rows, as ParaView
@@ -99,9 +100,15 @@ AT_OBSTACLES = {
 NAMED = ON_REQUEST | IN_TIME | AT_OBSTACLES
 
 #: Fields that are at the nodes always.
-NODAL = ("reaction_force", *IN_TIME, *AT_OBSTACLES)
+NODAL = ["reaction_force", *IN_TIME, *AT_OBSTACLES]
 #: Those whose sum over the nodes has a meaning. A file of several ranks lists a shared node several
 #: times: one of them has the value, the others have 0.
 SUMMED = ("reaction_force",)
 #: Where the other fields are written.
 LOCATIONS = ("cells", "nodes")
+
+
+def add_nodal_fields(fields: Mapping[str, OutputField]) -> None:
+    """Add the fields of a feature of another package to those that scenes may name."""
+    NODAL.extend(name for name in fields if name not in NAMED)
+    NAMED.update(fields)

@@ -206,7 +206,7 @@ def _load(block: Block) -> None:
 
     if block.file_name == "pyproject.toml":
         groups = tomllib.loads(block.text)["project"]["entry-points"]
-        assert set(groups) <= {registry.GROUP, scenes.GROUP}, groups
+        assert set(groups) <= {registry.GROUP, scenes.GROUP, scenes.FEATURES}, groups
     elif block.file_name and "mesh" in tomllib.loads(block.text):
         scenes.load(block.file_name)
     else:

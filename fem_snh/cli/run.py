@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,9 @@ from typing import Any
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, output, split_petsc, value
 from fem_snh.errors import BadInput, on_root
+
+#: Width of the list of keys in the help.
+_WIDTH = 98
 
 
 def run_parser() -> Parser:
@@ -139,6 +143,8 @@ def scene_list() -> str:
             f"{key}={_short(default)}" for key, default in scenes.own_parameters(name).items()
         ]
         rows += [f"  {name:<9}{scenes.describe(name)}", f"  {'':<9}--set {', '.join(parameters)}"]
+    tables = textwrap.wrap(", ".join(scenes.Scene.model_fields), _WIDTH)
+    rows += ["", "keys and tables of a scene:", *(f"  {line}" for line in tables)]
     return "\n".join([*rows, "", "PETSc options go last, after --: -- -ksp_rtol 1e-6 -snes_view"])
 
 

@@ -26,6 +26,7 @@ from fem_snh.run_files import RunFiles
 from fem_snh.runs.defaults import describe_defaults
 from fem_snh.runs.output.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
+from fem_snh.terms.feature import grouped
 
 if TYPE_CHECKING:
     from fem_snh.steps.time_steps import TimeSteps
@@ -82,6 +83,7 @@ def describe(
         "dofs": problem.dofs,
         "ranks": problem.comm.size,
         **({"time": _describe_time(scene, problem, motion)} if motion else {}),
+        **_describe_features(scene, problem),
         **_describe_obstacles(scene, problem),
         **_describe_bones(scene, problem),
         "load_name": scene.load_name,
@@ -112,6 +114,15 @@ def _describe_time(scene: Scene, problem: Problem, motion: TimeSteps) -> dict[st
     if reactions := problem.reactions(problem.x):
         start["reactions"] = reactions
     return given | {"start": start}
+
+
+def _describe_features(scene: Scene, problem: Problem) -> dict[str, Any]:
+    """Return what the scene's features have in run.json. Collective."""
+    found: dict[str, Any] = {}
+    for kind, features in grouped(scene.features):
+        terms = [term for term in problem.terms if term.name == kind.key]
+        found |= kind.describe(features, terms)
+    return found
 
 
 def _describe_obstacles(scene: Scene, problem: Problem) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from fem_snh.scenes._outputs import Geometry
 from fem_snh.scenes._self_contact import check_self_contact
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
+from fem_snh.terms.feature import feature_classes, grouped
 
 if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
@@ -29,7 +30,7 @@ _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy")
 
 #: Tables with a key ``group``.
 _GROUP_TABLES = (
-    "hold", "move", "bone", "traction", "pressure", "spring", "cavity", "obstacle",
+    "hold", "move", "bone", "obstacle",
 )  # fmt: skip
 
 
@@ -37,8 +38,8 @@ def check_consistency(scene: Scene) -> None:
     """Raise BadInput for the first contradiction between keys of a scene."""
     element(scene.element, scene.quadrature)
     check_tables(scene.table, dict(scene))
-    if scene.cavity:
-        _check_cavity(scene)
+    for kind, features in grouped(scene.features):
+        kind.check(features, scene)
     if scene.obstacle:
         obstacle_names(scene.obstacle)
     check_bones(scene.bone, scene.rig, obstacle_names(scene.obstacle))
@@ -49,6 +50,7 @@ def check_consistency(scene: Scene) -> None:
     check_self_contact(scene)
     if scene.static_condensation is False and (why := why_condensed(scene)):
         raise bad_value("static_condensation", "false", f"true, as {why}")
+    _check_fields(scene)
     for name in () if scene.obstacle else scene.fields:
         if name in AT_OBSTACLES and not (name == "contact_pressure" and scene.self_contact):
             raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
@@ -72,6 +74,9 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
         for number, entry in enumerate(getattr(scene, table)):
             if entry.group is not None:
                 yield f"{table}.{number}.group", entry.group
+    for kind, features in grouped(scene.features):
+        for number, feature in enumerate(features):
+            yield from ((f"{kind.key}.{number}.{key}", g) for key, g in feature.groups.items())
     for number, contact in enumerate(scene.contact):
         for group in contact.groups:
             yield f"contact.{number}.groups", group
@@ -90,19 +95,24 @@ def why_condensed(scene: Scene) -> str:
         names = " and ".join(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
     # Terms with a state of their own, or with a matrix that is not assembled, would need two.
-    for key in ("time", "obstacle", "contact", "self_contact", "cavity", "nu_continuation"):
+    for key in ("time", "obstacle", "contact", "self_contact", "nu_continuation"):
         if getattr(scene, key):
             return f"the scene has '{key}'"
+    for feature in scene.features:
+        if not feature.stateless:
+            return f"the scene has '{feature.key}'"
     return ""
 
 
-def _check_cavity(scene: Scene) -> None:
-    """Check the element and the modes of a scene with a cavity."""
-    if ELEMENTS[scene.element].volume == "pressure":
-        accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
-        raise bad_value("element", scene.element, accepted)
-    if scene.modes:
-        raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
+def _check_fields(scene: Scene) -> None:
+    """Raise BadInput for a field of a feature that the scene does not have."""
+    homes: dict[str, list[str]] = {}
+    for kind in feature_classes(type(scene)):
+        for name in kind.nodal_fields:
+            homes.setdefault(name, []).append(kind.key)
+    for name in scene.fields:
+        if name in homes and not any(getattr(scene, key) for key in homes[name]):
+            raise bad_value("fields", name, f"another field, as the scene has no {homes[name][0]}")
 
 
 def _check_mesh(scene: Scene) -> None:

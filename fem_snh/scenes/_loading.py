@@ -50,7 +50,7 @@ def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) 
     given = {key: value for key, value in overrides.items() if value is not None or "." in key}
     given = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in given.items()}
     if isinstance(scene, Scene):
-        return validate(scene.model_dump(), scene.name, given)
+        return validate(scene.model_dump(), scene.name, given) if given else scene
     if callable(scene):
         return _call(scene, getattr(scene, "__name__", "scene"), given)
     label = str(scene)
@@ -118,11 +118,14 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
     own = parameters(make)
     arguments = {key: given.pop(key) for key in own if key in given}
     try:
-        data = make_scene(make, arguments).model_dump()
+        made = make_scene(make, arguments)
     except ValidationError as error:
         raise BadInput(f"{label}: {one_line(error)}") from None
     except BadInput as error:
         raise BadInput(f"{label}: {error}") from None
+    if not given and not is_reference(label):
+        return made
+    data = made.model_dump()
     if is_reference(label):
         data = _relative_to(data, Path(label.rpartition(":")[0]).parent)
     return validate(data, label, given, own)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import Field
 
-from fem_snh.errors import bad_value
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.types import SURFACE, Number, Positive, Surface
 from fem_snh.terms.feature import Feature
@@ -34,6 +35,15 @@ class Cavity(Feature):
         "default: 100 E over the volume of the body.",
     )
     table: TableName | None = Field(default=None, description=MOTION_TABLE)
+
+    @classmethod
+    def check(cls, features: Sequence[Self], scene: Any) -> None:
+        """Check the element and the modes of a scene with a cavity."""
+        if ELEMENTS[scene.element].volume == "pressure":
+            accepted = "an element without an unknown pressure, as the scene has a 'cavity'"
+            raise bad_value("element", scene.element, accepted)
+        if scene.modes:
+            raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args
 
+from fem_snh.output_fields import OutputField
 from fem_snh.tables.validation import Table
 
 if TYPE_CHECKING:
@@ -23,9 +24,27 @@ class Feature(Table):
     ----------
     key : str
         The table's key in a scene, and the name of its terms in run.json.
+    stateless : bool
+        Whether its terms keep nothing from one evaluation to the next, so that two problems may
+        share them: cell pressures may then be unknowns.
+    nodal_fields : mapping of str to OutputField
+        The fields at the nodes that a scene with the table may name in ``fields``: its terms then
+        have the method of `fem_snh.terms.history.FieldTerm`.
     """
 
     key: ClassVar[str]
+    stateless: ClassVar[bool] = False
+    nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
+
+    @property
+    def groups(self) -> Mapping[str, Any]:
+        """The physical groups that it names, by key."""
+        group = getattr(self, "group", None)
+        return {} if group is None else {"group": group}
+
+    @classmethod
+    def check(cls, features: Sequence[Self], scene: Any) -> None:
+        """Raise BadInput if the tables of a scene contradict each other or its other keys."""
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
@@ -38,27 +57,52 @@ class Feature(Table):
         """
         return [feature.create_term(body) for feature in features]
 
+    @classmethod
+    def describe(cls, features: Sequence[Self], terms: Sequence[Term]) -> Mapping[str, Any]:
+        """Return what run.json has of all features of this class before the first step.
+
+        ``terms`` are those that `create_terms` made of them. Collective.
+        """
+        return {}
+
     def create_term(self, body: Body) -> Term:
         """Return the term of this feature alone. Collective."""
         raise NotImplementedError(f"{type(self).__name__}.create_term")
 
 
-def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
-    """Return the terms of features and terms, in the order of the first of each class. Collective.
+def grouped(features: Iterable[Any]) -> Iterator[tuple[type[Any], list[Any]]]:
+    """Yield the classes of features, in the order of the first of each, with all features of it.
 
-    Parameters
-    ----------
-    features : iterable of Feature or Term
-        Features of one class make their terms together.
-    body : Body
-        What they act on.
+    What is no feature, such as a term, is yielded by itself.
     """
-    found: list[Term] = []
     given = list(features)
     for number, feature in enumerate(given):
         kind = type(feature)
         if not isinstance(feature, Feature):
-            found.append(feature)
+            yield kind, [feature]
         elif not any(type(earlier) is kind for earlier in given[:number]):
-            found += kind.create_terms([other for other in given if type(other) is kind], body)
+            yield kind, [other for other in given if type(other) is kind]
+
+
+def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
+    """Return the terms of features, those of one class together, and terms as they are. Collective.
+
+    Parameters
+    ----------
+    features : iterable of Feature or Term
+        The features and terms.
+    body : Body
+        What they act on.
+    """
+    found: list[Term] = []
+    for kind, some in grouped(features):
+        found += kind.create_terms(some, body) if issubclass(kind, Feature) else some
     return found
+
+
+def feature_classes(tables: type[Table]) -> Iterator[type[Feature]]:
+    """Yield the features that may be keys of tables, in the order of the keys."""
+    for field in tables.model_fields.values():
+        for kind in (field.annotation, *get_args(field.annotation)):
+            if isinstance(kind, type) and issubclass(kind, Feature):
+                yield kind

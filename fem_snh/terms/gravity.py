@@ -25,7 +25,7 @@ class Gravity(Feature):
     without being deformed.
     """
 
-    key = "gravity"
+    key, stateless = "gravity", True
     vector: Vector = Field(description="Acceleration at amplitude 1 [m/s^2].")
     table: TableName | None = Field(default=None, description=TABLE)
 

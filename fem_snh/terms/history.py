@@ -83,6 +83,17 @@ class RecordedTerm(Protocol):
         """
 
 
+@runtime_checkable
+class FieldTerm(Protocol):
+    """A term that computes fields at the nodes."""
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a field of its feature, (nodes of this rank, components). Collective.
+
+        Of a scalar it is (nodes,). Values of several terms with one field are added.
+        """
+
+
 class TermHistory:
     """The history of a problem's terms. All methods are collective.
 

@@ -22,7 +22,7 @@ class Traction(Feature):
     .. math:: E = -a(\lambda) \int_{\Gamma} t \cdot u \, \mathrm{d}A
     """
 
-    key = "traction"
+    key, stateless = "traction", True
     group: Surface = Field(description=SURFACE)
     vector: Vector = Field(description="Force per reference area at amplitude 1 [Pa].")
     table: TableName | None = Field(default=None, description=TABLE)

@@ -9,6 +9,7 @@ from fem_snh._dolfinx import DataArray
 from fem_snh.output_fields import AT_OBSTACLES, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.field_values import FieldValues
+from fem_snh.terms.history import FieldTerm
 
 
 class RequestedFields:
@@ -56,11 +57,19 @@ class RequestedFields:
         for name in self._names:
             if name in AT_OBSTACLES:
                 found[name] = self._at_contact(name)
-            elif name not in found:
+            elif name in self._functions:
                 found[name] = self._functions[name].x.array.reshape(-1, 3).copy()
+            elif name not in found:
+                found[name] = self._of_terms(name)
         arrays = [DataArray(name, found[name], NAMED[name].components) for name in self._names]
         nodal = [array for array in arrays if self._at == "nodes" or array.name in NODAL]
         return [array for array in arrays if array not in nodal], nodal
+
+    def _of_terms(self, name: str) -> Any:
+        """Return a field of terms at the nodes. Collective."""
+        u = self._problem.split(self._problem.x)[0]
+        terms = [term for term in self._problem.terms if isinstance(term, FieldTerm)]
+        return sum(term.nodal_field(name, u) for term in terms)
 
     def _at_contact(self, name: str) -> Any:
         """Return a field of `fem_snh.output_fields.AT_OBSTACLES`, (local nodes,). Collective."""

@@ -1,0 +1,79 @@
+"""The features that scenes have as tables: the program's own, and those of other packages."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+from pydantic.fields import FieldInfo
+
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.output_fields import add_nodal_fields
+from fem_snh.references import entry_points
+from fem_snh.scenes.schema import Scene
+from fem_snh.terms.feature import Feature
+
+#: Entry point group under which a package declares features, each under the key of its table.
+FEATURES = "fem_snh.features"
+#: The program's own keys of a scene, which no package replaces.
+_OWN = frozenset(Scene.model_fields)
+
+
+def register_feature(feature: type[Feature]) -> type[Feature]:
+    """Make a feature a list of tables of scenes, ``[[key]]`` in TOML. It is a decorator, too.
+
+    Packages declare it as an entry point of the group `FEATURES` instead, under its key.
+
+    Parameters
+    ----------
+    feature : type
+        A subclass of `Feature` with a ``key`` that scenes do not have yet.
+
+    Raises
+    ------
+    BadInput
+        For anything else.
+    """
+    if not (isinstance(feature, type) and issubclass(feature, Feature)):
+        raise bad_value("feature", feature, "a subclass of fem_snh.Feature")
+    key = getattr(feature, "key", None)
+    if not isinstance(key, str) or not key.isidentifier() or key in _OWN:
+        raise bad_value(f"{feature.__name__}.key", key, "the key of a table that no scene has yet")
+    summary = (feature.__doc__ or key).strip().partition("\n")[0]
+    _add(key, FieldInfo(annotation=list[feature], default=[], description=summary))  # type: ignore[valid-type]
+    add_nodal_fields(feature.nodal_fields)
+    return feature
+
+
+def _add(key: str, field: FieldInfo) -> None:
+    """Add a key to scenes."""
+    Scene.model_fields[key] = field
+    Scene.model_rebuild(force=True)
+
+
+def _register_entry_points() -> None:
+    """Register the features of other packages; the table of a broken one raises its error."""
+    for key, load in entry_points(FEATURES).items():
+        try:
+            found: Any = load()
+            if getattr(found, "key", key) != key:
+                raise bad_value(f"entry point {key}", found, f"a feature with the key '{key}'")
+            register_feature(found)
+        except BadInput as error:
+            if key in _OWN:
+                continue
+            _add(key, FieldInfo(annotation=Annotated[Any, _refuse(error)], default=[]))  # type: ignore[arg-type]
+
+
+def _refuse(error: BadInput) -> BeforeValidator:
+    """Return a validator that raises an error for any table."""
+
+    def check(value: object) -> object:
+        if value != []:
+            raise error
+        return value
+
+    return BeforeValidator(check)
+
+
+_register_entry_points()
