@@ -193,6 +193,10 @@ class DynamicProblem(NonlinearProblem):
         return TimeSteps(self._problem, self.dynamics, self._duration, semi_implicit)
 
     def _create(self, *arguments: Any) -> Problem:
+        if self._kinematics is not None:
+            accepted = "a mesh of 3 dimensions, for a motion"
+            raise bad_value("kinematics", self._kinematics, accepted)
+
         def motion(u: Any, regions: Any, conditions: Any) -> Dynamics:
             settings = {"duration": self._duration, **self._settings}
             self.dynamics = Dynamics(u, regions, conditions, self._integrator, **settings)

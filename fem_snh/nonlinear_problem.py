@@ -57,7 +57,8 @@ class NonlinearProblem:
     ----------
     u : dolfinx Function
         The displacement [m]: 3 components, continuous Lagrange of degree 1 or 2, on tetrahedra or
-        hexahedra. Its values are the initial guess, and become the solution.
+        hexahedra; in two dimensions see ``kinematics``. Its values are the initial guess, and
+        become the solution.
     materials : mapping of Material to ufl.Measure
         ``{m1: dx(1), m2: dx(2)}``: the cells that each material fills, by meshtags, or ``{m: dx}``.
         The measures' ``quadrature_degree`` replaces that of the element; other quadrature rules
@@ -95,6 +96,12 @@ class NonlinearProblem:
         problem that is solved first. Default: unknowns from nu = 0.499 on, where the condensed
         problem takes many iterations, unless a term has a state of its own or the condensed
         problem's solver was chosen.
+    kinematics : {"plane_strain", "axisymmetric", "axisymmetric_torsion"}, optional
+        Of a mesh of two dimensions, with triangles or quadrilaterals. ``u`` then has 2 components,
+        (u_x, u_y) or (u_r, u_z); with torsion 3, (u_r, u_z, u_theta), in the basis of the reference
+        position. Coordinates are (x, y) or (r, z), r >= 0; u_r and u_theta are zero where r = 0.
+        In plane strain energies are per thickness [J/m] and forces [N/m]; on a body of revolution
+        they are those of the whole turn: integrals of ``terms`` have the factor 2 pi r.
 
     Attributes
     ----------
@@ -153,10 +160,12 @@ class NonlinearProblem:
         densities: Mapping[Material, float] | None = None,
         predictor: str = "tangent",
         static_condensation: bool | None = None,
+        kinematics: str | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
         _check_options(petsc_options_prefix, petsc_options)
         self._load = _LoadFunction()
+        self._kinematics = kinematics
         self._problem = self._create(u, materials, bcs, terms, element, densities)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
@@ -179,7 +188,7 @@ class NonlinearProblem:
 
     def _create(self, *arguments: Any) -> Problem:
         """Return the problem, from the arguments of `create_dolfinx_problem`."""
-        return create_dolfinx_problem(*arguments, on_load=self._load)
+        return create_dolfinx_problem(*arguments, on_load=self._load, kinematics=self._kinematics)
 
     def _motion(self) -> TimeSteps | None:
         """Return the steps in time."""
@@ -308,7 +317,7 @@ class NonlinearProblem:
 
     def _read_displacement(self) -> None:
         """Set the unknowns to the values of ``u``."""
-        own = self.x.array[: 3 * len(self._problem.coordinates)]
+        own = self.x.array[: self._problem.owned_displacements]
         own[:] = self.u.x.array[: len(own)]
 
     def _write_solution(self) -> None:

@@ -35,8 +35,8 @@ def test_displacements(comm, body):
         (None, "u = None: expected a dolfinx Function, the displacement"),
         (
             fem.Function(vector_space(square, components=2)),
-            "u.function_space.mesh = 'triangle cells in 2 dimensions': "
-            "expected hexahedron or tetrahedron cells in 3",
+            "missing key 'kinematics': expected one of plane_strain, axisymmetric, "
+            "axisymmetric_torsion, as the mesh has 2 dimensions",
         ),
         (fem.Function(cubic), "of degree 1 or 2 with 3 components"),
         (fem.Function(plane), "of degree 1 or 2 with 3 components"),

@@ -9,13 +9,12 @@ import dolfinx
 import numpy as np
 
 from fem_snh._dolfinx.common import _rows
-from fem_snh._dolfinx.meshes import num_owned
+from fem_snh._dolfinx.meshes import cell_name, num_owned, reference_facets
 
 Array = np.ndarray
 
-#: The facets of each kind of cell, and how many a cell has.
+#: The facets of each kind of cell.
 FACET_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
-_FACETS = {"tetrahedron": 4, "hexahedron": 6}
 
 
 def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
@@ -30,14 +29,14 @@ def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
     local_facets : (n,) int32
         The facet's number in its reference cell.
     """
-    topology = domain.topology
-    topology.create_connectivity(2, 3)
-    topology.create_connectivity(3, 2)
+    topology, dim = domain.topology, domain.topology.dim
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, dim - 1)
     facets = np.sort(np.asarray(dolfinx.mesh.exterior_facet_indices(topology), dtype=np.int32))
-    cells_of = topology.connectivity(2, 3)
+    cells_of = topology.connectivity(dim - 1, dim)
     # An exterior facet has one cell.
     cells = np.asarray(cells_of.array)[np.asarray(cells_of.offsets)[facets]]
-    facets_of = _rows(topology.connectivity(3, 2), _FACETS[str(topology.cell_name())])
+    facets_of = _rows(topology.connectivity(dim, dim - 1), len(reference_facets(cell_name(domain))))
     owned = cells < num_owned(domain)
     facets, cells = facets[owned], cells[owned]
     return facets, cells, (facets_of[cells] == facets[:, None]).argmax(axis=1).astype(np.int32)

@@ -27,17 +27,17 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
         The communicator.
     cells : (n, nodes per cell) int64
         Rows of ``x``, in dolfinx's order of nodes.
-    x : (nodes, 3)
+    x : (nodes, dim)
         Coordinates [m].
-    cell : {"tetrahedron", "hexahedron"}
+    cell : {"tetrahedron", "hexahedron", "triangle", "quadrilateral"}
         Kind of cell.
     degree : {1, 2}
         Degree of the geometry.
     """
     if hasattr(basix, "ufl"):  # since 0.7; before, elements are UFL's
-        element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(x.shape[1],))
     else:
-        ufl_cell = ufl.Cell(cell, geometric_dimension=3)
+        ufl_cell = ufl.Cell(cell, geometric_dimension=x.shape[1])
         element = ufl.VectorElement(
             ufl.FiniteElement("Lagrange", ufl_cell, degree, variant="equispaced")
         )
@@ -60,15 +60,16 @@ def gmsh_permutation(cell: str, nodes: int) -> Array:
     return np.asarray(dolfinx.cpp.io.perm_gmsh(getattr(dolfinx.mesh.CellType, cell), nodes))
 
 
-def num_owned(domain: Any, dim: int = 3) -> int:
-    """Return how many entities of this dimension this rank owns."""
+def num_owned(domain: Any, dim: int | None = None) -> int:
+    """Return how many entities of this dimension, by default cells, this rank owns."""
+    dim = domain.topology.dim if dim is None else dim
     domain.topology.create_entities(dim)
     return int(domain.topology.index_map(dim).size_local)
 
 
 def num_cells(domain: Any) -> int:
     """Return the number of cells on all ranks."""
-    return int(domain.topology.index_map(3).size_global)
+    return int(domain.topology.index_map(domain.topology.dim).size_global)
 
 
 def input_cells(domain: Any) -> Array:
@@ -78,13 +79,14 @@ def input_cells(domain: Any) -> Array:
 
 def input_vertices(domain: Any, dim: int) -> Array:
     """Return input node numbers of each local entity's vertices, (entities, vertices)."""
-    topology = domain.topology
-    for d in (dim, 3):
+    topology, cell_dim = domain.topology, domain.topology.dim
+    for d in (dim, cell_dim):
         topology.create_entities(d)
         topology.create_connectivity(d, 0)
-    corners = [d + 1 if cell_name(domain) == "tetrahedron" else 2**d for d in range(4)]
-    cells = _rows(topology.connectivity(3, 0), corners[3])
-    nodes = _geometry_rows(domain)[:, : corners[3]]  # the vertices come first
+    simplex = cell_name(domain) in ("tetrahedron", "triangle")
+    corners = [d + 1 if simplex else 2**d for d in range(cell_dim + 1)]
+    cells = _rows(topology.connectivity(cell_dim, 0), corners[cell_dim])
+    nodes = _geometry_rows(domain)[:, : corners[cell_dim]]  # the vertices come first
     index_map = topology.index_map(0)
     number = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     number[cells] = np.asarray(domain.geometry.input_global_indices)[nodes]
@@ -94,8 +96,10 @@ def input_vertices(domain: Any, dim: int) -> Array:
 def cell_vertices(domain: Any) -> Array:
     """Return the vertices of each owned cell by global numbers, (cells, corners) int64."""
     topology = domain.topology
-    topology.create_connectivity(3, 0)
-    vertices = _rows(topology.connectivity(3, 0), len(reference_corners(cell_name(domain))))
+    topology.create_connectivity(topology.dim, 0)
+    vertices = _rows(
+        topology.connectivity(topology.dim, 0), len(reference_corners(cell_name(domain)))
+    )
     vertices = vertices[: num_owned(domain)]
     numbers = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32))
     return np.asarray(numbers, dtype=np.int64).reshape(vertices.shape)
@@ -103,16 +107,16 @@ def cell_vertices(domain: Any) -> Array:
 
 def cell_facets(domain: Any) -> Array:
     """Return the facets of each owned cell by local numbers, (cells, facets) int32."""
-    topology = domain.topology
-    topology.create_entities(2)
-    topology.create_connectivity(3, 2)
-    facets = _rows(topology.connectivity(3, 2), len(reference_facets(cell_name(domain))))
+    topology, dim = domain.topology, domain.topology.dim
+    topology.create_entities(dim - 1)
+    topology.create_connectivity(dim, dim - 1)
+    facets = _rows(topology.connectivity(dim, dim - 1), len(reference_facets(cell_name(domain))))
     return facets[: num_owned(domain)]
 
 
 def reference_facets(cell: str) -> Array:
     """Return the vertices of the reference cell's facets, (facets, corners of each)."""
-    return np.asarray(basix.topology(getattr(basix.CellType, cell))[2])
+    return np.asarray(basix.topology(getattr(basix.CellType, cell))[-2])
 
 
 def reference_edges(cell: str) -> Array:
@@ -121,12 +125,12 @@ def reference_edges(cell: str) -> Array:
 
 
 def cell_name(domain: Any) -> str:
-    """Return "tetrahedron" or "hexahedron"."""
+    """Return "tetrahedron", "hexahedron", "triangle" or "quadrilateral"."""
     return str(domain.topology.cell_name())
 
 
 def reference_corners(cell: str) -> Array:
-    """Return the vertices of the reference cell, (corners, 3)."""
+    """Return the vertices of the reference cell, (corners, dim)."""
     return np.asarray(basix.geometry(getattr(basix.CellType, cell)))
 
 
@@ -164,5 +168,6 @@ def coordinates(domain: Any) -> Any:
 
 def num_exterior_facets(domain: Any) -> int:
     """Return the number of this rank's facets on the boundary of the body."""
-    domain.topology.create_connectivity(2, 3)
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
     return len(dolfinx.mesh.exterior_facet_indices(domain.topology))

@@ -31,7 +31,7 @@ def locate(domain: Any, point: Array) -> tuple[int, Array, float]:
     -------
     cell : int
         Local number of the cell; -1 if the point is near no cell of this rank.
-    xi : (3,) array
+    xi : (dim,) array
         The point's coordinates in the reference cell.
     outside : float
         Distance of ``xi`` from the reference cell: <= 0 inside, inf without a cell.
@@ -40,10 +40,11 @@ def locate(domain: Any, point: Array) -> tuple[int, Array, float]:
     low, high = x.min(axis=1), x.max(axis=1)
     margin = _MARGIN * (high - low).max(axis=1, initial=0)[:, None]
     near = np.flatnonzero(((point > low - margin) & (point < high + margin)).all(axis=1))
-    best = (-1, np.zeros(3), np.inf)
+    dim = domain.geometry.dim
+    best = (-1, np.zeros(dim), np.inf)
     for cell in near:
         try:
-            xi = _only(domain.geometry, "cmap").pull_back(point[None], x[cell])[0]
+            xi = _only(domain.geometry, "cmap").pull_back(point[None, :dim], x[cell][:, :dim])[0]
         except RuntimeError:  # Newton's method diverged, so the point is outside the cell
             continue
         outside = _distance_outside(cell_name(domain), xi)
@@ -54,5 +55,5 @@ def locate(domain: Any, point: Array) -> tuple[int, Array, float]:
 
 def _distance_outside(cell: str, xi: Array) -> float:
     """Return the largest violation of the inequalities that define the reference cell."""
-    upper = xi.sum() if cell == "tetrahedron" else xi.max()
+    upper = xi.sum() if cell in ("tetrahedron", "triangle") else xi.max()
     return float(max(-xi.min(), upper - 1))

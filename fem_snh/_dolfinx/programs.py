@@ -96,8 +96,9 @@ def _ids(measure: Any) -> list[int]:
 
 def _tagged(measure: Any, domain: Any) -> dict[int, Array]:
     """Return this rank's entities of subdomains by number; raise ValueError if no data has them."""
-    data, dim = measure.subdomain_data(), 3 if measure.integral_type() == "cell" else 2
-    kind, ids, known = "cells" if dim == 3 else "facets", _ids(measure), _known(measure, domain)
+    data, of_cells = measure.subdomain_data(), measure.integral_type() == "cell"
+    dim = domain.topology.dim - (not of_cells)
+    kind, ids, known = "cells" if of_cells else "facets", _ids(measure), _known(measure, domain)
     found: dict[int, Array]
     if hasattr(data, "indices"):  # meshtags
         if data.dim != dim:
@@ -109,7 +110,7 @@ def _tagged(measure: Any, domain: Any) -> dict[int, Array]:
         found = {
             i: np.concatenate([empty, *(np.asarray(e) for j, e in data if i == j)]) for i in ids
         }
-        if dim == 2:  # each facet by its cell and its number in that cell
+        if not of_cells:  # each facet by its cell and its number in that cell
             facets = cell_facets(domain)
             for i, entities in found.items():
                 cells, numbers = entities.reshape(-1, 2).astype(np.int32).T

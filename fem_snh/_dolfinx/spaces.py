@@ -25,7 +25,7 @@ Array = np.ndarray
 def function_space(
     domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange"
 ) -> Any:
-    """Return a scalar (shape ()) or vector (shape (3,)) space; family "Lagrange" or "DG"."""
+    """Return a scalar (shape ()) or vector (shape (n,)) space; family "Lagrange" or "DG"."""
     with _quiet():
         if hasattr(fem, "functionspace"):  # since 0.7
             return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
@@ -44,7 +44,8 @@ def function(V: Any, name: str) -> Any:
 def surface_measure(domain: Any, facets: Array) -> Any:
     """Return the UFL measure of the exterior facets among these local facets."""
     facets = np.unique(facets).astype(np.int32)
-    tags = dolfinx.mesh.meshtags(domain, 2, facets, np.ones(len(facets), np.int32))
+    dim = domain.topology.dim - 1
+    tags = dolfinx.mesh.meshtags(domain, dim, facets, np.ones(len(facets), np.int32))
     return ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
 
 
@@ -91,6 +92,11 @@ def node_dofs(V: Any) -> Array:
     return _rows(V.dofmap.list, V.dofmap.dof_layout.num_dofs)[: num_owned(V.mesh)]
 
 
+def num_components(V: Any) -> int:
+    """Return the number of components of V: the size of its dof blocks."""
+    return int(V.dofmap.index_map_bs)
+
+
 def num_nodes(V: Any) -> tuple[int, int]:
     """Return the numbers of (owned, ghost) nodes of V on this rank."""
     index_map = V.dofmap.index_map
@@ -112,12 +118,12 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 
 def reference_nodes(cell: str, degree: int) -> Array:
-    """Return the nodes of the Lagrange element on the reference cell, (nodes, 3)."""
+    """Return the nodes of the Lagrange element on the reference cell, (nodes, dim)."""
     return np.asarray(_lagrange(cell, degree).points)
 
 
 def _table(cell: str, degree: int, points: Array) -> Array:
-    """Return basis functions, then their derivatives in x, y, z: (4, points, nodes)."""
+    """Return basis functions, then their derivatives in x, y, z: (1 + dim, points, nodes)."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     table: Array = _lagrange(cell, degree).tabulate(1, points)[..., 0]
     return table
@@ -161,7 +167,7 @@ def tabulate_values(V: Any, points: Array) -> Array:
 
 
 def tabulate(V: Any, points: Array) -> Array:
-    """Return reference gradients of V's scalar basis functions, (points, nodes, 3).
+    """Return reference gradients of V's scalar basis functions, (points, nodes, dim).
 
     Nodes are in the order of `node_dofs` (for degree 1 and 2 no cell permutes them).
     """
@@ -175,12 +181,12 @@ def tabulate_geometry_values(domain: Any, points: Array) -> Array:
 
 
 def tabulate_geometry(domain: Any, points: Array) -> Array:
-    """Return reference gradients of the geometry's basis, (points, nodes, 3)."""
+    """Return reference gradients of the geometry's basis, (points, nodes, dim)."""
     return _gradients(cell_name(domain), geometry_degree(domain), points)
 
 
 def quadrature(cell: str, degree: int) -> tuple[Array, Array]:
-    """Return the points (n, 3) and weights (n,) of a quadrature rule on the reference cell.
+    """Return the points (n, dim) and weights (n,) of a quadrature rule on the reference cell.
 
     The rule is exact for polynomials of this degree. Its weights are positive, so that a weighted
     sum of semidefinite matrices is semidefinite: where basix's default rule has a negative weight
@@ -205,5 +211,5 @@ def _has_positive_weights(cell: str, degree: int) -> bool:
 
 def locate_dofs(V: Any, dim: int, entities: Array) -> Array:
     """Return local nodes of V (int32, ghosts included) on mesh entities. Collective."""
-    V.mesh.topology.create_connectivity(dim, 3)
+    V.mesh.topology.create_connectivity(dim, V.mesh.topology.dim)
     return np.asarray(fem.locate_dofs_topological(V, dim, np.asarray(entities, np.int32)))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fem_snh.assembly.ghosted_vectors import nodal_vectors
+from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.assembly.point_volumes import cell_centres, point_volumes
 from fem_snh.problem.problem import Problem
 
@@ -38,7 +38,7 @@ class InvertedPoints(NamedTuple):
 
 def inverted_points(problem: Problem) -> InvertedPoints:
     """Return the inverted points of the problem's state. Collective."""
-    u = nodal_vectors(problem.split(problem.x)[0])
+    u = local_values(problem.split(problem.x)[0])
     counts, worst = np.zeros(3, dtype=np.int64), (np.inf, [0.0] * 3, 0)
     for number, part in enumerate(problem.elastic.parts):
         J = 1 + point_volumes(part.loops.tables, u).growth

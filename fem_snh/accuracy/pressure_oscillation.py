@@ -27,7 +27,6 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
     local_values,
-    nodal_vectors,
     set_to_zero,
     update_ghosts,
     writable_values,
@@ -64,7 +63,7 @@ def pressure_oscillation(problem: Problem, parts: Sequence[Part]) -> float:
     residual = problem.x.duplicate()
     problem.residual(problem.x, residual)
     least = _RESOLVED * residual.norm() / problem.force_scale
-    u = nodal_vectors(problem.split(problem.x)[0])
+    u = local_values(problem.split(problem.x)[0])
     Q = _dolfinx.function_space(problem.domain, 1)
     points, _ = _dolfinx.quadrature(problem.element.cell, problem.element.quadrature)
     basis, nodes = _dolfinx.tabulate_values(Q, points), _dolfinx.node_dofs(Q)

@@ -18,7 +18,7 @@ from math import isfinite
 
 from fem_snh import solver
 from fem_snh.accuracy.state_notes import REPLACEMENTS
-from fem_snh.assembly.elements import ELEMENTS, Element, with_cell_pressures
+from fem_snh.assembly.elements import Element, element, with_cell_pressures
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
 
@@ -46,7 +46,7 @@ def stiffness_factor(problem: Problem, make: Callable[[Element], Problem]) -> fl
     make : callable
         Returns the same problem on the same mesh with another element.
     """
-    other = ELEMENTS[REPLACEMENTS[problem.element.name]]
+    other = element(REPLACEMENTS[problem.element.name], kinematics=problem.kinematics)
     if other.volume == "mean":
         other = with_cell_pressures(other)
     elif len(problem.regions) > 1:  # its continuous pressure is wrong at interfaces
@@ -63,7 +63,7 @@ def stiffness_factor(problem: Problem, make: Callable[[Element], Problem]) -> fl
     mixed.u.interpolate(problem.u)
     x = mixed.x
     x.set(0.0)
-    size = 3 * len(mixed.coordinates)
+    size = mixed.owned_displacements
     x.array[:size] = mixed.u.x.array[:size]
     mixed.prescribe(x)
     energy, elastic = energies(problem)

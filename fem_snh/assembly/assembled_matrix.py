@@ -45,7 +45,7 @@ class BlockMatrix:
     ----------
     dof_map : MixedDofMap
         The numbering of the unknowns, the displacement's before others.
-    constrained : (local nodes, 3) bool, optional
+    constrained : (local nodes, components) bool, optional
         Constrained components of the displacement, ghost nodes included. Default: none.
     layout : MatrixLayout, optional
         The layout of another matrix of the dof map, to share.
@@ -63,7 +63,7 @@ class BlockMatrix:
         Another array after `couple` has changed the pattern.
     row_strides : list of three (local blocks,) int32
         See `MatrixLayout`.
-    free : (local nodes, 3) float64
+    free : (local nodes, components) float64
         0 for constrained components of the displacement, else 1.
     is_constrained : (cells,) uint8
         1 for each cell with a constrained component, else 0.
@@ -90,9 +90,9 @@ class BlockMatrix:
         self.addresses: list[int] = []
 
         if constrained is None:
-            constrained = np.zeros((dof_map.num_blocks[0], 3), dtype=bool)
+            constrained = np.zeros((dof_map.num_blocks[0], dof_map.components), dtype=bool)
         num_nodes = dof_map.num_owned_blocks[0]
-        self._num_u = 3 * num_nodes
+        self._num_u = dof_map.components * num_nodes
         self.constrained_dofs = np.flatnonzero(constrained[:num_nodes])
         self.free = np.where(constrained, 0.0, 1.0)
         nodes = dof_map.cell_blocks[:, : dof_map.num_cell_blocks[0]]
@@ -134,7 +134,7 @@ class BlockMatrix:
         cells : (n,) int32
             Cells of this rank; a cell may occur several times, as with several facets.
         matrices : (n, k, k)
-            Their element matrices [N/m]. Rows and columns are numbered node by node, with the 3
+            Their element matrices [N/m]. Rows and columns are numbered node by node, with the
             components of each, then the pressures: all of a cell's dofs, or those of the
             displacement alone.
         """
@@ -190,7 +190,7 @@ class BlockMatrix:
     def add_node_pairs(
         self, pattern: tuple[Array, Array], positions: Array, factor: float, values: Array
     ) -> None:
-        """Add multiples of the 3x3 identity at pairs of nodes, inside of `adding`. Not collective.
+        """Add multiples of the identity at pairs of nodes, inside of `adding`. Not collective.
 
         See `MatrixAddition.add_node_pairs`; the positions are those in ``block_positions``.
         """
@@ -242,8 +242,8 @@ def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> Bl
         The displacement's space.
     Q : dolfinx function space, optional
         The space of an unknown pressure.
-    constrained : (local nodes, 3) bool, optional
+    constrained : (local nodes, components) bool, optional
         As for `BlockMatrix`.
     """
-    spaces = [dof_map(V, 3)] if Q is None else [dof_map(V, 3), dof_map(Q, 1)]
+    spaces = [dof_map(space) for space in (V, Q) if space is not None]
     return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained)

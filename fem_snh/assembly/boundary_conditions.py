@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.mesh_checks import ON_AXIS
 
 Array = npt.NDArray[Any]
 
@@ -181,6 +183,13 @@ def _displacement(condition: Any, X: Array, load: float) -> Array:
         found: Array = condition.displacement(X, load)
         return found
     return np.zeros_like(X)
+
+
+def axis_nodes(V: Any) -> Array:
+    """Return the local nodes of V, ghosts included, on the axis of revolution x = 0. Collective."""
+    x = V.tabulate_dof_coordinates()
+    size = V.mesh.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    return np.flatnonzero(x[:, 0] <= ON_AXIS * size)
 
 
 def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:

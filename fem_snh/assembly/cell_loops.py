@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.choices import EIGENSOLVERS
 from fem_snh.kernels import build
 from fem_snh.kernels.compiled import Compiled, compile_kernel
@@ -46,11 +47,12 @@ class ElementTables:
     x : (geometry nodes, 3)
         Reference coordinates [m].
     gradients : (POINTS, NODES, 3)
-        Gradients of the basis on the reference cell.
+        Gradients of the basis on the reference cell. In two dimensions the third entry is 0, and
+        on a body of revolution the basis function (kinematics.h).
     geometry_gradients : (POINTS, GEOMETRY_NODES, 3)
-        Gradients of the geometry's basis.
+        Gradients of the geometry's basis, likewise.
     weights : (POINTS,)
-        Quadrature weights.
+        Quadrature weights, on a body of revolution times 2 pi.
     volume : str
         Volume treatment, one of `fem_snh.assembly.elements`.
     pressure_nodes : (cells, PRESSURE_NODES) int32
@@ -59,6 +61,8 @@ class ElementTables:
         Values of the pressure's basis.
     fractions : (cells,), optional
         Factor of each cell's weights: the fraction of the cell that the body fills; without, 1.
+    kinematics : Kinematics
+        How the displacement becomes a deformation gradient.
     """
 
     nodes: Array
@@ -71,6 +75,7 @@ class ElementTables:
     pressure_nodes: Array = field(default_factory=lambda: np.empty((0, 0), np.int32))
     pressure_basis: Array = field(default_factory=lambda: np.empty((0, 0)))
     fractions: Array | None = None
+    kinematics: Kinematics = SOLID
 
     @property
     def sizes(self) -> list[str]:
@@ -81,6 +86,7 @@ class ElementTables:
             f"#define NODES {nodes}",
             f"#define GEOMETRY_NODES {self.geometry_gradients.shape[1]}",
             f"#define PRESSURE_NODES {self.pressure_basis.shape[1]}",
+            *self.kinematics.definitions,
         ]
 
 
@@ -89,7 +95,7 @@ def compile_cell_loops(
 ) -> Compiled:
     """Compile loops over an element's cells, files of ``include/``. Not collective."""
     volume = _VOLUME_HEADERS[tables.volume]
-    after = ("cell_api.h", "element_matrices.h", volume, "cell_batches.h", *loops)
+    after = ("cell_api.h", "kinematics.h", "element_matrices.h", volume, "cell_batches.h", *loops)
     return compile_kernel(material, tables.volume, tables.sizes, after)
 
 
@@ -97,7 +103,8 @@ class CellLoops:
     """Energy, residual, Jacobian and fields over one rank's cells.
 
     Arrays hold the values of this rank's nodes, ghosts included: displacements ``u``
-    (3 nodes,) [m] and, for an element with an unknown pressure, ``pressure`` (pressure nodes,).
+    (components * nodes,) [m] and, for an element with an unknown pressure, ``pressure``
+    (pressure nodes,).
 
     Parameters
     ----------

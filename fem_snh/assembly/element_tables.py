@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.cell_loops import ElementTables
 from fem_snh.assembly.elements import Element
+from fem_snh.assembly.kinematics import Kinematics
 
 Array = npt.NDArray[Any]
 
@@ -21,21 +23,36 @@ def element_tables(
 
     With a pressure space Q, its basis functions are multiplied by ``pressure_scale``.
     """
-    domain = V.mesh
+    domain, kinematics = V.mesh, element.kinematics
     points, weights = _dolfinx.quadrature(element.cell, element.quadrature)
-    tables = (
+    gradients, geometry = _dolfinx.tabulate(V, points), _dolfinx.tabulate_geometry(domain, points)
+    if kinematics.dim == 2:
+        N = _dolfinx.tabulate_values(V, points)
+        gradients = _with_third(gradients, N, kinematics)
+        N = _dolfinx.tabulate_geometry_values(domain, points)
+        geometry = _with_third(geometry, N, kinematics)
+    if kinematics.revolved:
+        weights = 2 * np.pi * weights  # of the whole turn
+    tables = ElementTables(
         _dolfinx.node_dofs(V),
         _dolfinx.geometry_dofs(domain),
         _dolfinx.geometry_x(domain),
-        _dolfinx.tabulate(V, points),
-        _dolfinx.tabulate_geometry(domain, points),
+        gradients,
+        geometry,
         weights,
         element.volume,
+        kinematics=kinematics,
     )
     if Q is None:
-        return ElementTables(*tables)
+        return tables
     basis = pressure_scale * _dolfinx.tabulate_values(Q, points)
-    return ElementTables(*tables, _dolfinx.node_dofs(Q), basis)
+    return replace(tables, pressure_nodes=_dolfinx.node_dofs(Q), pressure_basis=basis)
+
+
+def _with_third(gradients: Array, basis: Array, kinematics: Kinematics) -> Array:
+    """Return gradients (points, nodes, 2) with the third entry that kinematics.h expects."""
+    third = basis if kinematics.revolved else np.zeros_like(basis)
+    return np.concatenate([gradients, third[:, :, None]], axis=2)
 
 
 def restricted(

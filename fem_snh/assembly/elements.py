@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics
 from fem_snh.errors import bad_value, check_whole, choose
 
 #: Highest quadrature degree: that of the last Xiao-Gimbutas rule on tetrahedra in basix.
@@ -30,19 +31,21 @@ class Element:
     ----------
     name : str
         Name in scenes and on the command line.
-    cell : {"hexahedron", "tetrahedron"}
+    cell : {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
         Kind of cell.
     degree : int
-        Degree of the Lagrange displacement, 3 components per node.
+        Degree of the Lagrange displacement.
     quadrature : int
         Degree of polynomials that the quadrature rule integrates exactly on the reference cell.
     least : int
         The lowest such degree with which the stiffness of one cell has no zero eigenvalues but
-        those of the six rigid motions.
+        those of the rigid motions.
     volume : {"pointwise", "mean", "cell_pressure", "pressure"}
         Treatment of the volume term.
     pressure_degree : int
         Degree of the Lagrange pressure; 0 if there is none or one in each cell.
+    kinematics : Kinematics
+        How the displacement becomes a deformation gradient.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Element:
     least: int
     volume: str = "pointwise"
     pressure_degree: int = 0
+    kinematics: Kinematics = SOLID
 
     @property
     def has_pressure(self) -> bool:
@@ -77,7 +81,17 @@ ELEMENTS = {
 }
 
 
-def element(name: str, quadrature: int | None = None) -> Element:
+#: The lowest quadrature degree on bodies of revolution: with one point in a cell, a rotation of the
+#: cell about it in the half plane has no strain.
+_LEAST_REVOLVED = 2
+
+
+def names_for(cell: str) -> list[str]:
+    """Return the names of the elements on a kind of cell."""
+    return [e.name for e in ELEMENTS.values() if cell in (e.cell, PLANE_CELLS[e.cell])]
+
+
+def element(name: str, quadrature: int | None = None, kinematics: Kinematics = SOLID) -> Element:
     """Return the element with this name, with another quadrature degree if one is given.
 
     Parameters
@@ -87,6 +101,8 @@ def element(name: str, quadrature: int | None = None) -> Element:
     quadrature : int, optional
         Quadrature degree, from the element's least to MAX_QUADRATURE_DEGREE. Default: the
         element's own.
+    kinematics : Kinematics, optional
+        One of a mesh of two dimensions puts the element on triangles or quadrilaterals.
 
     Raises
     ------
@@ -94,6 +110,11 @@ def element(name: str, quadrature: int | None = None) -> Element:
         For an unknown name or a degree out of range.
     """
     found = ELEMENTS[choose("element", name, ELEMENTS)]
+    if kinematics.dim == 2:
+        cell = PLANE_CELLS[found.cell]
+        least = max(found.least, _LEAST_REVOLVED) if kinematics.revolved else found.least
+        default = max(found.quadrature, least)
+        found = replace(found, cell=cell, quadrature=default, least=least, kinematics=kinematics)
     if quadrature is None:
         return found
     check_whole("quadrature", quadrature, 1, MAX_QUADRATURE_DEGREE)

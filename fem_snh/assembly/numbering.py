@@ -1,7 +1,8 @@
 """Dof maps: how the unknowns of one or two finite element spaces are numbered in a matrix.
 
-As in dolfinx, unknowns are numbered in blocks, one block per node: 3 displacement components, or 1
-pressure. Every rank numbers its displacement blocks first, then its pressure blocks.
+As in dolfinx, unknowns are numbered in blocks, one block per node: the displacement's
+components, or 1 pressure. Every rank numbers its displacement blocks first, then its pressure
+blocks.
 """
 
 from __future__ import annotations
@@ -40,10 +41,13 @@ class DofMap:
     block_size: int
 
 
-def dof_map(V: Any, block_size: int) -> DofMap:
-    """Return the dof map of a dolfinx space with ``block_size`` components."""
+def dof_map(V: Any) -> DofMap:
+    """Return the dof map of a dolfinx space."""
     return DofMap(
-        _dolfinx.node_dofs(V), _dolfinx.num_nodes(V)[0], _dolfinx.local_to_global(V), block_size
+        _dolfinx.node_dofs(V),
+        _dolfinx.num_nodes(V)[0],
+        _dolfinx.local_to_global(V),
+        _dolfinx.num_components(V),
     )
 
 
@@ -114,6 +118,11 @@ class MixedDofMap:
         space = (blocks[:, None] >= self._first[rank]).sum(axis=1) - 1
         size = self._space_block_size[space]
         return self._first_dof[rank, space] + size * (blocks - self._first[rank, space]), size
+
+    @property
+    def components(self) -> int:
+        """The unknowns of a block of the first space: the displacement's components."""
+        return int(self._space_block_size[0])
 
     @property
     def cell_block_sizes(self) -> Array:

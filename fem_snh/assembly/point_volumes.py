@@ -45,19 +45,23 @@ def point_volumes(tables: ElementTables, u: Array) -> PointVolumes:
     ----------
     tables : ElementTables
         The cells.
-    u : (nodes, 3)
+    u : (components * nodes,)
         Displacements [m] of this rank's nodes, ghosts included.
     """
     shape = len(tables.nodes), len(tables.weights)
     weights, growth = np.empty(shape), np.empty(shape)
     strain = shear = 0.0
+    kinematics = tables.kinematics
+    nodal = kinematics.padded(u)
     for start in range(0, shape[0], _BATCH):
         chunk = slice(start, start + _BATCH)
         x = tables.x[tables.geometry[chunk]]
         T = np.einsum("cai,qak->cqik", x, tables.geometry_gradients)
+        kinematics.set_third_tangent(T)
         weights[chunk] = np.abs(np.linalg.det(T)) * tables.weights
-        gradient = np.einsum("cai,qak->cqik", u[tables.nodes[chunk]], tables.gradients)
+        gradient = np.einsum("cai,qak->cqik", nodal[tables.nodes[chunk]], tables.gradients)
         H = gradient @ np.linalg.inv(T)
+        kinematics.set_third_column(H)
         trace, HH = np.trace(H, axis1=2, axis2=3), np.einsum("cqij,cqji->cq", H, H)
         growth[chunk] = trace + (trace**2 - HH) / 2 + np.linalg.det(H)
         H_T = np.swapaxes(H, 2, 3)

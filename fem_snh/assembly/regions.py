@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, bad_value, check_number
 from fem_snh.kernels.material import Material
-from fem_snh.mesh.mesh import Mesh, cell_volumes
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh, cell_volumes
 
 Array = npt.NDArray[Any]
 
@@ -65,7 +65,7 @@ class Filling(NamedTuple):
     material : Material
         The material.
     group : str, int or None
-        A physical group of volumes; None for all cells that no other material fills.
+        A physical group of cells; None for all cells that no other material fills.
     density : float or None
         Mass per reference volume [kg/m^3].
     """
@@ -77,7 +77,7 @@ class Filling(NamedTuple):
 
 def whole_body(domain: Any, material: Material, density: float | None = None) -> list[Region]:
     """Return the region of a body of one material on a dolfinx mesh."""
-    cells = np.arange(_dolfinx.num_owned(domain, 3), dtype=np.int32)
+    cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
     return [Region(material, cells, density)]
 
 
@@ -97,14 +97,14 @@ def regions_of_groups(mesh: Mesh, fillings: Sequence[Filling]) -> list[Region]:
         On every rank: an unknown group, a group that is not one of volumes, groups that overlap,
         cells without a material, or a material without cells.
     """
-    num_cells = _dolfinx.num_owned(mesh.domain, 3)
+    num_cells = _dolfinx.num_owned(mesh.domain)
     owner = np.full(num_cells, -1, dtype=np.int32)  # which of `fillings` fills each cell
     for number, filling in enumerate(fillings):
         if filling.group is None:
             continue
         group = mesh.group(filling.group)
-        if group.dim != 3:
-            accepted = f"a group of volumes, not a {group.label}"
+        if group.dim != mesh.dim:
+            accepted = f"a group of {DIMENSIONS[mesh.dim]}s, not a {group.label}"
             raise bad_value("material.group", filling.group, accepted)
         cells = group.entities[group.entities < num_cells]
         _check_overlap(mesh, fillings, owner[cells], filling.group)
@@ -155,7 +155,7 @@ def check_partition(domain: Any, regions: Sequence[Region]) -> None:
     BadInput
         On every rank: cells in two regions, or in none.
     """
-    num_cells = _dolfinx.num_owned(domain, 3)
+    num_cells = _dolfinx.num_owned(domain)
     times = np.zeros(num_cells, dtype=np.int64)
     for region in regions:
         np.add.at(times, region.cells, 1)
@@ -168,7 +168,7 @@ def check_partition(domain: Any, regions: Sequence[Region]) -> None:
         )
 
 
-def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
+def reference_modulus(domain: Any, regions: Sequence[Region], revolved: bool = False) -> float:
     """Return the Young's modulus by which forces and pressures of a body are scaled. Collective.
 
     With several materials it is the harmonic mean over the volume, the modulus of a stack of
@@ -181,6 +181,8 @@ def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
         The mesh.
     regions : sequence of Region
         The materials.
+    revolved : bool, optional
+        Whether volumes are those of the mesh revolved about the axis x = 0.
 
     Returns
     -------
@@ -190,14 +192,16 @@ def reference_modulus(domain: Any, regions: Sequence[Region]) -> float:
     moduli = [region.material.numbers.E for region in regions]
     if len(set(moduli)) <= 1:
         return moduli[0] if moduli else 1.0
-    return 1 / volume_mean(domain, regions, [1 / modulus for modulus in moduli])
+    return 1 / volume_mean(domain, regions, [1 / modulus for modulus in moduli], revolved)
 
 
-def volume_mean(domain: Any, regions: Sequence[Region], values: Sequence[float]) -> float:
+def volume_mean(
+    domain: Any, regions: Sequence[Region], values: Sequence[float], revolved: bool = False
+) -> float:
     """Return the mean over the volume of a quantity with one value in each region. Collective."""
     if len(set(values)) == 1:
         return values[0]
-    volume = cell_volumes(domain)
+    volume = cell_volumes(domain, revolved)
     local = [(volume[region.cells] * region.filled(1.0)).sum() for region in regions]
     volumes = domain.comm.allreduce(np.array(local))
     return float(volumes @ np.array(values) / volumes.sum())

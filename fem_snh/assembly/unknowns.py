@@ -1,7 +1,7 @@
 """The unknowns of a problem: the displacement alone, or displacement and pressure.
 
-Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's (3 per
-node), and convert between vectors of that kind and the ghosted vectors of the separate fields.
+Both classes hold the solver's vector ``x``, whose first owned entries are the displacement's, node
+by node, and convert between vectors of that kind and the ghosted vectors of the separate fields.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Displacement:
     Parameters
     ----------
     u : dolfinx Function
-        The displacement [m], of a Lagrange space with 3 components.
+        The displacement [m], of a Lagrange space.
 
     Attributes
     ----------
@@ -39,6 +39,8 @@ class Displacement:
         The solver's vector.
     num_owned_nodes : int
         Displacement nodes this rank owns.
+    components : int
+        Displacement components of a node.
     Q : dolfinx function space or None
         The pressure's space.
     """
@@ -49,6 +51,7 @@ class Displacement:
         self.u, self.V = u, u.function_space
         self.x = _dolfinx.petsc_vec(u)
         self.num_owned_nodes = _dolfinx.num_nodes(self.V)[0]
+        self.components = _dolfinx.num_components(self.V)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Return the ghosted vectors (displacement, pressure or None) of ``x``. Collective."""
@@ -95,13 +98,13 @@ class DisplacementPressure(Displacement):
         self.p = _dolfinx.function(self.Q, "pressure")
         self.pressure = _dolfinx.petsc_vec(self.p)
         self._r_u, self._r_p = (_dolfinx.create_vector(space) for space in (self.V, self.Q))
-        self._num_u = 3 * self.num_owned_nodes
+        self._num_u = self.components * self.num_owned_nodes
         num_p = _dolfinx.num_nodes(self.Q)[0]
         comm = domain.comm
         self.x = PETSc.Vec().createMPI((self._num_u + num_p, None), comm=comm)
         first = self.x.getOwnershipRange()[0]
         u = PETSc.IS().createStride(self._num_u, first, 1, comm=comm)
-        u.setBlockSize(3)
+        u.setBlockSize(self.components)
         p = PETSc.IS().createStride(num_p, first + self._num_u, 1, comm=comm)
         self.index_sets = {"u": u, "p": p}
 
@@ -133,11 +136,11 @@ def pressure_unit(element: Element, num_cells: int) -> float:
 
     It weighs the residual of the pressure against that of the displacement. The unit of cell
     pressures depends on the size h of a cell: the forces of a strain are E h^2, and the residual of
-    a volume error is the unit times h^3.
+    a volume error is the unit times h^3; in the plane, E h and the unit times h^2.
     """
     if element.volume != "cell_pressure":
         return 1.0
-    return float(_VOLUME_WEIGHT * num_cells ** (1 / 3))
+    return float(_VOLUME_WEIGHT * num_cells ** (1 / element.kinematics.dim))
 
 
 def create_unknowns(u: Any, element: Element) -> Displacement:

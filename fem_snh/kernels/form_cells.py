@@ -91,23 +91,26 @@ class FormCells:
     path : Path
         The library compiled from `form_cells_source`.
     nodes : int
-        Displacement nodes of each cell, 3 components each.
+        Displacement nodes of each cell.
+    components : int
+        Displacement components of a node.
     geometry : (cells, geometry nodes per cell) int32
         Geometry nodes.
     x : (geometry nodes, 3)
         Reference coordinates [m].
     """
 
-    def __init__(self, path: Path, nodes: int, geometry: Array, x: Array) -> None:
+    def __init__(self, path: Path, nodes: int, components: int, geometry: Array, x: Array) -> None:
         self._ffi, self._lib = build.load(path, header(_API))
         # The struct holds pointers: the arrays must live as long.
         self._geometry = np.ascontiguousarray(geometry, np.int32)
         self._x = np.ascontiguousarray(x, np.float64)
         self._cells = self._ffi.new("FormCells *")
-        self._cells.nodes, self._cells.geometry_nodes = nodes, geometry.shape[1]
+        self._cells.nodes, self._cells.components = nodes, components
+        self._cells.geometry_nodes = geometry.shape[1]
         self._cells.geometry = self._pointer(self._geometry)
         self._cells.x = self._pointer(self._x)
-        dofs = 3 * nodes
+        dofs = components * nodes
         batch = max(1, _BATCH // (8 * dofs**2))
         self._matrices, self._work = np.empty((batch, dofs, dofs)), np.empty((dofs, dofs))
         self._indefinite = np.empty(batch, np.int32)
@@ -126,7 +129,7 @@ class FormCells:
         ------
         cells : (m,) int32
             The cell of each matrix.
-        matrices : (m, 3 nodes, 3 nodes) array
+        matrices : (m, components * nodes, components * nodes) array
             Overwritten by the next batch.
         filtered : int
             How many of them were not positive semidefinite; 0 with "exact".

@@ -27,12 +27,12 @@ class MatrixAddition:
     cell_blocks : (cells, n) int
         Local block numbers of each cell.
     sizes : (n,) int
-        Unknowns of each block of a cell: 3 for the displacement's, 1 for the pressure's.
+        Unknowns of each block of a cell: the displacement's components, then 1 for a pressure's.
     positions : (cells, n, n) int32
         ``MatrixTarget.position``.
     strides : sequence of three (local blocks,) int32
         ``MatrixTarget.stride``.
-    free : (local nodes, 3)
+    free : (local nodes, components)
         ``MatrixTarget.free``.
     """
 
@@ -82,7 +82,7 @@ class MatrixAddition:
         factor: float,
         values: Array,
     ) -> None:
-        """Add ``factor * values[k]`` times the 3x3 identity for each pair k of displacement nodes.
+        """Add ``factor * values[k]`` times the identity for each pair k of displacement nodes.
 
         Parameters
         ----------
@@ -98,8 +98,8 @@ class MatrixAddition:
         self._set_addresses(addresses)
         indptr, indices = pattern
         self._lib.add_node_pairs(
-            self._target, len(indptr) - 1, self._ints(indptr), self._ints(indices),
-            self._ints(positions), factor, self._doubles(values),
+            self._target, int(self._sizes[0]), len(indptr) - 1, self._ints(indptr),
+            self._ints(indices), self._ints(positions), factor, self._doubles(values),
         )  # fmt: skip
 
     def _set_addresses(self, addresses: Sequence[int]) -> None:

@@ -64,7 +64,7 @@ class Mesh:
     Attributes
     ----------
     domain : dolfinx Mesh
-    cell : {"hexahedron", "tetrahedron"}
+    cell : {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
     groups : tuple of Group
     num_cells : int
         Number of cells on all ranks.
@@ -83,6 +83,11 @@ class Mesh:
     fractions: np.ndarray | None = None
     skin: Skin | None = None
     copies: NodeCopies | None = None
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the cells, 2 or 3."""
+        return _dolfinx.mesh_dimension(self.domain)[0]
 
     def group(self, key: str | int) -> Group:
         """Return the physical group with this name, number or label.
@@ -139,34 +144,41 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
 def read(comm: MPI.Comm, path: str | Path) -> Mesh:
     """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
-    All volume cells belong to the mesh, whether in a physical group or not.
+    The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All of
+    them belong to the mesh, whether in a physical group or not.
 
     Raises
     ------
     BadInput
-        On every rank, if the file cannot be read, or has no volume cells, cells of another kind or
+        On every rank, if the file cannot be read, or has no cells, cells of another kind or
         of several kinds, or a geometry that `check_geometry` refuses.
     """
     return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
 
 
-def volume(domain: Any) -> float:
-    """Return the volume of a dolfinx mesh [m^3]. Collective."""
-    return float(domain.comm.allreduce(point_volumes(domain).sum()))
+def volume(domain: Any, revolved: bool = False) -> float:
+    """Return the volume of a dolfinx mesh [m^3], in two dimensions its area. Collective.
+
+    With ``revolved`` it is the volume of the mesh revolved about the axis x = 0.
+    """
+    return float(domain.comm.allreduce(point_volumes(domain, revolved=revolved).sum()))
 
 
-def cell_volumes(domain: Any) -> np.ndarray:
-    """Return the volume of each cell [m^3], (owned cells,)."""
-    volumes: np.ndarray = point_volumes(domain).sum(axis=1)
+def cell_volumes(domain: Any, revolved: bool = False) -> np.ndarray:
+    """Return the volume of each cell [m^3], (owned cells,); see `volume`."""
+    volumes: np.ndarray = point_volumes(domain, revolved=revolved).sum(axis=1)
     return volumes
 
 
-def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE) -> np.ndarray:
+def point_volumes(domain: Any, degree: int = _VOLUME_DEGREE, revolved: bool = False) -> np.ndarray:
     """Return the weights of the quadrature points of each cell [m^3], (owned cells, points)."""
     points, weights = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
     x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    x = x[..., : points.shape[1]]
     T = np.einsum("cai,qak->cqik", x, _dolfinx.tabulate_geometry(domain, points))
     products: np.ndarray = np.abs(np.linalg.det(T)) * weights
+    if revolved:
+        products *= 2 * np.pi * (x[..., 0] @ _dolfinx.tabulate_geometry_values(domain, points).T)
     return products
 
 
@@ -202,7 +214,7 @@ def distribute(
 
 def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
     """Find the group's entities on this rank. Collective."""
-    if group.dim == 3:
+    if group.dim == _dolfinx.mesh_dimension(domain)[0]:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
     else:
         local = _rows_in(_dolfinx.input_vertices(domain, group.dim), group.entities)

@@ -20,6 +20,8 @@ _MIN_SCALED_JACOBIAN = 1e-10
 #: Smallest scale of forces, and the inverse of the largest: squares of residuals of 1e-16 times it,
 #: and sums of these squares, are normal numbers.
 _SMALLEST_FORCE = 1e-100
+#: A node is on the axis of revolution if its radius is at most this part of the largest coordinate.
+ON_AXIS = 1e-12
 #: Degree of the lattice on which the Jacobian of curved cells is evaluated: it is a polynomial of
 #: degree 3 on tetrahedra, and of degree 5 in each direction on hexahedra.
 _LATTICE = 5
@@ -66,6 +68,14 @@ def check_geometry(domain: Any, what: str, may_overlap: bool = False) -> None:
         _raise_for(domain, what, bad, centres, "cells that overlap a neighbour")
 
 
+def check_half_plane(domain: Any, what: str) -> None:
+    """Raise BadInput on every rank if a mesh to be revolved has points with x < 0. Collective."""
+    x = _dolfinx.geometry_x(domain)
+    size = domain.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    bad = x[:, 0] < -ON_AXIS * size
+    _raise_for(domain, what, bad, x, "nodes with a negative radius x")
+
+
 def check_force_scale(force: float) -> None:
     """Raise BadInput for a scale of forces [N] whose squares overflow or underflow."""
     if not _SMALLEST_FORCE <= force <= 1 / _SMALLEST_FORCE:
@@ -91,22 +101,23 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
 
     It is the smallest value over a cell's corners and its midpoint, and of a curved cell over a
     lattice. At a corner, it is the volume of the parallelepiped
-    of the three edges divided by the product of their lengths: 1 for a cube, 0.707 for a regular
-    tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
+    (area of the parallelogram) of the edges divided by the product of their lengths: 1 for a cube,
+    0.707 for a regular tetrahedron. A left-handed cell is valid if the sign is the same everywhere.
     """
     cell, corners = _dolfinx.cell_name(domain), _corners(domain)
+    dim = corners.shape[1]
     edges = corners - corners[:, None]  # from each corner to each
-    nearest_three = np.sort(np.linalg.norm(edges, axis=2).argsort(axis=1)[:, 1:4], axis=1)
-    edges = np.take_along_axis(edges, nearest_three[:, :, None], axis=1)
+    nearest = np.sort(np.linalg.norm(edges, axis=2).argsort(axis=1)[:, 1 : dim + 1], axis=1)
+    edges = np.take_along_axis(edges, nearest[:, :, None], axis=1)
     points = [corners, corners.mean(axis=0)[None]]
     if _dolfinx.geometry_degree(domain) > 1:
         points.append(_dolfinx.reference_nodes(cell, _LATTICE)[len(corners) :])
     inside = sum(map(len, points[1:]))
-    edges = np.concatenate([edges, np.tile(np.eye(3), (inside, 1, 1))])
+    edges = np.concatenate([edges, np.tile(np.eye(dim), (inside, 1, 1))])
     gradients = _dolfinx.tabulate_geometry(domain, np.concatenate(points))
-    if cell == "tetrahedron" and _dolfinx.geometry_degree(domain) == 1:
+    if cell in ("tetrahedron", "triangle") and _dolfinx.geometry_degree(domain) == 1:
         gradients = gradients[:1]  # the same at all points
-    x, cells = _dolfinx.geometry_x(domain), _dolfinx.geometry_dofs(domain)
+    x, cells = _dolfinx.geometry_x(domain)[:, :dim], _dolfinx.geometry_dofs(domain)
     worst = np.empty(len(cells))
     for start in range(0, len(cells), _BATCH):
         chunk = slice(start, start + _BATCH)
@@ -116,15 +127,23 @@ def scaled_jacobian(domain: Any) -> np.ndarray:
         jacobian /= np.where(size > 0, size, 1.0)
         lengths = np.linalg.norm(np.einsum("cpij,pej->cpei", jacobian, edges), axis=3).prod(axis=2)
         # No LU factors as of numpy.linalg.det: they overflow for tiny numbers.
-        a, b, c = np.moveaxis(jacobian, 2, 0)
-        volumes = np.einsum("cpi,cpi->cp", a, np.cross(b, c))
+        volumes = _determinants(np.moveaxis(jacobian, 2, 0))
         scaled = volumes / np.maximum(lengths, np.finfo(float).tiny)
         worst[chunk] = np.maximum(scaled.min(axis=1), -scaled.max(axis=1))
     return worst
 
 
+def _determinants(rows: Array) -> Array:
+    """Return the determinants of matrices by their rows, (dim, ..., dim)."""
+    if len(rows) == 2:
+        (a, b), (c, d) = (np.moveaxis(row, -1, 0) for row in rows)
+        return np.asarray(a * d - b * c)
+    a, b, c = rows
+    return np.asarray(np.einsum("...i,...i->...", a, np.cross(b, c)))
+
+
 def _corners(domain: Any) -> Array:
-    """Return the corners of the reference cell, (corners, 3)."""
+    """Return the corners of the reference cell, (corners, dim)."""
     return _dolfinx.reference_corners(_dolfinx.cell_name(domain))
 
 
@@ -152,7 +171,7 @@ def _sides(domain: Any, vertices: Array, corners: Array) -> Array:
     It is the sign of :math:`(x_1 - x_0) \times (x_2 - x_0) \cdot (x_3 - x_0)`, where 0 is the
     facet's vertex with the smallest global number, 1 and 2 are its neighbours on the facet in the
     order of their numbers, and 3 is its neighbour off the facet. Both cells of a facet have the
-    same 0, 1 and 2.
+    same 0, 1 and 2. In two dimensions there is no 2.
     """
     cell = _dolfinx.cell_name(domain)
     table, beside, off = facet_neighbours(cell)
@@ -161,11 +180,11 @@ def _sides(domain: Any, vertices: Array, corners: Array) -> Array:
     for facet, local in enumerate(table):
         position = vertices[:, local].argmin(axis=1)
         zero, three = local[position], off[facet][position]
-        pair = beside[facet][position]  # (cells, 2)
-        order = np.take_along_axis(vertices, pair, axis=1).argsort(axis=1)
-        one, two = np.take_along_axis(pair, order, axis=1).T
-        a, b, c = (corners[cells, k] - corners[cells, zero] for k in (one, two, three))
-        sides[:, facet] = np.sign(np.einsum("ni,ni->n", np.cross(a, b), c))
+        near = beside[facet][position]  # (cells, dim - 1)
+        order = np.take_along_axis(vertices, near, axis=1).argsort(axis=1)
+        ends = *np.take_along_axis(near, order, axis=1).T, three
+        rows = np.array([corners[cells, k] - corners[cells, zero] for k in ends])
+        sides[:, facet] = np.sign(_determinants(rows[..., : len(ends)]))
     return sides
 
 
@@ -176,8 +195,8 @@ def facet_neighbours(cell: str) -> tuple[Array, Array, Array]:
     -------
     facets : (facets, corners) array
         The vertices of each facet.
-    beside : (facets, corners, 2) array
-        Of each of them, its two neighbours on the facet.
+    beside : (facets, corners, dim - 1) array
+        Of each of them, its neighbours on the facet.
     off : (facets, corners) array
         Its neighbour off the facet.
     """

@@ -13,14 +13,22 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE, Element, element
+from fem_snh.assembly.boundary_conditions import axis_nodes
+from fem_snh.assembly.elements import (
+    ELEMENTS,
+    MAX_QUADRATURE_DEGREE,
+    Element,
+    element,
+    names_for,
+)
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
-from fem_snh.mesh.mesh_checks import check_geometry
+from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
 from fem_snh.terms.body import Body, CreateMotion, measure_facets
@@ -55,6 +63,8 @@ class DolfinxConditions:
         earlier one. Their values are read whenever `set_values` is called.
     on_load : callable, optional
         ``on_load(load)`` sets these values for a load parameter.
+    kinematics : Kinematics, optional
+        On a body of revolution the radial and rotational displacements are zero on the axis.
 
     Attributes
     ----------
@@ -69,7 +79,11 @@ class DolfinxConditions:
     """
 
     def __init__(
-        self, V: Any, bcs: Sequence[Any], on_load: Callable[[float], None] | None = None
+        self,
+        V: Any,
+        bcs: Sequence[Any],
+        on_load: Callable[[float], None] | None = None,
+        kinematics: Kinematics = SOLID,
     ) -> None:
         self._bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
@@ -89,8 +103,16 @@ class DolfinxConditions:
             if size == 0:
                 accepted = "a condition on at least one node of the mesh"
                 raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
+        components = kinematics.components
+        self._axis = np.empty(0, np.int64)
+        if kinematics.revolved:
+            owned = mask.getLocalSize() // components
+            nodes = axis_nodes(V)
+            nodes = nodes[nodes < owned]
+            self._axis = np.concatenate([components * nodes + i for i in kinematics.off_axis])
+            mask.array[self._axis] = 1.0
         update_ghosts(mask)
-        self.constrained: Array = local_values(mask).reshape(-1, 3) > 0
+        self.constrained: Array = local_values(mask).reshape(-1, components) > 0
         self.dofs: Array = np.flatnonzero(mask.array_r)
         self.start: Array | None = None
 
@@ -99,6 +121,7 @@ class DolfinxConditions:
         if self._on_load is not None:
             self._on_load(load)
         _dolfinx.set_bcs(x.array, self._bcs)
+        x.array[self._axis] = 0.0
         if self.start is not None:
             x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
 
@@ -114,6 +137,7 @@ def create_dolfinx_problem(
     on_load: Callable[[float], None] | None = None,
     motion: CreateMotion | None = None,
     duration: float | None = None,
+    kinematics: str | None = None,
 ) -> Problem:
     """Return the problem of a displacement in a user's dolfinx program. Collective.
 
@@ -138,30 +162,36 @@ def create_dolfinx_problem(
         Returns the motion in time, given displacement, regions and Dirichlet conditions.
     duration : float, optional
         The time of load 1 [s], of a motion in time.
+    kinematics : str, optional
+        On a mesh of two dimensions, one of `fem_snh.assembly.kinematics.PLANAR`.
 
     Raises
     ------
     BadInput
         On every rank, for input that does not fit together.
     """
-    check_displacement(u)
+    chosen_kinematics = check_displacement(u, kinematics)
     check_materials(materials)
     bcs = _listed("bcs", bcs, "a list of conditions, [dolfinx.fem.dirichletbc(...), ...]")
     terms = _listed("terms", terms, f"a list of terms, each {TERM}")
     V = u.function_space
     check_geometry(V.mesh, "u.function_space.mesh")
-    chosen = _element(u, element_name, materials)
+    chosen = _element(u, element_name, materials, chosen_kinematics)
     regions = _regions(V.mesh, materials, _checked(densities, materials))
-    conditions = DolfinxConditions(V, bcs, on_load)
+    conditions = DolfinxConditions(V, bcs, on_load, chosen_kinematics)
     moving = motion(u, regions, conditions) if motion else None
     facets = partial(measure_facets, V.mesh)
+    contacts = [term for term in terms if isinstance(term, SelfContact)]
+    if len(contacts) > 1:
+        raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
+    for number, term in enumerate(terms):
+        if chosen_kinematics.dim == 2 and isinstance(term, Feature | SelfContact):
+            accepted = "a UFL form, on a mesh of 2 dimensions"
+            raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
     body = Body(u, regions, conditions, facets, Amplitudes((), duration), moving)
     made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
-    contacts = [term for term in terms if isinstance(term, SelfContact)]
-    if len(contacts) > 1:
-        raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
     found = [*create_terms(made, body), *(moving.terms if moving else [])]
     if not regions and not any(getattr(term, "has_hessian", True) for term in found):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
@@ -192,8 +222,14 @@ def _checked(
     return densities
 
 
-def check_displacement(u: Any) -> None:
-    """Raise BadInput unless ``u`` is a real displacement in three dimensions, of degree 1 or 2."""
+def check_displacement(u: Any, name: str | None = None) -> Kinematics:
+    """Return the kinematics of a displacement; ``name`` is that of one in two dimensions.
+
+    Raises
+    ------
+    BadInput
+        Unless ``u`` is a real displacement of degree 1 or 2 with the kinematics' components.
+    """
     if not _dolfinx.is_function(u):
         raise bad_value("u", u, "a dolfinx Function, the displacement")
     if not _dolfinx.has_real_values(u):
@@ -201,17 +237,26 @@ def check_displacement(u: Any) -> None:
         raise bad_value("u.x.array.dtype", str(u.x.array.dtype), accepted)
     V, domain = u.function_space, u.function_space.mesh
     dimension, cell = _dolfinx.mesh_dimension(domain), _dolfinx.cell_name(domain)
-    kinds = sorted({e.cell for e in ELEMENTS.values()})
-    if dimension != (3, 3) or cell not in kinds:
+    kinds = sorted(PLANE_CELLS)
+    if not (dimension == (3, 3) and cell in kinds) and not (
+        dimension == (2, 2) and cell in PLANE_CELLS.values()
+    ):
         found = f"{cell} cells in {dimension[1]} dimensions"
-        raise bad_value("u.function_space.mesh", found, f"{' or '.join(kinds)} cells in 3")
+        accepted = f"{' or '.join(kinds)} cells in 3, or "
+        accepted += f"{' or '.join(PLANE_CELLS.values())} cells in 2"
+        raise bad_value("u.function_space.mesh", found, accepted)
+    kinematics = find_kinematics(name, dimension[0])
     if (
-        tuple(u.ufl_shape) != (3,)
+        tuple(u.ufl_shape) != (kinematics.components,)
         or not _dolfinx.is_lagrange(V)
         or _dolfinx.degree(V) not in (1, 2)
     ):
-        accepted = "a continuous Lagrange space of degree 1 or 2 with 3 components"
+        accepted = "a continuous Lagrange space of degree 1 or 2 with "
+        accepted += f"{kinematics.components} components"
         raise bad_value("u.function_space", str(V.ufl_element()), accepted)
+    if kinematics.revolved:
+        check_half_plane(domain, "u.function_space.mesh")
+    return kinematics
 
 
 def check_materials(materials: Any) -> None:
@@ -248,11 +293,13 @@ def _check_integrals(form: Any, name: str, domain: Any) -> None:
                 raise bad_value(name, f"{symbol}({number})", accepted)
 
 
-def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Element:
+def _element(
+    u: Any, name: str | None, materials: Mapping[Material, Any], kinematics: Kinematics
+) -> Element:
     """The element by name or by the displacement's space, with the measures' quadrature degree."""
     V = u.function_space
     cell, degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
-    fitting = [e.name for e in ELEMENTS.values() if (e.cell, e.degree) == (cell, degree)]
+    fitting = [other for other in names_for(cell) if ELEMENTS[other].degree == degree]
     if name is not None and name not in fitting:
         accepted = f"one of {', '.join(fitting)}, for a displacement of degree {degree} on {cell}s"
         raise bad_value("element", name, accepted)
@@ -260,7 +307,7 @@ def _element(u: Any, name: str | None, materials: Mapping[Material, Any]) -> Ele
     if len(degrees) > 1:
         found = ", ".join(sorted(str(d) for d in degrees))
         raise bad_value("materials", f"quadrature degrees {found}", "the same for all measures")
-    return element(name or fitting[0], degrees.pop() if degrees else None)
+    return element(name or fitting[0], degrees.pop() if degrees else None, kinematics)
 
 
 def _quadrature_degree(material: Material, measure: Any) -> Any:
@@ -310,16 +357,20 @@ def _set_modulus(problem: Problem) -> None:
     curvature of the energy in three uniform shears. Without resistance to shear, as of springs, it
     is the mean entry on the Hessian's diagonal over the nodes' distance, which has the same unit.
     """
-    gradients = np.zeros((4, 3, 3))
-    gradients[[0, 1, 2], [0, 1, 2], [1, 2, 0]] = 1.0  # u_i = g X_j
-    gradients[3] = np.eye(3)
+    dim, components = problem.kinematics.dim, problem.kinematics.components
+    gradients = np.zeros((dim + 1, components, 3))
+    for i in range(dim):
+        gradients[i, i, (i + 1) % dim] = 1.0  # u_i = g X_j
+    gradients[dim] = np.eye(components, 3)
     *shears, dilation = [_curvature(problem, gradient) for gradient in gradients]
     modulus = 3 * min(shears)
     if not (isfinite(modulus) and modulus > 0):
         problem.jacobian(problem.x, "clamp")
-        distance = problem.length * (problem.dofs / 3) ** (-1 / 3)
+        distance = problem.length * (problem.dofs / components) ** (-1 / dim)
         modulus = (problem.matrix.constrained_diagonal or 1.0) / distance
-    problem.modulus, problem.force_scale = modulus, modulus * problem.length**2
+    volume_dimension = problem.kinematics.volume_dimension
+    problem.modulus = modulus
+    problem.force_scale = modulus * problem.length ** (volume_dimension - 1)
     # lambda + 2 mu = K + 4/3 mu, and the curvature of a uniform dilation is 9 K.
     stiffest = dilation / 9 + 4 / 3 * max(shears)
     problem.stiffest_modulus = max(modulus, stiffest) if isfinite(stiffest) else modulus
@@ -329,11 +380,12 @@ def _curvature(problem: Problem, gradient: Array) -> float:
     """The second derivative of the energy in u = g G X by g, per volume [Pa]. Collective."""
     force, moved = problem.x.duplicate(), problem.x.duplicate()
     moved.set(0.0)
-    moved.array[: problem.coordinates.size] = (problem.coordinates @ gradient.T).ravel()
+    moved.array[: problem.owned_displacements] = (problem.coordinates @ gradient.T).ravel()
     works = []
     for sign in (1, -1):
         state = problem.x.copy()
         state.axpy(sign * _STRAIN, moved)
         problem.gradient(state, force)
         works.append(float(force.dot(moved)))
-    return (works[0] - works[1]) / (2 * _STRAIN * problem.length**3)
+    volume = problem.length**problem.kinematics.volume_dimension
+    return (works[0] - works[1]) / (2 * _STRAIN * volume)

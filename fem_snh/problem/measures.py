@@ -13,7 +13,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 
 Array = npt.NDArray[Any]
 
@@ -38,7 +38,7 @@ class Reactions:
 
     def __init__(self, V: Any, mesh: Mesh, groups: Sequence[str | int]) -> None:
         self._comm = mesh.domain.comm
-        self._owned = _dolfinx.num_nodes(V)[0]
+        self._owned, self._components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
         nodes = {str(key): group_nodes(V, mesh, key) for key in groups}
         self._nodes = {key: n[n < self._owned] for key, n in nodes.items()}
         self.groups = list(self._nodes)
@@ -51,7 +51,7 @@ class Reactions:
         gradient : (n,) array
             This rank's part of dE/du [N], whose first entries are the displacement's.
         """
-        forces = gradient[: 3 * self._owned].reshape(-1, 3)
+        forces = gradient[: self._components * self._owned].reshape(-1, self._components)
         local = np.array([forces[nodes].sum(axis=0) for nodes in self._nodes.values()])
         total = self._comm.allreduce(local)
         return dict(zip(self._nodes, total.tolist(), strict=True))
@@ -68,9 +68,10 @@ def group_cells(mesh: Mesh, groups: Sequence[str | int]) -> dict[str, Array]:
     found = {}
     for key in groups:
         group = mesh.group(key)
-        if group.dim != 3:
-            raise bad_value("volumes", key, f"a group of volumes, not a {group.label}")
-        owned = _dolfinx.num_owned(mesh.domain, 3)
+        if group.dim != mesh.dim:
+            accepted = f"a group of {DIMENSIONS[mesh.dim]}s, not a {group.label}"
+            raise bad_value("volumes", key, accepted)
+        owned = _dolfinx.num_owned(mesh.domain)
         found[str(key)] = group.entities[group.entities < owned]
     return found
 
@@ -89,7 +90,7 @@ def body_measures(
         The communicator of the mesh.
     cell_fields : dict of arrays
         Volumes [m^3] and smallest J of this rank's cells.
-    u : (n, 3) array
+    u : (n, components) array
         Displacement [m] of this rank's nodes.
     parts : mapping of arrays, optional
         Cells of parts of the body, from `group_cells`.

@@ -73,8 +73,9 @@ class Probes:
         if not self._names:
             return {}
         self._u.x.scatter_forward()
-        nodal = self._u.x.array.reshape(-1, 3)
-        values = np.zeros((len(self._names), 3))
+        components = _dolfinx.num_components(self._u.function_space)
+        nodal = self._u.x.array.reshape(-1, components)
+        values = np.zeros((len(self._names), components))
         for number, nodes, weights in self._local:
             values[number] = weights @ nodal[nodes]
         total = self._comm.allreduce(values)

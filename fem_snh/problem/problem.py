@@ -96,11 +96,15 @@ class Problem:
         The part of a step that the terms admit; None if they admit every step.
     constrained_dofs : (n,) int
         The constrained dofs this rank owns, as indices into the local part of ``x``.
+    kinematics : Kinematics
+        How the displacement becomes a deformation gradient. On a plane, energies are per thickness
+        [J/m] and forces are [N/m]; on a body of revolution both are of the whole turn.
     load, length : float
-        The load parameter, 0 to 1; V^(1/3) [m], V the reference volume.
+        The load parameter, 0 to 1; V^(1/3) [m], V the reference volume; of a plane the root of the
+        area.
     modulus, force_scale : float
         The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
-        [N].
+        [N], of a plane E times `length` [N/m].
     stiffest_modulus : float
         The largest lambda + 2 mu of the materials [Pa].
     nonfinite : int
@@ -131,9 +135,11 @@ class Problem:
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
-        self.length = volume(self.domain) ** (1 / 3)
-        self.modulus = reference_modulus(self.domain, regions)
-        self.force_scale = self.modulus * self.length**2
+        self.kinematics = element.kinematics
+        dim, revolved = self.kinematics.volume_dimension, self.kinematics.revolved
+        self.length = volume(self.domain, revolved) ** (1 / dim)
+        self.modulus = reference_modulus(self.domain, regions, revolved)
+        self.force_scale = self.modulus * self.length ** (dim - 1)
         moduli = [float(lam + 2 * mu) for mu, lam in (r.material.lame for r in regions)]
         self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
@@ -150,7 +156,9 @@ class Problem:
             self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A)
         else:
             free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
-            self.A.setNearNullSpace(rigid_motions(self.comm, self.coordinates, free))
+            self.A.setNearNullSpace(
+                rigid_motions(self.comm, self.coordinates, free, self.kinematics)
+            )
         self.terms: list[Term] = [self.elastic, *terms]
         self.history = TermHistory(self.terms)
         self.largest_step = StepLimit.of(self.terms, unknowns.num_owned_nodes)
@@ -172,7 +180,7 @@ class Problem:
     @property
     def regime(self) -> Regime:
         """What a solver chooses its defaults by. Collective."""
-        body = self.coordinates, self.element.degree, self.elastic.parts
+        body = self.coordinates, self.element, self.elastic.parts
         return regime_of(self.comm, *body, self.terms)
 
     @property
@@ -199,7 +207,7 @@ class Problem:
         It grows with coordinates far from the origin. Collective.
         """
         far = self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
-        unit = self.stiffest_modulus * self.length**2
+        unit = self.stiffest_modulus * self.length ** (self.kinematics.volume_dimension - 1)
         return float(_ROUNDING * unit * max(1.0, far / self.length))
 
     @property
@@ -211,6 +219,11 @@ class Problem:
     def dofs(self) -> int:
         """Degrees of freedom on all ranks, constrained ones included."""
         return int(self.x.getSize())
+
+    @property
+    def owned_displacements(self) -> int:
+        """The displacement's degrees of freedom that this rank owns, the first entries of ``x``."""
+        return self._unknowns.components * self._unknowns.num_owned_nodes
 
     @property
     def depends_on_load(self) -> bool:
@@ -299,5 +312,9 @@ class Problem:
 
     def measures(self, x: PETSc.Vec) -> dict[str, Any]:
         """Return the measures of the body that `body_measures` describes. Collective."""
-        u = x.array_r[: 3 * self._unknowns.num_owned_nodes].reshape(-1, 3)
-        return body_measures(self.comm, self.cell_fields(x), u, self._parts)
+        return body_measures(self.comm, self.cell_fields(x), self.nodal(x), self._parts)
+
+    def nodal(self, x: PETSc.Vec) -> Array:
+        """Return the displacement's entries of ``x`` at the nodes of this rank, (n, components)."""
+        values: Array = x.array_r[: self.owned_displacements]
+        return values.reshape(-1, self._unknowns.components)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.assembly.elements import Element
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.elastic import Part
 from fem_snh.terms.term import Term
@@ -18,7 +19,11 @@ Array = npt.NDArray[Any]
 
 
 def regime_of(
-    comm: MPI.Comm, coordinates: Array, degree: int, parts: Sequence[Part], terms: Sequence[Term]
+    comm: MPI.Comm,
+    coordinates: Array,
+    element: Element,
+    parts: Sequence[Part],
+    terms: Sequence[Term],
 ) -> Regime:
     """Return the regime of a problem. Collective.
 
@@ -28,8 +33,8 @@ def regime_of(
         The communicator.
     coordinates : (n, 3)
         Coordinates [m] of this rank's own nodes.
-    degree : int
-        Degree of the displacement.
+    element : Element
+        The element.
     parts : sequence of Part
         The body's materials and cells.
     terms : sequence of Term
@@ -40,7 +45,8 @@ def regime_of(
     moduli = [part.region.material.lame for part in parts]
     return Regime(
         comm.allreduce(len(coordinates)),
-        section_nodes(comm, coordinates, np.concatenate(cells), degree),
+        element.kinematics.dim,
+        section_nodes(comm, coordinates, np.concatenate(cells), element.degree),
         max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
         any(term.name == "inertia" for term in terms),
     )

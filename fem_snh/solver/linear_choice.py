@@ -18,7 +18,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from fem_snh.errors import choose
+from fem_snh.errors import bad_value, choose
 from fem_snh.solver.protocol import SolvableProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
@@ -60,15 +60,20 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     BadInput
         For an unknown value.
     """
-    if choose("snes_linear_solver", wanted, CHOICES) != CHOICES[0]:
+    regime = problem.regime
+    if choose("snes_linear_solver", wanted, CHOICES) == "iterative" and regime.dimension == 2:
+        accepted = "'automatic' or 'direct' on a mesh of 2 dimensions"
+        raise bad_value("snes_linear_solver", wanted, accepted)
+    if wanted != CHOICES[0]:
         return LinearChoice(wanted == "direct")
     if problem.operator != problem.A:
         return LinearChoice(
             False, "a load adds matrices of rank one, which are applied without being assembled"
         )
+    if regime.dimension == 2:
+        return LinearChoice(True, "a mesh of 2 dimensions: sparse factors cost little")
     if problem.saddle_point is not None:
         return LinearChoice(False, "an unknown pressure: few iterations for every nu and mesh")
-    regime = problem.regime
     if regime.inertia:
         return LinearChoice(False, "inertia makes the matrix well conditioned")
     nodes = regime.nodes

@@ -20,6 +20,8 @@ class Regime(NamedTuple):
     ----------
     nodes : int
         Displacement nodes on all ranks.
+    dimension : int
+        Dimension of the mesh, 2 or 3.
     section_nodes : float
         Their mean number in a section across the longest axis.
     poisson_ratio : float
@@ -30,6 +32,7 @@ class Regime(NamedTuple):
     """
 
     nodes: int
+    dimension: int
     section_nodes: float
     poisson_ratio: float
     inertia: bool

@@ -40,8 +40,11 @@ def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     set_operators(ksp, A, P)
     ksp.setType("stcg")
-    ksp.getPC().setType(PETSc.PC.Type.PYTHON)
-    ksp.getPC().setPythonContext(SSOR())
+    if P.getBlockSize() == 3:
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(SSOR())
+    else:  # in two dimensions
+        ksp.getPC().setType(PETSc.PC.Type.SOR)
     ksp.setFromOptions()
     if ksp.getPC().getType() == PETSc.PC.Type.BJACOBI:
         ksp.getPC().setUp()  # the blocks read their options now, and only now

@@ -61,7 +61,7 @@ class CellPressures:
         self.snes.setTolerances(max_it=_MAX_IT)
         self._predictor = solver.Predictor(mixed, self.snes, "tangent")
         self._residual = problem.x.duplicate()
-        self._size = 3 * len(problem.coordinates)
+        self._size = problem.owned_displacements
         self.reason = ""
         self.history: list[solver.Iteration] = []
 

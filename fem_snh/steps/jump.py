@@ -63,7 +63,7 @@ class JumpDetector:
 
     def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
         self._problem, self._snes = problem, snes
-        size = 3 * len(problem.coordinates)
+        size = problem.owned_displacements
         self._free = np.ones(size, dtype=bool)
         constrained = problem.constrained_dofs
         self._free[constrained[constrained < size]] = False

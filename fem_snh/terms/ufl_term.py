@@ -54,7 +54,7 @@ class UFLTerm:
     form : ufl.Form
         Integrals over cells (dx) and exterior facets (ds), also of subdomains.
     u : dolfinx Function
-        The displacement in ``form``: 3 components, Lagrange.
+        The displacement in ``form``, of a Lagrange space.
     name : str, optional
         The term's name in run.json.
     on_load : callable, optional
@@ -183,6 +183,7 @@ class UFLTerm:
         return FormCells(
             on_root(self._comm, build.library, source),
             _dolfinx.node_dofs(V).shape[1],
+            _dolfinx.num_components(V),
             _dolfinx.geometry_dofs(V.mesh),
             _dolfinx.geometry_x(V.mesh),
         )

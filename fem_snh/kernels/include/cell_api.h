@@ -1,5 +1,6 @@
 /* The C interface of the cell loops. The C compiler and cffi read this one file; Python fills the structs by
- * field name. All node numbers are local to the rank; displacements have 3 components per node. */
+ * field name. All node numbers are local to the rank; displacements have COMPONENTS per node (kinematics.h),
+ * 3 in a solid. */
 
 /* The cells that this rank owns, on one element. The sizes NODES, GEOMETRY_NODES, PRESSURE_NODES (per cell)
  * and POINTS (quadrature points per cell) are macros that the code generator defines. */
@@ -8,7 +9,7 @@ typedef struct {
   const int *nodes;                 /* [cells][NODES] displacement nodes */
   const int *geometry;              /* [cells][GEOMETRY_NODES] geometry nodes */
   const double *x;                  /* [.][3] reference coordinates of the geometry nodes [m] */
-  const double *gradients;          /* [POINTS][NODES][3] d(basis)/d(reference cell coordinates) */
+  const double *gradients;          /* [POINTS][NODES][3] d(basis)/d(reference cell coordinates); see third_tangent */
   const double *geometry_gradients; /* [POINTS][GEOMETRY_NODES][3] the same of the geometry's basis */
   const double *weights;            /* [POINTS] quadrature weights on the reference cell */
   const double *fractions;          /* [cells] factor of each cell's weights; NULL: 1 */
@@ -24,7 +25,7 @@ typedef struct {
   const int *stride[3];   /* [nodes] values per matrix row of a node */
   const int *position;    /* [cells][n][n], n = NODES + PRESSURE_NODES: 4 * (offset of the node pair's first
                              value) + (index 0, 1 or 2 of the array) */
-  const double *free;     /* [nodes][3] 0 where the displacement is prescribed, else 1 */
+  const double *free;     /* [nodes][COMPONENTS] 0 where the displacement is prescribed, else 1 */
   const unsigned char *constrained; /* [cells] 1 if a displacement component of the cell is prescribed */
   const double *rotation; /* [cells][3][3] R: jacobian_cells adds R K_ab R^T instead of the block K_ab; NULL: K_ab */
 } MatrixTarget;

@@ -18,7 +18,7 @@
     VolumeTerm volume;                                           \
     const real fraction = cell_fractions(c, start);            \
     GATHER(x, GEOMETRY_NODES, 3, c->geometry, c->x)            \
-    GATHER(v, NODES, 3, c->nodes, u)                           \
+    GATHER_DISPLACEMENTS(v, c->nodes, u)                       \
     volume_prepare(c, fraction, start, x, v, pressure, &volume);
 
 /* Per quadrature point: basis gradients G, weight, H, F and the material's parameters p. The body and its

@@ -20,6 +20,7 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
       for (int i = 0; i < 3; ++i) f[a][i] = splat(0);
     FOR_EACH_POINT
       stress_point(p, F, H, P);
+      pull_back(P);
       for (int i = 0; i < 9; ++i) P[i] *= weight;
       for (int a = 0; a < NODES; ++a)
         for (int i = 0; i < 3; ++i) f[a][i] += P[i] * G[3 * a] + P[3 + i] * G[3 * a + 1] + P[6 + i] * G[3 * a + 2];
@@ -27,7 +28,8 @@ void residual_cells(const Cells *c, const double *u, const double *pressure, dou
     }
     for (int l = 0; l < lanes; ++l)
       for (int a = 0; a < NODES; ++a)
-        for (int i = 0; i < 3; ++i) r[3 * (long)c->nodes[NODES * (start + l) + a] + i] += f[a][i][l];
+        for (int i = 0; i < COMPONENTS; ++i)
+          r[COMPONENTS * (long)c->nodes[NODES * (start + l) + a] + i] += f[a][i][l];
     volume_residual_add(c, start, lanes, &volume, r_p);
   }
 }
@@ -40,13 +42,14 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
     FOR_EACH_POINT
       const mask found = hessian_point(p, F, filter, solver, C);
       for (int l = 0; l < lanes; ++l) negative -= found[l];
+      pull_back_matrix(C);
       add_stiffness(C, G, weight, K);
       volume_jacobian_point(c, &volume, q, p, F, G, weight);
     }
     int constrained = 0;
     real free[NODES][3];
     for (int l = 0; l < lanes; ++l) constrained |= t->constrained[start + l];
-    if (constrained) GATHER(free, NODES, 3, c->nodes, t->free)
+    if (constrained) { GATHER_DISPLACEMENTS(free, c->nodes, t->free) }
     volume_jacobian_add(c, t, start, lanes, filter, &volume, K, constrained, free);
     if (t->rotation) rotate_blocks(t->rotation, start, lanes, K);
     if (constrained) { /* rows and columns of prescribed components are zero */

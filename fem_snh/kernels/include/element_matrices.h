@@ -22,6 +22,7 @@ INLINE void geometry_point(const Cells *c, const real x[GEOMETRY_NODES][3], real
       for (int a = 0; a < GEOMETRY_NODES; ++a) sum += x[a][i] * dx[3 * a + k];
       T[3 * k + i] = sum;
     }
+  third_tangent(T);
   cross(T + 3, T + 6, K);
   cross(T + 6, T, K + 3);
   cross(T, T + 3, K + 6);
@@ -41,6 +42,10 @@ INLINE void deformation_point(const real *G, const real u[NODES][3], real *F, re
       H[3 * j + i] = sum;
       F[3 * j + i] = sum + (i == j);
     }
+#if KINEMATICS == REVOLVED
+  third_column(H);
+  for (int i = 0; i < 3; ++i) F[6 + i] = H[6 + i] + (i == 2);
+#endif
 }
 
 /* Returns J = det F; cofactor = cof F = dJ/dF by columns (Smith et al. 2018, eq. 19). */
@@ -100,12 +105,12 @@ INLINE void scatter(const MatrixTarget *t, const int *nodes, const int *position
     for (int a = 0; a <= b; ++a, block += 9 * W) {
       const int to = position[ALL_NODES * a + b], array = to & 3, stride = t->stride[array][nodes[a]];
       double *at = t->values[array] + (to >> 2);
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) at[(long)stride * i + j] += block[W * (3 * i + j)];
+      for (int i = 0; i < COMPONENTS; ++i)
+        for (int j = 0; j < COMPONENTS; ++j) at[(long)stride * i + j] += block[W * (3 * i + j)];
       if (a == b) continue;
       const int mirror = position[ALL_NODES * b + a], other = mirror & 3, step = t->stride[other][nodes[b]];
       at = t->values[other] + (mirror >> 2);
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) at[(long)step * i + j] += block[W * (3 * j + i)];
+      for (int i = 0; i < COMPONENTS; ++i)
+        for (int j = 0; j < COMPONENTS; ++j) at[(long)step * i + j] += block[W * (3 * j + i)];
     }
 }

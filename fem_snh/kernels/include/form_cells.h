@@ -6,7 +6,7 @@ typedef void tabulate_tensor(double *A, const double *w, const double *c, const 
 
 double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, double *K) {
   tabulate_tensor *kernel = (tabulate_tensor *)f->kernel;
-  const int n = 3 * c->nodes, corners = c->geometry_nodes;
+  const int n = c->components * c->nodes, corners = c->geometry_nodes;
   double x[3 * corners], asymmetry = 0;
   for (int k = 0; k < count; ++k, K += n * n) {
     const long entity = start + k;

@@ -2,7 +2,8 @@
 
 /* The cells that this rank owns. */
 typedef struct {
-  int nodes;              /* displacement nodes per cell, 3 components each */
+  int nodes;              /* displacement nodes per cell */
+  int components;         /* displacement components of a node */
   int geometry_nodes;     /* geometry nodes per cell */
   const int *geometry;    /* [cells][geometry_nodes] */
   const double *x;        /* [.][3] reference coordinates of the geometry nodes [m] */
@@ -18,7 +19,7 @@ typedef struct {
   const double *constants;
 } FormIntegral;
 
-/* K[count][3 nodes][3 nodes] = the symmetric parts of the element matrices of entities start, start + 1, ... Returns the
+/* K[count][n][n], n = components * nodes, = the symmetric parts of the element matrices of entities start, start + 1, ... Returns the
  * largest |K - K^T| over the largest |K| of any entity. */
 double tabulate_entities(const FormCells *c, const FormIntegral *f, int start, int count, double *K);
 

@@ -4,16 +4,17 @@
  *   count .... number of matrices
  *   cells .... [count] the cell of each
  *   blocks ... blocks per element matrix, and all_blocks those of a cell in `cell_blocks` and `t->position`
- *   size ..... [blocks] unknowns of each block: 3 (displacement) or 1 (pressure)
+ *   size ..... [blocks] unknowns of each block: of the displacement's, which come first, 2 or 3; of a pressure's 1
  *   cell_blocks [cells][all_blocks] local numbers, by which `t->stride` and `t->free` are indexed
  *   K ........ [count][n][n], n the sum of `size` */
 void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks, int all_blocks, const int *size,
                   const int *cell_blocks, const double *K);
 
-/* Add multiples of the 3x3 identity to `t`, one for each pair of displacement nodes, without constrained components.
+/* Add multiples of the identity to `t`, one for each pair of displacement nodes, without constrained components.
+ *   components  displacement components of a node
  *   rows ..... number of local nodes
  *   start .... [rows + 1], column [pairs] a CSR pattern of local nodes
  *   position . [pairs] as MatrixTarget.position, of each pair
  *   factor ... common factor of `value` [pairs] */
-void add_node_pairs(const MatrixTarget *t, int rows, const int *start, const int *column, const int *position,
+void add_node_pairs(const MatrixTarget *t, int components, int rows, const int *start, const int *column, const int *position,
                     double factor, const double *value);

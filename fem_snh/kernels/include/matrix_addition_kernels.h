@@ -14,25 +14,25 @@ void add_matrices(const MatrixTarget *t, int count, const int *cells, int blocks
         const long stride = t->stride[array][block[a]];
         double *at = t->values[array] + (to >> 2);
         for (int i = 0; i < size[a]; ++i) {
-          if (size[a] == 3 && t->free[3 * (long)block[a] + i] == 0) continue;
+          if (size[a] == size[0] && t->free[size[0] * (long)block[a] + i] == 0) continue;
           for (int j = 0; j < size[b]; ++j)
-            if (size[b] != 3 || t->free[3 * (long)block[b] + j] != 0)
+            if (size[b] != size[0] || t->free[size[0] * (long)block[b] + j] != 0)
               at[stride * i + j] += K[(long)n * (row + i) + column + j];
         }
       }
   }
 }
 
-void add_node_pairs(const MatrixTarget *t, int rows, const int *start, const int *column, const int *position,
+void add_node_pairs(const MatrixTarget *t, int components, int rows, const int *start, const int *column, const int *position,
                     double factor, const double *value) {
   for (long row = 0; row < rows; ++row) {
-    const double *free_row = t->free + 3 * row;
+    const double *free_row = t->free + components * row;
     for (int k = start[row]; k < start[row + 1]; ++k) {
-      const double *free_column = t->free + 3 * (long)column[k];
+      const double *free_column = t->free + components * (long)column[k];
       const int array = position[k] & 3;
       const long stride = t->stride[array][row];
       double *at = t->values[array] + (position[k] >> 2);
-      for (int i = 0; i < 3; ++i)
+      for (int i = 0; i < components; ++i)
         if (free_row[i] != 0 && free_column[i] != 0) at[(stride + 1) * i] += factor * value[k];
     }
   }

@@ -46,6 +46,7 @@ INLINE void volume_residual_add(const Cells *c, long start, int lanes, const Vol
 INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Parameters p, const real *F, const real *G, real weight) {
   real cofactor[9];
   determinant(F, cofactor);
+  pull_back(cofactor);
   for (int a = 0; a < NODES; ++a)
     for (int i = 0; i < 3; ++i)
       m->dv[a][i] += (cofactor[i] * G[3 * a] + cofactor[3 + i] * G[3 * a + 1] + cofactor[6 + i] * G[3 * a + 2]) * weight;

@@ -47,6 +47,7 @@ INLINE void volume_jacobian_point(const Cells *c, VolumeTerm *m, int q, Paramete
   real conjugate[3], cofactor[9];
   volume_conjugate(p, conjugate);
   determinant(F, cofactor);
+  pull_back(cofactor);
   for (int b = 0; b < NODES; ++b)
     for (int i = 0; i < 3; ++i) {
       const real dJ = (cofactor[i] * G[3 * b] + cofactor[3 + i] * G[3 * b + 1] + cofactor[6 + i] * G[3 * b + 2]) * weight;
@@ -67,7 +68,7 @@ INLINE void volume_jacobian_add(const Cells *c, const MatrixTarget *t, long star
         const int to = row[b], mirror = position[ALL_NODES * b + NODES + a], other = mirror & 3;
         double *at = t->values[to & 3] + (to >> 2), *transposed = t->values[other] + (mirror >> 2);
         const long step = t->stride[other][nodes[b]];
-        for (int i = 0; i < 3; ++i) {
+        for (int i = 0; i < COMPONENTS; ++i) {
           const double value = m->B[a][b][i][l] * (constrained ? free[b][i][l] : 1.0);
           at[i] += value;
           transposed[step * i] += value;

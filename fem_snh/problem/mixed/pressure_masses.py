@@ -87,6 +87,8 @@ class PressureMasses:
         Q = self._Q
         p, q = ufl.TrialFunction(Q), ufl.TestFunction(Q)
         factor = _dolfinx.constant(Q.mesh, np.array(self._unit**2))
+        if self._parts[0].loops.tables.kinematics.revolved:
+            factor *= 2 * ufl.pi * _dolfinx.coordinates(Q.mesh)[0]
         form = _dolfinx.form(factor * coefficient * p * q * ufl.dx)
         M = _dolfinx.create_matrix(form)
         _dolfinx.assemble_matrix(M, form)

@@ -1,0 +1,152 @@
+r"""Kinematics: which components a displacement has, and how they become a 3x3 deformation gradient.
+
+The deformation gradient is 3x3 always, so that every energy and every filter of its Hessian serves
+all kinematics. With coordinates (x, y) in the plane, (r, z) in a half plane that is revolved,
+
+.. math::
+
+    F_\text{plane} = \begin{pmatrix} 1 + u_{x,x} & u_{x,y} & 0 \\ u_{y,x} & 1 + u_{y,y} & 0 \\
+        0 & 0 & 1 \end{pmatrix}, \qquad
+    F_\text{revolved} = \begin{pmatrix} 1 + u_{r,r} & u_{r,z} & -u_\theta / r \\
+        u_{z,r} & 1 + u_{z,z} & 0 \\ u_{\theta,r} & u_{\theta,z} & 1 + u_r / r \end{pmatrix}
+
+in the basis (e_r, e_z, e_theta) of the reference position. Both are linear in the nodal values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.errors import BadInput, bad_value, choose
+
+Array = npt.NDArray[Any]
+
+#: The cell of a mesh of two dimensions that corresponds to one of three.
+PLANE_CELLS = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """A kinematics.
+
+    Attributes
+    ----------
+    name : str
+        One of `PLANAR`, or "solid".
+    dim : {2, 3}
+        Dimension of the mesh.
+    components : {2, 3}
+        Components of the displacement.
+    revolved : bool
+        Whether the body is the mesh revolved about the axis x = 0, in which x is the radius.
+    """
+
+    name: str
+    dim: int
+    components: int
+    revolved: bool = False
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The components' names in scenes; on a body of revolution: radial, axial, rotational."""
+        return ("x", "y", "z")[: self.components]
+
+    @property
+    def volume_dimension(self) -> int:
+        """The power of a length that a body's volume is: in a plane the volume per thickness."""
+        return 3 if self.revolved else self.dim
+
+    @property
+    def off_axis(self) -> list[int]:
+        """The components that are zero on the axis of a body of revolution."""
+        return [i for i in (0, 2) if self.revolved and i < self.components]
+
+    @property
+    def force_unit(self) -> str:
+        """The unit of forces: of a plane, per thickness; of a body of revolution, of the turn."""
+        return "N/m" if self.dim == 2 and not self.revolved else "N"
+
+    @property
+    def definitions(self) -> list[str]:
+        """The C definitions that kinematics.h reads."""
+        kind = "REVOLVED" if self.revolved else "PLANE" if self.dim == 2 else "SOLID"
+        return [f"#define COMPONENTS {self.components}", f"#define KINEMATICS {kind}"]
+
+    def gradient(self, u: Any, gradient: Any, radius: Any) -> Sequence[Sequence[Any]]:
+        """Return the rows of H = F - I.
+
+        Parameters
+        ----------
+        u : (components,)
+            The displacement, of numbers or UFL expressions.
+        gradient : (components, dim)
+            Its gradient du_i/dX_j.
+        radius : number or UFL expression
+            The radius r; only a body of revolution needs it.
+        """
+        rows = [[gradient[i, j] for j in range(self.dim)] for i in range(self.components)]
+        if self.dim == 3:
+            return rows
+        rows += [[0.0 * gradient[0, 0]] * 2 for _ in range(3 - self.components)]
+        zero = 0.0 * gradient[0, 0]
+        column = [zero] * 3
+        if self.revolved:
+            column = [-u[2] / radius if self.components == 3 else zero, zero, u[0] / radius]
+        return [[*row, last] for row, last in zip(rows, column, strict=True)]
+
+    def padded(self, u: Array) -> Array:
+        """Return displacements (components * nodes,) with 3 components, (nodes, 3)."""
+        nodal = u.reshape(-1, self.components)
+        return nodal if self.components == 3 else np.pad(nodal, ((0, 0), (0, 1)))
+
+    def set_third_tangent(self, T: Array) -> None:
+        """Set the last column of T = dx/dxi (..., 3, 3), as third_tangent of kinematics.h does."""
+        if self.revolved:
+            T[..., 2, 2] = T[..., 0, 2]
+            T[..., :2, 2] = 0.0
+        elif self.dim == 2:
+            T[..., 2, 2] = 1.0
+
+    def set_third_column(self, H: Array) -> None:
+        """Set the last column of H (..., 3, 3), as third_column of kinematics.h does."""
+        if self.revolved:
+            radial = H[..., 0, 2].copy()
+            H[..., 0, 2] = -H[..., 2, 2]
+            H[..., 1, 2], H[..., 2, 2] = 0.0, radial
+
+
+SOLID = Kinematics("solid", 3, 3)
+#: Those of meshes of two dimensions, by name.
+PLANAR = {
+    kinematics.name: kinematics
+    for kinematics in (
+        Kinematics("plane_strain", 2, 2),
+        Kinematics("axisymmetric", 2, 2, revolved=True),
+        Kinematics("axisymmetric_torsion", 2, 3, revolved=True),
+    )
+}
+
+
+def find_kinematics(name: str | None, dim: int) -> Kinematics:
+    """Return the kinematics of this name on a mesh of this dimension.
+
+    Raises
+    ------
+    BadInput
+        For a name that is unknown, or missing, or does not fit the mesh.
+    """
+    if dim == 3:
+        if name is not None:
+            raise bad_value("kinematics", name, "no value: the mesh has 3 dimensions")
+        return SOLID
+    if name is None:
+        listed = ", ".join(PLANAR)
+        raise BadInput(
+            f"missing key 'kinematics': expected one of {listed}, as the mesh has 2 dimensions"
+        )
+    return PLANAR[choose("kinematics", name, PLANAR)]
