@@ -18,7 +18,7 @@ from fem_snh.choices import DEFAULT_HESSIAN
 from fem_snh.errors import on_root
 from fem_snh.runs import run
 from fem_snh.scenes.builtin import squash
-from fem_snh.viewing.export.states import States
+from fem_snh.viewing.states import States
 
 #: The paper's mean time of a frame [s] with 394,268 tetrahedra; the mesh may differ by 5 %.
 PAPER_SECONDS, PAPER_CELLS, SAME_SIZE = 20.8, 394_268, 0.05

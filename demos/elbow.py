@@ -41,7 +41,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh.studies.sweep import sweep
-from fem_snh.viewing.export.states import States
+from fem_snh.viewing.states import States
 
 parser = ArgumentParser(description="An elbow is flexed, for several values of Poisson's ratio.")
 parser.add_argument("--nus", type=float, nargs="+", default=[0, 0.3, 0.4, 0.45, 0.488, 0.499])

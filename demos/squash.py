@@ -33,9 +33,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import fem_snh
-from fem_snh.viewing.export.states import States
 from fem_snh.viewing.render import main as render
 from fem_snh.viewing.render.movie import main as movie
+from fem_snh.viewing.states import States
 
 parser = ArgumentParser(description="An octopus is squashed between cylinders, and recovers.")
 parser.add_argument("--cells", type=int, default=54, help="from tip to tip of the arms")

@@ -27,6 +27,14 @@ def output_path(key: str, path: str | Path) -> Path:
     return Path(text)
 
 
+def make_folder_of(path: Path) -> None:
+    """Create the folder of a file that is to be written; raise BadInput if that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+
+
 def replace_file(
     path: Path, content: str | Callable[[BinaryIO], object], sync: bool = False
 ) -> None:

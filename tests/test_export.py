@@ -22,8 +22,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from fem_snh.cli import main as fem_snh
 from fem_snh.errors import on_root
 from fem_snh.viewing import export, render
-from fem_snh.viewing.export.states import States
-from fem_snh.viewing.render.interpolation import InterpolatedStates
+from fem_snh.viewing.states import InterpolatedStates, States
 
 LOADS = (0.0, 0.5, 1.0)
 #: Cells of the cube, and triangles of its surface at the first degree.
@@ -216,7 +215,7 @@ def test_frames_are_interpolated_between_the_stored_loads(twisted, tmp_path, cap
         assert np.abs(points - wanted).max() < 1e-9 and np.array_equal(triangles, faces)
     assert frames[1].read_text().startswith("# load 0.25\n")
     files = render.stored_loads(twisted / "fields.pvd")
-    states = InterpolatedStates(LOADS, [[str(f) for f in files[t]] for t in LOADS], "J")
+    states = InterpolatedStates(files, "J")
     grid = states.grid(0.25)
     distance, _ = cKDTree(grid.points + grid["displacement"]).query(read_obj(frames[1])[0])
     assert distance.max() < 1e-9

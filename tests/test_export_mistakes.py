@@ -15,7 +15,7 @@ import pyvista as pv
 from picture_runs import bad, write_run
 
 from fem_snh.viewing import export
-from fem_snh.viewing.export.states import States
+from fem_snh.viewing.states import States
 
 
 @pytest.fixture

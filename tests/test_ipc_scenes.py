@@ -18,7 +18,7 @@ from fem_snh.contact.collisions import CollisionSurface
 from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix
 from fem_snh.errors import BadInput
 from fem_snh.scenes import Scene, validate
-from fem_snh.viewing.export.states import States
+from fem_snh.viewing.states import States
 
 #: A clip whose arms are pressed together: one body that touches itself.
 CLIP = {

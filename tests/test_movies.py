@@ -13,15 +13,16 @@ import pytest
 from picture_runs import bad, write_run
 
 from fem_snh.viewing import render
-from fem_snh.viewing.render import frames, interpolation, movie
+from fem_snh.viewing.render import frames, movie
+from fem_snh.viewing.states import InterpolatedStates
 
 SECONDS = 0.2
 LOADS = (0.0, 0.5, 1.0)
 
 
-def files_of(folder: Path) -> list[list[str]]:
+def files_of(folder: Path) -> dict[float, list[str]]:
     stored = render.stored_loads(folder / "fields.pvd")
-    return [[str(file) for file in stored[load]] for load in LOADS]
+    return {load: [str(file) for file in stored[load]] for load in LOADS}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def twisted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("field", ["J", "displacement"])
 def test_stored_states_are_exact_and_others_lie_between(twisted, field):
-    states = interpolation.InterpolatedStates(LOADS, files_of(twisted), field)
+    states = InterpolatedStates(files_of(twisted), field)
     for load, stored in zip(LOADS, states.displacement, strict=True):
         assert np.allclose(states.grid(load).point_data["displacement"], stored, atol=1e-12)
     low, high = states.values.min(axis=0), states.values.max(axis=0)
@@ -45,7 +46,7 @@ def test_states_of_other_ranks_are_reordered(twisted, tmp_path):
     import pyvista as pv
 
     files = files_of(twisted)
-    grid = pv.read(files[1][0])
+    grid = pv.read(files[0.5][0])
     shuffled = grid.extract_cells(np.arange(grid.n_cells)).cast_to_unstructured_grid()
     points = np.random.default_rng(0).permutation(shuffled.n_points)
     rank = np.empty_like(points)
@@ -55,10 +56,8 @@ def test_states_of_other_ranks_are_reordered(twisted, tmp_path):
     other.point_data["displacement"] = shuffled.point_data["displacement"][points]
     other.cell_data["J"] = shuffled.cell_data["J"]
     other.save(tmp_path / "other.vtu")
-    expected = interpolation.InterpolatedStates(LOADS, files, "J")
-    found = interpolation.InterpolatedStates(
-        LOADS, [files[0], [str(tmp_path / "other.vtu")], files[2]], "J"
-    )
+    expected = InterpolatedStates(files, "J")
+    found = InterpolatedStates(files | {0.5: [str(tmp_path / "other.vtu")]}, "J")
     assert np.allclose(found.displacement, expected.displacement, atol=1e-12)
     assert np.allclose(found.values, expected.values, atol=1e-12)
 
@@ -84,7 +83,7 @@ def test_mistakes_are_one_line(twisted, tmp_path):
     assert "field = 'mises'" in bad(movie.main, twisted, tmp_path / "a.gif", "mises", SECONDS)
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert "cannot be written" in bad(movie.main, twisted, blocked / "a.gif", "J", SECONDS)
+    assert "cannot write" in bad(movie.main, twisted, blocked / "a.gif", "J", SECONDS)
 
 
 def test_a_movie_needs_two_states(tmp_path):
@@ -98,10 +97,9 @@ def test_a_movie_needs_two_states(tmp_path):
 
 def test_frames_have_even_sizes(twisted):
     job = {
-        "field": "J", "title": "t", "states": [{"files": f} for f in files_of(twisted)],
-        "obstacles": [], "opacity": 1.0,
-        "loads": LOADS, "names": LOADS, "load_name": "load", "load_unit": "",
-        "frames": 2,
+        "field": "J", "title": "t", "obstacles": [], "opacity": 1.0,
+        "panels": [{"files": f, "load": t} for t, f in files_of(twisted).items()],
+        "names": LOADS, "load_name": "load", "load_unit": "", "frames": 2,
     }  # fmt: skip
     (first, _) = frames.frames(job)
     assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

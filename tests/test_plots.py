@@ -104,7 +104,7 @@ def test_plot_bad_arguments(tmp_path):
     assert "no such file" in bad(plots.main, [tmp_path / "x.csv"])
     assert "one table" in bad(plots.main, [run, tmp_path / "x.csv"])
     assert "cannot be written" in bad(plots.main, [run], run / "a.xyz")
-    assert "cannot be written" in bad(plots.main, [run], run / "run.json" / "a.png")
+    assert "cannot write" in bad(plots.main, [run], run / "run.json" / "a.png")
     assert "no step yet" in bad(plots.main, [write_record(tmp_path / "b", record(()))])
     broken = record()
     del broken["steps"][0]["linear"]

@@ -188,7 +188,7 @@ def test_render_bad_files(twisted):
     assert "did you mean 'displacement'" in bad(render.main, twisted, None, None, "displacment")
     assert "stored are 0, 0.5, 1" in bad(render.main, twisted, None, [0.3])
     blocked = twisted / "run.json" / "x.png"
-    assert "cannot be written" in bad(render.main, twisted, blocked, [1.0])
+    assert "cannot write" in bad(render.main, twisted, blocked, [1.0])
     piece = render.stored_loads(twisted / "fields.pvd")[1.0][0]
     piece.write_text(piece.read_text()[:300])
     assert piece.name in bad(render.main, twisted, None, [1.0])

@@ -155,5 +155,5 @@ def test_table(tmp_path, monkeypatch):
     assert float(back[0]["mu_lame"]) == pytest.approx(2 / 2.6)
     with pytest.raises(BadInput, match=r"nu = 0\.7"):
         list(tables.rows(nu=0.7))
-    with pytest.raises(BadInput, match="cannot be written"):
+    with pytest.raises(BadInput, match="cannot write"):
         tables.write(tmp_path, found)

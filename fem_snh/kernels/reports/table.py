@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from fem_snh import materials
+from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.kernels.reports import stability
 from fem_snh.kernels.reports.minima import minima
@@ -83,11 +85,9 @@ def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[st
 
 def write(path: Path, table: list[dict[str, Any]]) -> None:
     """Write the rows as CSV; raise BadInput if ``path`` cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(table)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    make_folder_of(path)
+    replace_file(path, text.getvalue())

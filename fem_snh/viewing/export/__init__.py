@@ -1,6 +1,6 @@
 """``fem-snh export``: the states of a run as one VTKHDF file, or its surface as OBJ or USD files.
 
-The files of a run are read one state at a time: `fem_snh.viewing.export.states`.
+The files of a run are read one state at a time: `fem_snh.viewing.states`.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fem_snh.atomic_files import output_path
-from fem_snh.errors import BadInput, bad_value
-from fem_snh.viewing.render import read_record, series, stored_loads
-from fem_snh.viewing.render.fields import check_field
+from fem_snh.atomic_files import make_folder_of, output_path
+from fem_snh.errors import bad_value
+from fem_snh.viewing.render import StoredRun
 from fem_snh.viewing.render.records import duration
 from fem_snh.viewing.render.worker import require, run_elsewhere
 
@@ -63,7 +62,7 @@ def main(
     BadInput
         For another file type, if a package is missing, or if a file cannot be read or written.
     """
-    folder, out = Path(folder), output_path("OUT", out)
+    out = output_path("OUT", out)
     kind = out.suffix.lower()
     if kind not in TYPES:
         raise bad_value("OUT", str(out), f"a file {' or '.join(TYPES)}")
@@ -76,39 +75,22 @@ def main(
     require("export", ("pyvista",) if field is None else ("pyvista", "matplotlib"))
     for package in TYPES[kind]:
         require(f"a file {kind}", (package,), _EXTRAS[package])
-    record = read_record(folder)
+    run = StoredRun(folder, field)
+    make_folder_of(out)
+    if kind == ".obj":
+        from fem_snh.viewing.export.obj import write_sequence
+        from fem_snh.viewing.states import States
 
-    pvd = series(folder)
-    if field is not None:
-        check_field(pvd, field)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
-    job: dict[str, Any] = {"pvd": str(pvd), "out": str(out)}
-    if kind == ".vtkhdf":
-        _write_elsewhere("fem_snh.viewing.export.vtkhdf", job | {"record": record}, pvd, report)
-        return [out]
-    if kind != ".obj":
-        job |= {"duration": duration(record), "field": field}
-        _write_elsewhere("fem_snh.viewing.export.usd", job, pvd, report)
-        return [out]
-
-    from fem_snh.viewing.export.obj import write_sequence
-    from fem_snh.viewing.export.states import States
-
-    return write_sequence(out, States(pvd), frames, report, field)
-
-
-def _write_elsewhere(
-    program: str, job: dict[str, Any], pvd: Path, report: Callable[[int, int], None] | None
-) -> None:
-    """Write a file in a process of its own, which prints how many states it has written."""
+        return write_sequence(out, States(run.pvd), frames, report, field)
+    job: dict[str, Any] = {"pvd": str(run.pvd), "out": str(out), "record": run.record}
+    job |= {"duration": duration(run.record), "field": field}
 
     def show(line: str) -> None:
         numbers = line.split()
         if report and len(numbers) == 2 and all(number.isdigit() for number in numbers):
             report(int(numbers[0]), int(numbers[1]))
 
-    timeout = _STATE_TIMEOUT * (1 + len(stored_loads(pvd)))
-    run_elsewhere(job, program, show, timeout)
+    # A process of its own, which prints how many states it has written.
+    program = f"{__name__}.{'vtkhdf' if kind == '.vtkhdf' else 'usd'}"
+    run_elsewhere(job, program, show, _STATE_TIMEOUT * (1 + len(run.states)))
+    return [out]

@@ -13,9 +13,8 @@ from scipy.interpolate import PchipInterpolator
 
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
-from fem_snh.viewing.export.states import States
-from fem_snh.viewing.export.surface_fields import SurfaceFields, colours_of
 from fem_snh.viewing.render.surfaces import boundary
+from fem_snh.viewing.states import States, SurfaceFields
 
 #: Divides each face of a quadratic cell into the triangles between its nodes.
 _LEVEL = 1
@@ -66,7 +65,7 @@ def write_sequence(
     np.savetxt(faces, triangles + 1, fmt="f %d %d %d")  # OBJ counts from 1
     rest = states.mesh.points[nodes]
     fields = SurfaceFields(states, nodes) if field else None
-    colours = colours_of(fields, str(field), len(states)) if fields else None
+    colours = fields.colours(str(field)) if fields else None
     form = " ".join(["v", *["%.10g"] * 3, *["%.4f"] * (3 if colours else 0)])
 
     def stored() -> Iterator[tuple[float, np.ndarray]]:

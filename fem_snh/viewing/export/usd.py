@@ -18,9 +18,8 @@ import numpy as np
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing.export.obj import surface_of
-from fem_snh.viewing.export.states import States
-from fem_snh.viewing.export.surface_fields import SurfaceFields, colours_of, linear_rgb
 from fem_snh.viewing.render.worker import serve
+from fem_snh.viewing.states import Array, States, SurfaceFields
 
 #: Frames from load 0 to load 1 if the run is quasi-static: two seconds of a film.
 _FRAMES = 48.0
@@ -65,7 +64,7 @@ def write_usd(
 
     nodes, triangles = surface_of(states.mesh)
     fields = SurfaceFields(states, nodes)
-    colours = colours_of(fields, field, len(states)) if field else None
+    colours = fields.colours(field) if field else None
     per_time = FRAMES_PER_SECOND if duration else _FRAMES
     hidden = out.with_name(f".{out.name}{out.suffix}")
     try:
@@ -119,6 +118,11 @@ def write_usd(
     finally:
         hidden.unlink(missing_ok=True)
     return out
+
+
+def linear_rgb(srgb: Array) -> Array:
+    """Return linear colours of sRGB colours (IEC 61966-2-1), both from 0 to 1."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def _write(job: dict[str, Any]) -> None:

@@ -23,8 +23,8 @@ import numpy as np
 import pyvista as pv
 
 from fem_snh.atomic_files import replace_file
-from fem_snh.viewing.export.states import ExportedState, States
 from fem_snh.viewing.render.worker import serve
+from fem_snh.viewing.states import ExportedState, States
 
 #: Of the specification; 2.2 is the first that allows groups beside VTKHDF.
 VERSION = (2, 2)

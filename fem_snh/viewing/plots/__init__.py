@@ -13,7 +13,7 @@ from pathlib import Path
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-from fem_snh.atomic_files import output_path, replace_file
+from fem_snh.atomic_files import make_folder_of, output_path, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.plots.newton import newton_figure
 from fem_snh.viewing.plots.runs import run_figure
@@ -80,9 +80,6 @@ def save(figure: Figure, out: Path) -> Path:
     kind = out.suffix.lower().removeprefix(".")
     if kind not in kinds:
         raise BadInput(f"{out}: cannot be written: expected a file .{', .'.join(sorted(kinds))}")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
+    make_folder_of(out)
     replace_file(out, lambda file: figure.savefig(file, dpi=200, format=kind))
     return out

@@ -44,7 +44,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Job:
-    """The input of the drawing process."""
+    """The input of a drawing process; ``out`` is the file, or the folder of the files."""
 
     field: str
     title: str
@@ -90,13 +90,10 @@ def main(
         from fem_snh.viewing.render.modes import main as draw_modes
 
         return draw_modes(folder, out, loads)
-    record = read_record(folder)
-    stored = stored_loads(series(folder))
-    check_field(series(folder), field)
+    run = StoredRun(folder, field)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
-    chosen = choose_loads(sorted(stored), loads)
-    panels = [panel(record, folder, stored[t], t) for t in chosen]
-    draw(Job(field, title(record), panels, str(out), check_opacity(opacity)))
+    panels = [run.panel(t) for t in choose_loads(list(run.states), loads)]
+    draw(Job(field, title(run.record), panels, str(out), check_opacity(opacity)))
     return out
 
 
@@ -115,10 +112,47 @@ def check_opacity(opacity: float) -> float:
     return opacity
 
 
-def panel(record: dict[str, Any], folder: Path, files: Sequence[Path], load: float) -> Panel:
-    """Return the panel of a run at a stored load or time."""
-    label = panel_label(record, load)
-    return Panel([str(file) for file in files], label, load, obstacle_poses(record, folder, load))
+class StoredRun:
+    """The folder of a run.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    field : str, optional
+        A field, or a component of one, that the run must have written.
+
+    Attributes
+    ----------
+    record : dict
+        Its run.json.
+    pvd : Path
+        The collection of its states: of the skin if a lattice carries one.
+    states : dict
+        {load or time: .vtu files of a stored state}, ascending.
+
+    Raises
+    ------
+    BadInput
+        If a file is missing or cannot be read, or the run has not written the field.
+    """
+
+    def __init__(self, folder: Path, field: str | None = None) -> None:
+        self.folder = Path(folder)
+        self.record = read_record(self.folder)
+        skin = self.folder / "skin.pvd"
+        self.pvd = skin if skin.is_file() else self.folder / "fields.pvd"
+        self.states = {
+            load: [str(file) for file in files]
+            for load, files in sorted(stored_loads(self.pvd).items())
+        }
+        if field is not None:
+            check_field(self.pvd, field)
+
+    def panel(self, load: float) -> Panel:
+        """Return the panel of a stored load or time."""
+        obstacles = obstacle_poses(self.record, self.folder, load)
+        return Panel(self.states[load], panel_label(self.record, load), load, obstacles)
 
 
 def read_record(folder: Path) -> dict[str, Any]:
@@ -127,12 +161,6 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not path.exists():
         raise BadInput(f"{folder}: no run.json here: give the folder of a run (--out DIR)")
     return load_record(path)
-
-
-def series(folder: Path) -> Path:
-    """Return the collection of a run's states: of the skin if a lattice carries one."""
-    skin = folder / "skin.pvd"
-    return skin if skin.is_file() else folder / "fields.pvd"
 
 
 def stored_loads(pvd: Path) -> dict[float, list[Path]]:

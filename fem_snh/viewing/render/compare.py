@@ -8,7 +8,6 @@ from pathlib import Path
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing import render
-from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.records import material_name
 
 #: What separates the parts of a label.
@@ -42,20 +41,17 @@ def main(
         As from `fem_snh.viewing.render.main`.
     """
     out = render.picture_path(out)
-    folders = [Path(folder) for folder in folders]
-    records = [render.read_record(folder) for folder in folders]
-    if not records:
+    runs = [render.StoredRun(folder, field) for folder in folders]
+    if not runs:
         raise BadInput("nothing to draw: give folders of runs")
-    names = labels or [material_name(record) for record in records]
+    names = labels or [material_name(run.record) for run in runs]
     loads = load if isinstance(load, Sequence) else [load] * len(folders)
     panels = []
-    for folder, record, name, at in zip(folders, records, names, loads, strict=True):
-        stored = render.stored_loads(render.series(folder))
-        check_field(render.series(folder), field)
-        (at,) = render.choose_loads(sorted(stored), [max(stored) if at is None else at])
-        panel = render.panel(record, folder, stored[at], at)
+    for run, name, at in zip(runs, names, loads, strict=True):
+        stored = list(run.states)
+        panel = run.panel(*render.choose_loads(stored, [stored[-1] if at is None else at]))
         panels.append(replace(panel, label=f"{name}{_DOT}{panel.label}"))
-    title = _common([render.title(record) for record in records])
+    title = _common([render.title(run.record) for run in runs])
     if len(panels) > 1:
         shared = _common([panel.label for panel in panels])
         for index, panel in enumerate(panels):

@@ -20,7 +20,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from fem_snh.atomic_files import replace_file
+from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.render.fields import label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
@@ -92,16 +92,11 @@ class View:
     width: float
     height: float
 
-
-def bounds(bodies: Sequence[DrawnBody]) -> np.ndarray:
-    """Return the lowest and the highest coordinates (2, 3) of bodies, deformed and at rest."""
-    points = [p for b in bodies for p in (b.surface.points, b.ghost.points) if len(p)]
-    return np.array(
-        [
-            np.min([p.min(axis=0) for p in points], axis=0),
-            np.max([p.max(axis=0) for p in points], axis=0),
-        ]
-    )
+    def place(self, camera: Any, distance: float) -> None:
+        """Place a camera at a distance, with z upwards."""
+        camera.focal_point = self.centre
+        camera.position = self.centre + distance * self.towards
+        camera.up = (0.0, 0.0, 1.0)
 
 
 def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
@@ -125,92 +120,131 @@ def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]]
     return View((low + high) / 2 @ axes, towards, width, height)
 
 
-def draw_body(
-    item: DrawnBody,
-    where: View,
-    field: str,
-    cmap: str,
-    norm: Normalize,
-    pixels: int,
-    scale: int = 2,
-    obstacles: Sequence[pv.PolyData] = (),
-    opacity: float = 1.0,
-) -> np.ndarray:
-    """Return a panel as an RGB array (height, pixels, 3): averaged from one ``scale`` as large.
+class Drawing:
+    """What all panels, frames or states of one picture share: colours, view and obstacles.
 
-    ``opacity`` is that of the body, through which its bones are seen.
+    Parameters
+    ----------
+    field : str
+        The field that the colours show.
+    bodies : sequence of DrawnBody
+        The bodies, one for each panel.
+    obstacles : sequence of list of dict
+        Those of each panel, as `fem_snh.viewing.render.records.obstacle_poses` returns them.
+    loads : sequence of float
+        The load or time of each panel.
     """
-    shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
-    plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
-    plotter.background_color = "white"
-    for side, up, strength in LIGHTS:
-        light = pv.Light(light_type="camera light", intensity=strength)
-        light.position = (side, up, 1.0)
-        plotter.add_light(light)
-    plotter.enable_anti_aliasing("msaa", multi_samples=4)
-    plotter.add_mesh(
-        item.surface,
-        scalars=field,
-        cmap=cmap,
-        clim=(norm.vmin, norm.vmax),
-        opacity=opacity,
-        show_scalar_bar=False,
-        smooth_shading=True,
-        split_sharp_edges=True,
-        feature_angle=35,
-        ambient=0.5,
-        diffuse=0.8,
-        specular=0.08,
-        specular_power=15,
-    )
-    if item.edges is not None:
+
+    def __init__(
+        self,
+        field: str,
+        bodies: Sequence[DrawnBody],
+        obstacles: Sequence[list[dict[str, Any]]],
+        loads: Sequence[float],
+    ) -> None:
+        self.field = field
+        values = np.concatenate([body.values for body in bodies])
+        self.cmap, self.norm, self.extend = colours(field, values)
+        points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
+        limits = np.array([points.min(axis=0), points.max(axis=0)])
+        solids = [Obstacles(records) for records in obstacles]
+        self.solids_at = lambda panel, load: solids[panel].at(load, limits)
+        self.solids = [self.solids_at(k, load) for k, load in enumerate(loads)]
+        self.view = view(bodies, self.solids)
+
+    @classmethod
+    def of(cls, job: dict[str, Any]) -> tuple[Drawing, list[DrawnBody]]:
+        """Return the drawing and the bodies of the panels of a `render.Job`."""
+        panels, field = job["panels"], job["field"]
+        bodies = [body(panel["files"], field) for panel in panels]
+        obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
+        return cls(field, bodies, obstacles, loads), bodies
+
+    def add(
+        self,
+        plotter: Any,
+        item: DrawnBody,
+        edges: dict[str, Any],
+        ghost: float,
+        shift: Sequence[float] = (0.0, 0.0, 0.0),
+        **options: Any,
+    ) -> None:
+        """Add a body, its element edges and its outline at rest, of line width ``ghost``.
+
+        The edges are moved by ``shift``; the ``options`` are of the surface.
+        """
+        limits = (self.norm.vmin, self.norm.vmax)
+        plotter.add_mesh(item.surface, scalars=self.field, cmap=self.cmap, clim=limits, **options)
+        if item.edges is not None:
+            moved = item.edges.translate(list(shift))
+            plotter.add_mesh(moved, color="black", lighting=False, **edges)
+        if item.ghost.n_cells:  # a round body has no sharp edge
+            plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=ghost, lighting=False)
+
+    def image(
+        self,
+        item: DrawnBody,
+        solids: Sequence[pv.PolyData],
+        pixels: int,
+        opacity: float,
+        scale: int = 2,
+    ) -> np.ndarray:
+        """Return a panel as an RGB array (height, pixels, 3): the mean of one ``scale`` as large.
+
+        ``opacity`` is that of the body, through which its bones are seen.
+        """
+        where = self.view
+        shape = [scale * pixels, scale * round(pixels * where.height / where.width)]
+        plotter: Any = pv.Plotter(off_screen=True, window_size=shape, border=False, lighting="none")
+        plotter.background_color = "white"
+        for side, up, strength in LIGHTS:
+            light = pv.Light(light_type="camera light", intensity=strength)
+            light.position = (side, up, 1.0)
+            plotter.add_light(light)
+        plotter.enable_anti_aliasing("msaa", multi_samples=4)
         # Moved towards the viewer, in front of the faces; the projection is parallel.
-        edges = item.edges.translate(list(2e-3 * where.width * where.towards))
-        plotter.add_mesh(edges, color="black", opacity=0.3, line_width=pixels / 350, lighting=False)
-    plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
-    if item.ghost.n_cells:  # a round body has no sharp edge
-        plotter.add_mesh(item.ghost, color="#8c8c8c", line_width=pixels / 300, lighting=False)
-    for obstacle in obstacles:
-        add_solid(plotter, obstacle, smooth_shading=True, split_sharp_edges=True)
-    camera = plotter.camera
-    camera.SetParallelProjection(True)
-    distance = 10 * (where.width + where.height)
-    camera.focal_point = where.centre
-    camera.position = where.centre + distance * where.towards
-    camera.up = (0.0, 0.0, 1.0)
-    camera.parallel_scale = where.height / 2
-    plotter.renderer.ResetCameraClippingRange()
-    image = plotter.screenshot(return_img=True)
-    plotter.close()
-    if image is None or np.all(image == image[0, 0]):
-        raise RuntimeError("OpenGL drew an empty picture")
-    offsets = range(scale)
-    averaged = np.mean([image[i::scale, j::scale] for i in offsets for j in offsets], axis=0)
-    # Rounding the colours to multiples of 4 is invisible and halves the file.
-    return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
+        shift = list(2e-3 * where.width * where.towards)
+        self.add(
+            plotter, item, {"opacity": 0.3, "line_width": pixels / 350}, pixels / 300, shift,
+            opacity=opacity, show_scalar_bar=False, smooth_shading=True, split_sharp_edges=True,
+            feature_angle=35, ambient=0.5, diffuse=0.8, specular=0.08, specular_power=15,
+        )  # fmt: skip
+        plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
+        for solid in solids:
+            add_solid(plotter, solid, smooth_shading=True, split_sharp_edges=True)
+        plotter.camera.SetParallelProjection(True)
+        where.place(plotter.camera, 10 * (where.width + where.height))
+        plotter.camera.parallel_scale = where.height / 2
+        plotter.renderer.ResetCameraClippingRange()
+        image = plotter.screenshot(return_img=True)
+        plotter.close()
+        if image is None or np.all(image == image[0, 0]):
+            raise RuntimeError("OpenGL drew an empty picture")
+        offsets = range(scale)
+        averaged = np.mean([image[i::scale, j::scale] for i in offsets for j in offsets], axis=0)
+        # Rounding the colours to multiples of 4 is invisible and halves the file.
+        return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
+
+    def add_colour_bar(self, figure: Figure, height: int) -> None:
+        """Add the colour bar at the bottom of a figure ``height`` pixels high."""
+        bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
+        figure.colorbar(
+            ScalarMappable(self.norm, self.cmap), bar, orientation="horizontal",
+            extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7),
+        )  # fmt: skip
+        bar.tick_params(labelsize=8)
+        bar.set_xlabel(label(self.field), fontsize=8.5, labelpad=2)
 
 
-def add_colour_bar(
-    figure: Figure, height: int, field: str, cmap: str, norm: Normalize, extend: str
-) -> None:
-    """Add the colour bar of a field at the bottom of a figure ``height`` pixels high."""
-    ticks = MaxNLocator(5 if field == "mode" else 7)
-    bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
-    colour = ScalarMappable(norm, cmap)
-    figure.colorbar(colour, bar, orientation="horizontal", extend=extend, ticks=ticks)
-    bar.tick_params(labelsize=8)
-    bar.set_xlabel(label(field), fontsize=8.5, labelpad=2)
+def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> Any:
+    """Write a user's text, which is no formula, around a point of a figure."""
+    return figure.text(x, y, text, ha="center", va="center", fontsize=size, parse_math=False)
 
 
 def draw(job: dict[str, Any]) -> None:
     """Draw a `render.Job`: panels in a row, or in a column if the body is wide."""
-    field = job["field"]
-    bodies = [body(panel["files"], field) for panel in job["panels"]]
-    cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
-    limits = bounds(bodies)
-    shapes = [Obstacles(p["obstacles"]).at(p["load"], limits) for p in job["panels"]]
-    where = view(bodies, shapes)
-    count = len(bodies)
+    drawing, bodies = Drawing.of(job)
+    where, count = drawing.view, len(bodies)
     columns = count if count <= 3 else (count + 1) // 2
     if where.width > 2 * where.height:
         columns = 1 if count <= 4 else 2
@@ -218,21 +252,13 @@ def draw(job: dict[str, Any]) -> None:
     wide = round(WIDTH / columns * (0.8 if columns == 1 else 1.0))
     wide = min(wide, round(TALLEST * where.width / where.height))
     images = [
-        draw_body(item, where, field, cmap, norm, wide, obstacles=around, opacity=job["opacity"])
-        for item, around in zip(bodies, shapes, strict=True)
+        drawing.image(item, solids, wide, job["opacity"])
+        for item, solids in zip(bodies, drawing.solids, strict=True)
     ]
     tall = images[0].shape[0]
     height = TOP + rows * (LABEL + tall) + FOOT
     figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
-    figure.text(
-        0.5,
-        1 - TOP / 2 / height,
-        job["title"],
-        ha="center",
-        va="center",
-        fontsize=11,
-        parse_math=False,
-    )
+    write_text(figure, 0.5, 1 - TOP / 2 / height, job["title"], 11)
     longest = max(len(panel["label"]) for panel in job["panels"])
     size = LABEL_SIZE * min(1.0, 0.95 * wide / (CHARACTER * longest))
     for i, (image, panel) in enumerate(zip(images, job["panels"], strict=True)):
@@ -241,19 +267,12 @@ def draw(job: dict[str, Any]) -> None:
         low = height - TOP - (row + 1) * (LABEL + tall)
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
-        figure.text(x, y, panel["label"], ha="center", va="center", fontsize=size, parse_math=False)
-    add_colour_bar(figure, height, field, cmap, norm, extend)
+        write_text(figure, x, y, panel["label"], size)
+    drawing.add_colour_bar(figure, height)
     out = Path(job["out"])
-    options: dict[str, Any] = {
-        "dpi": DPI,
-        "format": out.suffix[1:],
-        "pil_kwargs": {"optimize": True},
-    }
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None
-    replace_file(out, lambda file: figure.savefig(file, **options))
+    options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
+    make_folder_of(out)
+    replace_file(out, lambda file: figure.savefig(file, dpi=DPI, **options))
 
 
 if __name__ == "__main__":

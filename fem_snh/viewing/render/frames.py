@@ -17,23 +17,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from fem_snh.atomic_files import remove
+from fem_snh.atomic_files import make_folder_of, remove
 from fem_snh.errors import BadInput
-from fem_snh.viewing.render.drawing import (
-    DPI,
-    FOOT,
-    LABEL,
-    TOP,
-    add_colour_bar,
-    bounds,
-    colours,
-    draw_body,
-    view,
-)
-from fem_snh.viewing.render.interpolation import InterpolatedStates
-from fem_snh.viewing.render.obstacles import Obstacles
+from fem_snh.viewing.render.drawing import DPI, FOOT, LABEL, TOP, Drawing, write_text
 from fem_snh.viewing.render.surfaces import body_of
 from fem_snh.viewing.render.worker import serve
+from fem_snh.viewing.states import InterpolatedStates
 
 #: Pixels: the width of a frame, and the largest height of the body in it.
 _WIDTH, _TALLEST = 1280, 720
@@ -43,37 +32,29 @@ _GIF_COLOURS = 256
 
 def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
     """Yield the frames as RGB arrays (height, width, 3) uint8, of even height and width."""
-    field, loads = job["field"], job["loads"]
-    states = InterpolatedStates(loads, [state["files"] for state in job["states"]], field)
+    loads = [panel["load"] for panel in job["panels"]]
+    files = [panel["files"] for panel in job["panels"]]
+    states = InterpolatedStates(dict(zip(loads, files, strict=True)), job["field"])
     # The view and the range of colours are those of all stored states together.
-    bodies = [body_of(states.grid(load), field) for load in loads]
-    cmap, norm, extend = colours(field, np.concatenate([b.values for b in bodies]))
-    limits, obstacles = bounds(bodies), Obstacles(job["obstacles"])
-    where = view(bodies, [obstacles.at(load, limits) for load in loads])
+    bodies = [body_of(states.grid(load), job["field"]) for load in loads]
+    drawing = Drawing(job["field"], bodies, [job["obstacles"]] * len(loads), loads)
+    where = drawing.view
     wide = min(_WIDTH, round(_TALLEST * where.width / where.height))
     del bodies
     decimals = max(0, 2 - floor(log10(abs(job["names"][-1] - job["names"][0]) or 1.0)))
     figure = None
     for load in np.linspace(loads[0], loads[-1], job["frames"]):
-        item = body_of(states.grid(load), field)
-        around = obstacles.at(load, limits)
-        image = draw_body(
-            item, where, field, cmap, norm, wide, 1, obstacles=around, opacity=job["opacity"]
-        )
+        item = body_of(states.grid(load), job["field"])
+        image = drawing.image(item, drawing.solids_at(0, load), wide, job["opacity"], scale=1)
         if figure is None:
             height = TOP + LABEL + image.shape[0] + FOOT
             height += height % 2
             figure = Figure(figsize=(_WIDTH / DPI, height / DPI), dpi=DPI)
             canvas = FigureCanvasAgg(figure)
-            y = 1 - TOP / 2 / height
-            figure.text(
-                0.5, y, job["title"], ha="center", va="center", fontsize=8, parse_math=False
-            )
-            label = figure.text(
-                0.5, 1 - TOP / height, "", ha="center", va="center", fontsize=7, parse_math=False
-            )
+            write_text(figure, 0.5, 1 - TOP / 2 / height, job["title"], 8)
+            label = write_text(figure, 0.5, 1 - TOP / height, "", 7)
             shown = figure.figimage(image, (_WIDTH - wide) // 2, FOOT)
-            add_colour_bar(figure, height, field, cmap, norm, extend)
+            drawing.add_colour_bar(figure, height)
         shown.set_data(image)
         value = float(np.interp(load, loads, job["names"]))
         label.set_text(f"{job['load_name']} {value:.{decimals}f}{job['load_unit']}")
@@ -85,15 +66,15 @@ def write(job: dict[str, Any]) -> None:
     """Draw the frames and write the movie, which replaces an earlier file once it is complete."""
     out = Path(job["out"])
     new = out.with_name(f".{out.stem}.new{out.suffix}")
+    make_folder_of(out)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
         if out.suffix.lower() == ".gif":
             _write_gif(new, job)
         else:
             _write_mp4(new, job)
         new.replace(out)
     except OSError as error:
-        raise BadInput(f"{out}: cannot be written: {error.strerror or error}") from None
+        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
     finally:
         remove(new)
 

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.viewing.render import (
-    Panel,
-    check_opacity,
-    panel_label,
-    read_record,
-    series,
-    stored_loads,
-    title,
-)
-from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render import Job, Panel, StoredRun, check_opacity, title
 from fem_snh.viewing.render.records import load_name, load_unit, obstacle_poses, parameter
 from fem_snh.viewing.render.worker import draw_elsewhere, require
 
@@ -32,21 +23,19 @@ _FRAME_TIMEOUT = 60.0
 
 
 @dataclass(frozen=True)
-class MovieJob:
-    """The input of the drawing process `fem_snh.viewing.render.frames`."""
+class MovieJob(Job):
+    """The input of the drawing process `fem_snh.viewing.render.frames`.
 
-    field: str
-    title: str
-    states: list[Panel]
-    obstacles: list[dict[str, Any]]
-    loads: list[float]
-    names: list[float]
-    load_name: str
-    load_unit: str
-    frames: int
-    frames_per_second: int
-    out: str
-    opacity: float
+    The panels are the stored states; ``names`` are the values of the load parameter there, and
+    ``obstacles`` those of the run at all its loads.
+    """
+
+    names: list[float] = field(default_factory=list)
+    load_name: str = ""
+    load_unit: str = ""
+    obstacles: list[dict[str, Any]] = field(default_factory=list)
+    frames: int = 0
+    frames_per_second: int = FRAMES_PER_SECOND
 
 
 def main(
@@ -83,7 +72,7 @@ def main(
         For another file type, if a package is missing, if fewer than two states are stored, or as
         `fem_snh.viewing.render.main`.
     """
-    folder, out = Path(folder), output_path("--movie", out)
+    out = output_path("--movie", out)
     if out.suffix.lower() not in TYPES:
         raise bad_value("--movie", str(out), f"a file {' or '.join(TYPES)}")
     if not MIN_SECONDS <= seconds <= MAX_SECONDS:
@@ -91,31 +80,26 @@ def main(
     require("render", ("pyvista", "matplotlib"))
     remedy = "'fem_snh[movies]', or write a .gif"
     require(f"a movie {out.suffix}", TYPES[out.suffix.lower()], remedy)
-    record = read_record(folder)
-    stored = dict(sorted(stored_loads(series(folder)).items()))
-    check_field(series(folder), field)
-    if len(stored) < 2:
-        raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(stored)}")
+    run = StoredRun(folder, field)
+    if len(run.states) < 2:
+        raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(run.states)}")
     frames = max(2, round(seconds * FRAMES_PER_SECOND))
     job = MovieJob(
         field,
-        title(record),
-        [Panel([str(f) for f in files], panel_label(record, t)) for t, files in stored.items()],
-        obstacle_poses(record, folder),
-        list(stored),
-        [parameter(record, t) for t in stored],
-        load_name(record),
-        load_unit(record),
-        frames,
-        FRAMES_PER_SECOND,
+        title(run.record),
+        [Panel(files, "", load) for load, files in run.states.items()],
         str(out),
         check_opacity(opacity),
+        [parameter(run.record, load) for load in run.states],
+        load_name(run.record),
+        load_unit(run.record),
+        obstacle_poses(run.record, run.folder),
+        frames,
     )
 
     def show(line: str) -> None:
         if report and line.isdigit():
             report(int(line), frames)
 
-    timeout = frames * _FRAME_TIMEOUT
-    draw_elsewhere(asdict(job), "fem_snh.viewing.render.frames", show, timeout)
+    draw_elsewhere(asdict(job), "fem_snh.viewing.render.frames", show, frames * _FRAME_TIMEOUT)
     return out

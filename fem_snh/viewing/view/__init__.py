@@ -8,27 +8,16 @@ and a scene for each state. `fem_snh.viewing.view.scenes` exports the scenes in 
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
-from fem_snh.atomic_files import output_path, replace_file
+from fem_snh.atomic_files import make_folder_of, output_path, replace_file
 from fem_snh.errors import BadInput
-from fem_snh.viewing.render import Panel, panel, read_record, series, stored_loads
-from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render import Job, StoredRun
 from fem_snh.viewing.render.worker import draw_elsewhere, require
 
 #: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
 MAX_STATES = 13
-
-
-@dataclass(frozen=True)
-class ViewJob:
-    """The input of `fem_snh.viewing.view.scenes`: it writes a scene for each state into a
-    folder."""
-
-    field: str
-    states: list[Panel]
-    folder: str
 
 
 def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
@@ -54,21 +43,16 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
         raise BadInput(f"--out {out}: expected a file .html")
     require("view", ("pyvista", "matplotlib"))
     require("view", ("trame_vtk",), "'fem_snh[view]'")
-    record = read_record(folder)
-    stored = stored_loads(series(folder))
-    check_field(series(folder), field)
-    states = [panel(record, folder, stored[load], load) for load in choose_states(sorted(stored))]
+    run = StoredRun(folder, field)
+    states = [run.panel(load) for load in choose_states(list(run.states))]
 
     from fem_snh.viewing.view.page import page  # imports matplotlib
 
     with tempfile.TemporaryDirectory() as scratch:
-        draw_elsewhere(asdict(ViewJob(field, states, scratch)), "fem_snh.viewing.view.scenes")
+        draw_elsewhere(asdict(Job(field, "", states, scratch)), "fem_snh.viewing.view.scenes")
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"cannot write {out}: {error.strerror or error}") from None
-    replace_file(out, page(record, [state.label for state in states], scenes))
+    make_folder_of(out)
+    replace_file(out, page(run.record, [state.label for state in states], scenes))
     return out
 
 

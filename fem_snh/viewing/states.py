@@ -1,0 +1,241 @@
+"""The stored states of a run on one mesh, those between them, and their fields on the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyvista as pv
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial import cKDTree
+
+from fem_snh.errors import BadInput
+from fem_snh.viewing.render import stored_loads
+from fem_snh.viewing.render.fields import component_index, split_component
+from fem_snh.viewing.render.surfaces import read_grid
+
+Array = npt.NDArray[Any]
+
+#: Distance up to which points of two states are the same, relative to the body's diagonal.
+_SAME_POINT = 1e-6
+
+
+class ExportedState(NamedTuple):
+    """The fields of a state by name: one row for each point or cell of the mesh."""
+
+    point_data: dict[str, Array]
+    cell_data: dict[str, Array]
+
+
+class States:
+    """The stored states of a run.
+
+    Only the mesh is kept in memory. Every state is given on this mesh, also where the run was
+    resumed on another number of ranks, which order points and cells differently.
+
+    Parameters
+    ----------
+    stored : Path or mapping
+        The collection of the states (.pvd), or {load: files}.
+    field : str, optional
+        The only field that is read beside the displacement; default: all.
+
+    Attributes
+    ----------
+    loads : list of float
+        The stored loads, ascending.
+    mesh : pyvista.UnstructuredGrid
+        The reference mesh: the pieces of all ranks merged, without ghost cells, without fields.
+
+    Raises
+    ------
+    BadInput
+        If a file is missing or cannot be read.
+    """
+
+    def __init__(
+        self, stored: Path | Mapping[float, Sequence[Any]], field: str | None = None
+    ) -> None:
+        stored = stored_loads(stored) if isinstance(stored, Path) else stored
+        self.loads, self._field = sorted(stored), field
+        self._files = [[str(file) for file in stored[load]] for load in self.loads]
+        first = read_grid(self._files[0], field)
+        self._names = _names(first)
+        self._centres: Array | None = None
+        first.clear_data()
+        self.mesh: pv.UnstructuredGrid = first
+
+    def __len__(self) -> int:
+        return len(self.loads)
+
+    def read(self, number: int) -> ExportedState:
+        """Return the fields of a state.
+
+        Raises
+        ------
+        BadInput
+            If a file cannot be read, the state is of another mesh, or it has other fields than
+            the first one.
+        """
+        files = self._files[number]
+        grid = read_grid(files, self._field)
+        if _names(grid) != self._names:
+            there = ", ".join(sorted(sum(_names(grid), ())))
+            expected = ", ".join(sorted(sum(self._names, ())))
+            raise BadInput(
+                f"{files[0]}: its fields are {there}, those of the first load {expected}"
+            )
+        points = self._match(grid.points, self.mesh.points, files[0])
+        same = np.array_equal(points, np.arange(len(points)))
+        cells: slice | Array = slice(None)
+        if not same or not np.array_equal(grid.cell_connectivity, self.mesh.cell_connectivity):
+            if self._centres is None:
+                self._centres = self.mesh.cell_centers().points
+            cells = self._match(grid.cell_centers().points, self._centres, files[0])
+        return ExportedState(
+            {name: np.asarray(grid.point_data[name])[points] for name in self._names[0]},
+            {name: np.asarray(grid.cell_data[name])[cells] for name in self._names[1]},
+        )
+
+    def displacement(self, number: int) -> Array:
+        """Return the displacement of a state (points, 3) [m]; BadInput if it is not finite."""
+        u = self.read(number).point_data["displacement"]
+        if not np.all(np.isfinite(u)):
+            raise BadInput(f"{self._files[number][0]}: the displacement is not finite")
+        return u
+
+    def _match(self, found: Array, wanted: Array, file: str) -> Array:
+        return match_points(found, wanted, self.mesh.length, file)
+
+
+def _names(grid: pv.UnstructuredGrid) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the fields at points and at cells."""
+    return tuple(sorted(grid.point_data.keys())), tuple(sorted(grid.cell_data.keys()))
+
+
+def match_points(found: Array, wanted: Array, scale: float, file: str) -> Array:
+    """Return for each wanted point its index in ``found``: ranks order points differently.
+
+    Parameters
+    ----------
+    found, wanted : (n, 3)
+        The points of two states of one mesh.
+    scale : float
+        The body's diagonal.
+    file : str
+        A file of the found points, for the message.
+
+    Raises
+    ------
+    BadInput
+        If a wanted point is missing.
+    """
+    if found.shape == wanted.shape:
+        if np.array_equal(found, wanted):
+            return np.arange(len(wanted))
+        distance, index = cKDTree(found).query(wanted)
+        if distance.max() < _SAME_POINT * scale:
+            return index
+    raise BadInput(f"{file}: its mesh is not that of the other loads")
+
+
+class InterpolatedStates:
+    """The stored states of a run, two or more, and those between them.
+
+    Displacement and field are interpolated in the load by monotone cubic polynomials (PCHIP),
+    which do not overshoot the stored values.
+
+    Parameters
+    ----------
+    stored : Path or mapping
+        As for `States`.
+    field : str
+        The field beside the displacement.
+
+    Attributes
+    ----------
+    displacement : (states, points, 3)
+        The stored displacements [m].
+    values : (states, cells or points, ...)
+        The stored values of the field.
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be read, or a state is of another mesh.
+    """
+
+    def __init__(self, stored: Path | Mapping[float, Sequence[Any]], field: str) -> None:
+        states = States(stored, field)
+        read = [states.read(number) for number in range(len(states))]
+        self._field, self._grid = field, states.mesh
+        self._per_cell = field in read[0].cell_data
+        self.displacement = np.array([state.point_data["displacement"] for state in read])
+        self.values = np.array([state[self._per_cell][field] for state in read])
+        self._displacement_at = PchipInterpolator(states.loads, self.displacement)
+        self._value_at = PchipInterpolator(states.loads, self.values)
+
+    def grid(self, load: float) -> pv.UnstructuredGrid:
+        """Return the reference grid with displacement and field at a load."""
+        grid = self._grid.copy()
+        grid.point_data["displacement"] = self._displacement_at(load)
+        data = grid.cell_data if self._per_cell else grid.point_data
+        data[self._field] = self._value_at(load)
+        return grid
+
+
+class SurfaceFields:
+    """The fields at the points of a surface, at each stored load.
+
+    A field of the cells has at a point the mean over the cells around the point.
+
+    Parameters
+    ----------
+    states : States
+        The states.
+    nodes : (n,) int array
+        The points of the surface, as rows of the mesh's points.
+    """
+
+    def __init__(self, states: States, nodes: Array) -> None:
+        self._states, self._nodes = states, nodes
+
+    def read(self, number: int) -> dict[str, Array]:
+        """Return all fields of a state by name, (n,) or (n, components)."""
+        state, grid = self._states.read(number), self._states.mesh.copy(deep=False)
+        for name, values in state.cell_data.items():
+            grid.cell_data[name] = values
+        means = grid.cell_data_to_point_data().point_data
+        found = state.point_data | {name: np.asarray(means[name]) for name in state.cell_data}
+        return {name: values[self._nodes] for name, values in found.items()}
+
+    def scalar(self, number: int, field: str) -> Array:
+        """Return a scalar field, a component or the magnitude of a field, (n,).
+
+        Raises
+        ------
+        BadInput
+            If a value is not finite.
+        """
+        values: Array = self.read(number)[split_component(field)[0]]
+        values = values.reshape(len(self._nodes), -1)
+        component = component_index(field)
+        if component is not None:
+            values = values[:, [component]]
+        found = values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)
+        if not np.all(np.isfinite(found)):
+            raise BadInput(f"'{field}' at load {self._states.loads[number]:g} is not finite")
+        return np.asarray(found, dtype=float)
+
+    def colours(self, field: str) -> Callable[[Array], Array]:
+        """Return the function from values (n,) of a field to sRGB (n, 3), 0 to 1, as in pictures.
+
+        The range of colours is that of all stored loads.
+        """
+        from fem_snh.viewing.render.drawing import colour_function
+
+        values = [self.scalar(number, field) for number in range(len(self._states))]
+        return colour_function(field, np.concatenate(values))
