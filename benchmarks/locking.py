@@ -10,11 +10,12 @@ from mpi4py import MPI
 
 from benchmarks import Row, split_list
 from fem_snh import solver
+from fem_snh._petsc import default_options
 from fem_snh.accuracy.pressure_oscillation import may_lock, pressure_oscillation
 from fem_snh.accuracy.state_notes import REPLACEMENTS, locking_note
 from fem_snh.accuracy.stiffness import energies, stiffness_factor
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.runs.setup import Setup, petsc_options, set_up
+from fem_snh.runs.setup import Setup, set_up
 from fem_snh.scenes import load
 
 
@@ -64,7 +65,7 @@ def compare(scene: str, values: Row, name: str) -> Row:
 def solved(scene: str, values: Row, element: str) -> Iterator[tuple[Setup, bool]]:
     """Yield a scene that is solved, and whether all of its steps converged."""
     chosen = load(scene, element=element, **values)
-    with petsc_options(solver.PREFIX, chosen.petsc, {}):
+    with default_options(solver.PREFIX, chosen.petsc):
         setup = set_up(MPI.COMM_WORLD, chosen)
         converged = all([row["converged"] for row in setup.stepper])
         yield setup, converged

@@ -13,15 +13,13 @@ from petsc4py import PETSc
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
 from fem_snh.accuracy.state_notes import inversion_note, locking_note
-from fem_snh.assembly.elements import with_cell_pressures
-from fem_snh.errors import ResultNote, bad_value, check_whole, choose
+from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
-from fem_snh.problem.create_problem import with_element
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.cell_pressures import CellPressures
-from fem_snh.steps.condensation import choose_condensation, chosen_for_condensed
+from fem_snh.solver.options import check_given_options
+from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
@@ -32,17 +30,6 @@ from fem_snh.steps.time_steps import TimeSteps
 PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 #: Largest number of load steps.
 _MAX_STEPS = 1_000_000
-
-
-class _LoadFunction:
-    """A function of the load that terms and conditions call, and that `steps` sets."""
-
-    def __init__(self) -> None:
-        self.function: Callable[[float], None] | None = None
-
-    def __call__(self, load: float) -> None:
-        if self.function is not None:
-            self.function(load)
 
 
 class NonlinearProblem:
@@ -163,8 +150,8 @@ class NonlinearProblem:
         kinematics: str | None = None,
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
-        _check_options(petsc_options_prefix, petsc_options)
-        self._load = _LoadFunction()
+        check_given_options(petsc_options_prefix, petsc_options)
+        self._set_load: Callable[[float], None] | None = None
         self._kinematics = kinematics
         self._problem = self._create(u, materials, bcs, terms, element, densities)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
@@ -173,7 +160,9 @@ class NonlinearProblem:
         with self._petsc_options():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
             choices = {"hessian": hessian, "globalization": globalization}
-            pressures = self._cell_pressures(static_condensation, choices)
+            pressures = program_pressures(
+                static_condensation, self._problem, choices, petsc_options_prefix
+            )
         motion = self._motion()
         self._steps = {
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
@@ -188,31 +177,18 @@ class NonlinearProblem:
 
     def _create(self, *arguments: Any) -> Problem:
         """Return the problem, from the arguments of `create_dolfinx_problem`."""
-        return create_dolfinx_problem(*arguments, on_load=self._load, kinematics=self._kinematics)
+        return create_dolfinx_problem(
+            *arguments, on_load=self._on_load, kinematics=self._kinematics
+        )
+
+    def _on_load(self, load: float) -> None:
+        """Set what the function given to `steps` sets for a load."""
+        if self._set_load is not None:
+            self._set_load(load)
 
     def _motion(self) -> TimeSteps | None:
         """Return the steps in time."""
         return None
-
-    def _cell_pressures(
-        self, wanted: bool | None, choices: Mapping[str, object]
-    ) -> CellPressures | None:
-        """Return the solver with unknown cell pressures, if it is chosen. Collective."""
-        problem, prefix = self._problem, self._prefix
-        if wanted is False and problem.element.volume != "mean":
-            accepted = f"None: {problem.element.name} has no cell pressures"
-            raise bad_value("static_condensation", wanted, accepted)
-        why_condensed = chosen_for_condensed(prefix, choices)
-        stateful = [t.name for t in problem.terms[1:] if not getattr(t, "stateless", False)]
-        if stateful:
-            why_condensed = f"the term '{stateful[0]}' has a state of its own"
-            if wanted is False:
-                raise bad_value("static_condensation", wanted, f"None, as {why_condensed}")
-
-        def make_mixed() -> Problem:
-            return with_element(problem, with_cell_pressures(problem.element))
-
-        return choose_condensation(wanted, problem, make_mixed, why_condensed, prefix).pressures
 
     def solve(self) -> Any:
         """Solve with the present boundary values, constants and functions. Collective.
@@ -271,7 +247,7 @@ class NonlinearProblem:
         problem, conditions = self._problem, self._problem.dirichlet
         assert isinstance(conditions, DolfinxConditions)
         self._read_displacement()
-        self._load.function = set_load
+        self._set_load = set_load
         if set_load is None:
             conditions.start = self.x.array_r[conditions.dofs]
         problem.set_load(0.0)
@@ -281,7 +257,7 @@ class NonlinearProblem:
         try:
             yield from self._rows(number)
         finally:
-            self._load.function = conditions.start = None
+            self._set_load = conditions.start = None
 
     def _rows(self, number: int) -> Iterator[dict[str, Any]]:
         """Yield the rows of the steps from the present load to 1."""
@@ -337,14 +313,3 @@ class NonlinearProblem:
         """The options in PETSc's database: parts of the solver are set up when it solves."""
         with default_options(self._prefix, self._options):
             yield
-
-
-def _check_options(prefix: Any, options: Any) -> None:
-    """Raise BadInput unless the options are a mapping and the prefix is a text."""
-    if not isinstance(prefix, str):
-        raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")
-    if options is not None and not isinstance(options, Mapping):
-        raise bad_value("petsc_options", options, "a mapping of options without prefix to values")
-    for name in options or {}:
-        if not isinstance(name, str) or not name.strip("-"):
-            raise bad_value("petsc_options", name, "the name of a PETSc option, e.g. 'ksp_rtol'")

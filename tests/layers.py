@@ -35,6 +35,20 @@ SHARED_NAMES = {
     "Point",
     "SelfContact",
 }
+#: Modules and folders with imports of the package inside functions, and why they have them.
+LAZY = {
+    "cli": "each command imports what it runs: the others, and --help, start at once",
+    "kernels.compiled": "sympy generates code only for a kernel that is not in the cache",
+    "kernels.material": "UFL and the report are for those who ask for them",
+    "kernels.reports.report": "matplotlib draws a report only if asked",
+    "runs": "a scene imports only what its tables name: contact, bones, lattices, fields",
+    "contact": "a scene imports only the method of contact that it names",
+    "terms": "tables are read and validated without PETSc; their terms need it",
+    "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
+    "steps.time_steps": "a quasi-static scene imports no integrator",
+    "studies": "pictures and gmsh are for the studies that need them",
+    "viewing": "each kind of export and of page imports its own library",
+}
 #: Modules beside the folders that any part may import, from the bottom up.
 COMMON = (
     "errors",

@@ -9,7 +9,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from layers import CALLERS, COMMON, FORBIDDEN, MOST_PARTS, PARTS, SHARED_NAMES, THIRD_PARTY
+from layers import CALLERS, COMMON, FORBIDDEN, LAZY, MOST_PARTS, PARTS, SHARED_NAMES, THIRD_PARTY
 from same_on_every_debian import SAME_ON_EVERY_DEBIAN
 
 import fem_snh
@@ -90,6 +90,44 @@ def test_imports_point_down(path):
     else:
         allowed = {*COMMON, *PARTS[: PARTS.index(part)]}
     assert others <= allowed, f"{part} must not import {sorted(others - allowed)}"
+
+
+def lazy_imports(path: Path) -> set[str]:
+    """Return the modules of the package that the functions of a file import."""
+    tree = ast.parse(path.read_text())
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+    return {
+        node.module
+        for function in functions
+        for node in ast.walk(function)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "fem_snh"
+    }
+
+
+@every_file
+def test_lazy_imports_have_a_reason(path):
+    assert not lazy_imports(path) or lies_in(module_of(path), set(LAZY))
+
+
+def code_lines(path: Path) -> int:
+    """Return the number of lines of a file that are neither blank, comment nor docstring."""
+    text = path.read_text()
+    docstrings = set()
+    for node in ast.walk(ast.parse(text)):
+        body = getattr(node, "body", None)
+        first = body[0] if isinstance(body, list) and body else None
+        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+            docstrings |= set(range(first.lineno, (first.end_lineno or 0) + 1))
+    lines = {n for n, line in enumerate(text.splitlines(), 1) if line.partition("#")[0].strip()}
+    return len(lines - docstrings)
+
+
+@pytest.mark.parametrize(
+    "caller", ["nonlinear_problem.py", "dynamic_problem.py", "runs/driver.py", "runs/setup.py"]
+)
+def test_callers_of_the_driver_are_thin(caller):
+    """A program and a scene only translate what they are given for `fem_snh.steps`."""
+    assert code_lines(PACKAGE / caller) < 150
 
 
 @every_file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.problem.bone_nodes import BoneNodes
+
+if TYPE_CHECKING:
+    from fem_snh.problem.bone_nodes import BoneNodes
 
 Array = npt.NDArray[Any]
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.problem.bone_nodes import BoneNodes
+from fem_snh.problem.bone_blend import BoneBlend
 from fem_snh.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from fem_snh.problem.bone_nodes import BoneNodes
 
 
 class BoneRecords:
@@ -28,8 +31,6 @@ class BoneRecords:
 
     def blend(self) -> Callable[[PETSc.Vec, float, float], None]:
         """Return the function that moves the flesh with the bones. Collective."""
-        from fem_snh.problem.bone_blend import BoneBlend
-
         return BoneBlend(self._problem.V, self._bones).move
 
     def row(self) -> dict[str, dict[str, Any]]:

@@ -12,10 +12,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
+from fem_snh._petsc import default_options, option_used
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
+from fem_snh.problem import modes
 from fem_snh.runs.checkpoint import Checkpoint, Writer
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
@@ -23,7 +25,7 @@ from fem_snh.runs.notes import final_notes
 from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
-from fem_snh.runs.setup import Setup, petsc_options, set_up
+from fem_snh.runs.setup import Setup, set_up
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.goals import Goal
@@ -94,7 +96,8 @@ def run(
     start = perf_counter()
     if resume and (out is None or overwrite):
         raise BadInput("--resume: expected with --out DIR, and without --overwrite")
-    scene = _load(comm, scene, overrides)
+    # Files may differ from rank to rank: the scene, and the functions that it refers to.
+    scene = on_every(comm, partial(scenes.load, scene, **overrides))
     printed = Progress(comm, progress, expected)
     if out is None:
         return _run(comm, scene, None, None, printed, note or {}, start)
@@ -118,7 +121,8 @@ def _run(
     defaults = multigrid.smoothers(min(material.E for material in scene.materials))
     with (
         solver.petsc_failures(),
-        petsc_options(solver.PREFIX, scene.petsc, defaults) as unused,
+        default_options(solver.PREFIX, scene.petsc) as given,
+        default_options(solver.PREFIX, defaults),
     ):
         setup = set_up(comm, scene)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
@@ -140,7 +144,9 @@ def _run(
         recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
         path = folder.path if folder else None
-        printed.end(recorder.record, path, unused())
+        # PETSc does not report misspelt options.
+        unused = [key for key in given if not option_used(solver.PREFIX + key)]
+        printed.end(recorder.record, path, unused)
         setup.destroy()
     return setup.result(setup.stepper.done, status, recorder.record, path)
 
@@ -152,12 +158,6 @@ def _goals(scene: scenes.Scene, setup: Setup) -> list[Goal]:
     from fem_snh.runs.goals import scene_goals
 
     return scene_goals(scene, setup.mesh, setup.problem.has_energy)
-
-
-def _load(comm: MPI.Comm, scene: Any, overrides: Mapping[str, Any]) -> scenes.Scene:
-    """Load the scene on every rank. Collective."""
-    # Files may differ from rank to rank: the scene, and the functions that it refers to.
-    return on_every(comm, partial(scenes.load, scene, **overrides))
 
 
 def _recorder(
@@ -204,8 +204,6 @@ def _solve(
             with interrupts.postponed():
                 recorder.add_step(step)
         if scene.modes and setup.stepper.done:
-            from fem_snh.problem import modes
-
             prefix = f"{solver.PREFIX}modes_"
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():

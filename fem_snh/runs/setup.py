@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,12 +13,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_snh import scenes, solver
-from fem_snh._petsc import default_options, option_used
 from fem_snh.assembly import elements
 from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
+from fem_snh.problem import modes
+from fem_snh.problem.bone_records import BoneRecords
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
@@ -30,10 +30,10 @@ from fem_snh.steps.condensation import Condensation, choose_condensation, chosen
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
+from fem_snh.steps.time_steps import create_dynamics, start_motion
 
 if TYPE_CHECKING:
     from fem_snh.problem.bone_nodes import BoneNodes
-    from fem_snh.problem.bone_records import BoneRecords
 
 
 @dataclass(frozen=True)
@@ -105,20 +105,14 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
-        from fem_snh.problem import modes
-
         modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
-    motion = None
-    if scene.time:
-        from fem_snh.steps.time_steps import start_motion
-
-        motion = start_motion(problem, scene.time, scene.start)
+    motion = start_motion(problem, scene.time, scene.start) if scene.time else None
     steps = scene.time.steps if scene.time else scene.steps
-    bones = _bone_records(problem) if scene.bone else None
+    bones = BoneRecords(problem) if scene.bone else None
     mixed = elements.with_cell_pressures(element)
     condensation = choose_condensation(
         scene.static_condensation, problem, lambda: make(element=mixed), _why_condensed(scene)
@@ -143,12 +137,6 @@ def _why_condensed(scene: scenes.Scene) -> str:
         return "a start far from equilibrium, where the energy has to be minimised"
     choices = {"hessian": scene.hessian, "globalization": scene.globalization}
     return chosen_for_condensed(solver.PREFIX, choices)
-
-
-def _bone_records(problem: Problem) -> BoneRecords:
-    from fem_snh.problem.bone_records import BoneRecords
-
-    return BoneRecords(problem)
 
 
 def _check_groups(scene: scenes.Scene, mesh: meshes.Mesh) -> None:
@@ -188,11 +176,6 @@ def make_problem(
 
     Of several materials, those with a smaller ratio keep their own.
     """
-    motion = None
-    if scene.time:
-        from fem_snh.steps.time_steps import create_dynamics
-
-        motion = partial(create_dynamics, scene.time)
 
     def place(V: Any, mesh: meshes.Mesh) -> list[BoneNodes]:
         from fem_snh.runs.bones import scene_bones
@@ -215,28 +198,9 @@ def make_problem(
         bones=place if scene.bone else None,
         features=scene.features,
         amplitudes=scene.amplitudes,
-        motion=motion,
+        motion=partial(create_dynamics, scene.time) if scene.time else None,
         loads=partial(contact_terms, scene),
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,
     )
-
-
-@contextmanager
-def petsc_options(
-    prefix: str, options: dict[str, Any], defaults: dict[str, Any]
-) -> Iterator[Callable[[], list[str]]]:
-    """Put a scene's options into PETSc's database for the duration of a context.
-
-    An option that is in the database already, as from the command line of a program that passed it
-    to PETSc, has precedence over ``options``, and ``options`` over ``defaults``.
-
-    Yields
-    ------
-    callable
-        Returns the names of those options that nothing has used: PETSc does not report misspelt
-        ones.
-    """
-    with default_options(prefix, options) as added, default_options(prefix, defaults):
-        yield lambda: [key for key in added if not option_used(prefix + key)]

@@ -6,8 +6,9 @@ have its name (PETSc 3.22 and later); their defaults are ours.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from petsc4py import PETSc
 
@@ -307,3 +308,14 @@ def check(options: Values, problem: str) -> None:
             f"requires a minimisation problem; {problem}"
         )
     choose("snes_adaptive_filter", str(options["snes_adaptive_filter"]), FILTERS[1:])
+
+
+def check_given_options(prefix: Any, options: Any) -> None:
+    """Raise BadInput unless a program's options are a mapping and their prefix is a text."""
+    if not isinstance(prefix, str):
+        raise bad_value("petsc_options_prefix", prefix, "a text, e.g. 'press_'")
+    if options is not None and not isinstance(options, Mapping):
+        raise bad_value("petsc_options", options, "a mapping of options without prefix to values")
+    for name in options or {}:
+        if not isinstance(name, str) or not name.strip("-"):
+            raise bad_value("petsc_options", name, "the name of a PETSc option, e.g. 'ksp_rtol'")

@@ -8,7 +8,9 @@ from typing import NamedTuple
 from petsc4py import PETSc
 
 from fem_snh import solver
-from fem_snh.errors import BadInput
+from fem_snh.assembly.elements import with_cell_pressures
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.problem.create_problem import with_element
 from fem_snh.problem.problem import Problem
 from fem_snh.steps.cell_pressures import CellPressures
 
@@ -76,6 +78,39 @@ def choose_condensation(
     except BadInput as error:
         return Condensation(reason=str(error))
     return Condensation(pressures, f"nu = {nu:g} >= {_MIXED_NU}: few iterations on every mesh")
+
+
+def program_pressures(
+    wanted: bool | None, problem: Problem, choices: Mapping[str, object], prefix: str
+) -> CellPressures | None:
+    """Return the mixed problem of a dolfinx program, if it is chosen. Collective.
+
+    Parameters
+    ----------
+    wanted, problem, prefix
+        As for `choose_condensation`.
+    choices : mapping
+        As for `chosen_for_condensed`.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if the user wants unknown pressures and the problem cannot have them.
+    """
+    if wanted is False and problem.element.volume != "mean":
+        accepted = f"None: {problem.element.name} has no cell pressures"
+        raise bad_value("static_condensation", wanted, accepted)
+    why_condensed = chosen_for_condensed(prefix, choices)
+    stateful = [t.name for t in problem.terms[1:] if not getattr(t, "stateless", False)]
+    if stateful:
+        why_condensed = f"the term '{stateful[0]}' has a state of its own"
+        if wanted is False:
+            raise bad_value("static_condensation", wanted, f"None, as {why_condensed}")
+
+    def make_mixed() -> Problem:
+        return with_element(problem, with_cell_pressures(problem.element))
+
+    return choose_condensation(wanted, problem, make_mixed, why_condensed, prefix).pressures
 
 
 def chosen_for_condensed(prefix: str, choices: Mapping[str, object]) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from fem_snh import materials
 from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
 from fem_snh.kernels.reports import stability
 from fem_snh.kernels.reports.minima import minima
 from fem_snh.kernels.reports.report import domain
@@ -59,8 +60,6 @@ def rows(
 
 def row(name: str, E: float = 1.0, nu: float = 0.49, **keywords: Any) -> dict[str, Any]:
     """Return the row of one material; raise BadInput if it does not accept the parameters."""
-    from fem_snh.kernels.material import material
-
     m = material(name, E, nu, **keywords)
     found = minima(m)
     four = (
