@@ -5,8 +5,8 @@ from __future__ import annotations
 #: A part is a folder of the package. It imports parts that stand before it in this order.
 PARTS = (
     "materials",
-    "tables",
     "geometry",
+    "tables",
     "_dolfinx",
     "viewing",
     "kernels",

@@ -8,7 +8,7 @@ import pytest
 from fem_snh import scenes
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, SmoothUnion, Sphere, Union
-from fem_snh.scenes._shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice
 
 PARTS = (
     Sphere((0.2, -0.1, 0.3), 0.7),

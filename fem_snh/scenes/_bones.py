@@ -11,11 +11,12 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, field_serializer
 
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, choose
-from fem_snh.scenes._conditions import Rotate
-from fem_snh.scenes._shapes import ShapeChoice
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
+from fem_snh.tables.motions import TRANSLATE, Rotate, check_motion
+from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import (
     INT32_MAX,
+    FilePath,
     GroupKey,
     NonNegative,
     Positive,
@@ -30,23 +31,15 @@ if TYPE_CHECKING:
     from fem_snh.geometry.bones import Clip, RigidAffine
 
 
-def _check_path(path: Path) -> Path:
-    """Reject a path that no file can have."""
-    if "\0" in str(path):
-        raise ValueError
-    return path
-
-
-_FileName = AfterValidator(_check_path)
 _MOTION = (
     "the path of a CSV file, a table { bvh, joint }, or a function of the load that returns a 3x4 "
     "matrix"
 )
-SurfaceFile = Annotated[Path, _FileName, Expect("the path of an STL or OBJ file")]
+SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Function = Callable[[float], npt.ArrayLike]
 
 
-BvhFile = Annotated[Path, _FileName, Expect("the path of a BVH file")]
+BvhFile = Annotated[FilePath, Expect("the path of a BVH file")]
 Frames = Annotated[
     tuple[Annotated[int, Whole(0, INT32_MAX)], Annotated[int, Whole(0, INT32_MAX)]],
     Expect("two whole numbers, the first frame and the last"),
@@ -134,7 +127,7 @@ def _kind(motion: object) -> str:
 
 #: What a bone follows; the tags are removed from messages.
 BoneMotion = Annotated[
-    Annotated[Path, _FileName, Expect(_MOTION), Tag("file")]
+    Annotated[FilePath, Expect(_MOTION), Tag("file")]
     | Annotated[SkeletonMotion, Tag("skeleton")]
     | Annotated[Function, Tag("function")],
     Discriminator(_kind),
@@ -163,10 +156,7 @@ class BoneChoice(Table):
         default=None,
         description="Physical group of volumes, by name or number, instead of 'shape'.",
     )
-    translate: Vector | None = Field(
-        default=None,
-        description="Displacement at amplitude 1 [length]; it is proportional to the amplitude.",
-    )
+    translate: Vector | None = Field(default=None, description=TRANSLATE)
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     table: TableName | None = Field(default=None, description=MOTION_TABLE)
     motion: BoneMotion | None = Field(
@@ -192,11 +182,7 @@ class BoneChoice(Table):
         if len(found) != 1:
             listed = ", ".join(found) or "none"
             raise BadInput(f"expected one of the keys shape, surface, group; found {listed}")
-        for key in ("translate", "rotate", "table"):
-            if self.motion is not None and getattr(self, key) is not None:
-                raise BadInput(f"'motion' and '{key}' exclude each other: expected one of them")
-        if self.table is not None and self.translate is None and self.rotate is None:
-            raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")
+        check_motion(self, self.motion)
         if self.rigid and not isinstance(self.motion, Path):
             raise bad_value("rigid", True, "no value without the CSV file of a 'motion'")
         return self

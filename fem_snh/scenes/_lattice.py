@@ -10,27 +10,19 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
 from fem_snh.errors import choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
-from fem_snh.scenes._shapes import ShapeChoice
-from fem_snh.tables.types import Positive
+from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.types import FilePath, Positive
 from fem_snh.tables.validation import Expect, Table, Whole
 
 #: Cubes along a cell's edge: fewer tell no parts apart, more need gigabytes for a body's cells.
 _SAMPLES = (2, 16)
 
 
-def _check_path(path: Path) -> Path:
-    """Reject a path that no file can have."""
-    if "\0" in str(path):
-        raise ValueError
-    return path
-
-
 #: A file of a closed surface, or the table of a shape; the tags are removed from messages.
 Body = Annotated[
     Annotated[ShapeChoice, Tag("a shape")]
     | Annotated[
-        Path,
-        AfterValidator(_check_path),
+        FilePath,
         Expect("the path of an STL or OBJ file"),
         Tag("a surface"),
     ],

@@ -2,41 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Protocol
+from collections.abc import Sequence
+from typing import Annotated
 
-import numpy as np
-import numpy.typing as npt
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions import Obstacle, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
-from fem_snh.scenes._conditions import Rotate, rigid_displacement
 from fem_snh.scenes._contact_method import ContactTable
-from fem_snh.scenes._shapes import ShapeChoice
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
-from fem_snh.tables.types import GroupKey, NonNegative, Text, Vector
+from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
+from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.types import FilePath, GroupKey, NonNegative, Text, Vector
 from fem_snh.tables.validation import Expect
 
 #: Keys of files, whose paths are relative to the scene file.
 FILES = ("surface", "motion")
 
-Array = npt.NDArray[np.float64]
 
-
-def _check_path(path: Path) -> Path:
-    """Reject a path that no file can have."""
-    if "\0" in str(path):
-        raise ValueError
-    return path
-
-
-StlFile = Annotated[Path, AfterValidator(_check_path), Expect("the path of an STL file")]
-CsvFile = Annotated[Path, AfterValidator(_check_path), Expect("the path of a CSV file")]
+StlFile = Annotated[FilePath, Expect("the path of an STL file")]
+CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 
 
 class ObstacleChoice(ContactTable):
@@ -51,10 +38,7 @@ class ObstacleChoice(ContactTable):
         description="STL file of a closed surface, instead of 'shape'; "
         "its path is relative to the scene file.",
     )
-    translate: Vector | None = Field(
-        default=None,
-        description="Displacement at amplitude 1 [length]; it is proportional to the amplitude.",
-    )
+    translate: Vector | None = Field(default=None, description=TRANSLATE)
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
     table: TableName | None = Field(default=None, description=MOTION_TABLE)
     motion: CsvFile | None = Field(
@@ -74,48 +58,8 @@ class ObstacleChoice(ContactTable):
         if (self.shape is None) == (self.surface is None):
             found = "none" if self.shape is None else "both"
             raise BadInput(f"expected one of the keys shape, surface; found {found}")
-        for key in ("translate", "rotate", "table"):
-            if self.motion is not None and getattr(self, key) is not None:
-                raise BadInput(f"'motion' and '{key}' exclude each other: expected one of them")
-        if self.table is not None and self.translate is None and self.rotate is None:
-            raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")
+        check_motion(self, self.motion)
         return self
-
-
-class Movable(Protocol):
-    """A table with the keys of a rigid motion."""
-
-    translate: Vector | None
-    rotate: Rotate | None
-    table: TableName | None
-
-
-@dataclass(frozen=True)
-class ScaledMotion:
-    """The keys ``translate`` and ``rotate`` of an obstacle or a bone with their amplitudes.
-
-    Attributes
-    ----------
-    choice : Movable
-    amplitude, turn : callable
-        Amplitudes of the motion and of its rotation, as functions of the load.
-    """
-
-    choice: Movable
-    amplitude: Callable[[float], float]
-    turn: Callable[[float], float]
-
-    @classmethod
-    def of(cls, choice: Movable, amplitudes: Amplitudes) -> ScaledMotion:
-        """Return the motion of a table."""
-        motion = amplitudes.motion(choice.table)
-        named = choice.rotate.table if choice.rotate else None
-        return cls(choice, motion, amplitudes.motion(named, motion))
-
-    def displacement(self, X: Array, load: float) -> Array:
-        """Return the displacements (n, 3) of points X (n, 3) at a load."""
-        amplitude, turn = self.amplitude(load), self.turn(load)
-        return rigid_displacement(X, self.choice.translate, self.choice.rotate, amplitude, turn)
 
 
 def read_obstacles(choices: Sequence[ObstacleChoice], amplitudes: Amplitudes) -> list[Obstacle]:

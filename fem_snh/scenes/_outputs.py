@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
@@ -10,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from fem_snh.errors import bad_value, choose
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.tables.types import Count, Positive, Text, Vector, split_text
+from fem_snh.tables.types import Count, FilePath, Positive, Text, Vector, split_text
 from fem_snh.tables.validation import Bounded, Expect, Table
 
 
@@ -74,13 +73,6 @@ Location = Annotated[
 ]
 
 
-def _check_path(path: Path) -> Path:
-    """Raise BadInput for a path that no file can have."""
-    if "\0" in str(path):
-        raise bad_value("mesh", str(path), "a gmsh file or a built-in geometry")
-    return path
-
-
 def _kind(mesh: Any) -> str:
     """Return the tag of a scene's mesh."""
     if isinstance(mesh, Lattice) or (isinstance(mesh, dict) and "lattice" in mesh):
@@ -96,8 +88,7 @@ Mesh = Annotated[
     | Annotated[Lattice, Tag("in a lattice")]
     | Annotated[Tetrahedra, Tag("of tetrahedra")]
     | Annotated[
-        Path,
-        AfterValidator(_check_path),
+        FilePath,
         Expect("a gmsh file or a built-in geometry"),
         Tag("file"),
     ],

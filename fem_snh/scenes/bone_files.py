@@ -18,8 +18,8 @@ from fem_snh.geometry.motions.motion_rows import MotionRows, read_rows
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
 from fem_snh.scenes._bones import BoneChoice, Function, SkeletonMotion
-from fem_snh.scenes._obstacles import ScaledMotion
 from fem_snh.scenes.schema import Scene
+from fem_snh.tables.motions import ScaledMotion
 from fem_snh.tables.types import Vector
 
 

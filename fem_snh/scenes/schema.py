@@ -20,7 +20,7 @@ from fem_snh.choices import (
 from fem_snh.errors import choose
 from fem_snh.scenes._accuracy import Accuracy
 from fem_snh.scenes._bones import BoneChoice, Rig
-from fem_snh.scenes._conditions import Hold, Motion, Move, Rotate, Start, motions
+from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
 from fem_snh.scenes._contact import Contact
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
@@ -39,6 +39,7 @@ from fem_snh.scenes._outputs import (
 from fem_snh.scenes._self_contact import SelfContact
 from fem_snh.scenes._time import Damping, Time
 from fem_snh.tables.amplitudes import Amplitude, Amplitudes
+from fem_snh.tables.motions import Rotate, ScaledMotion
 from fem_snh.tables.types import (
     Cells,
     Groups,
@@ -58,7 +59,7 @@ from fem_snh.terms.traction import Traction
 
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
-    "Hold", "Lattice", "MaterialChoice", "Modes", "Motion", "Move", "ObstacleChoice",
+    "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "ObstacleChoice",
     "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
     "Time", "Traction",
 ]  # fmt: skip
@@ -255,9 +256,9 @@ class Scene(Table):
         return common_ratio(self.materials)
 
     @property
-    def motions(self) -> list[Motion]:
+    def motions(self) -> list[ScaledMotion]:
         """The motions of ``move`` with their amplitudes."""
-        return motions(self.move, self.amplitudes)
+        return [ScaledMotion.of(move, self.amplitudes) for move in self.move]
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scene:

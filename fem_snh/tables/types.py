@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -40,6 +41,15 @@ def split_text(names: object) -> object:
     return [name.strip() for name in names.split(",")] if isinstance(names, str) else names
 
 
+def _check_path(path: Path) -> Path:
+    """Reject a path that no file can have."""
+    if "\0" in str(path):
+        raise ValueError
+    return path
+
+
+#: The path of a file, relative to the scene file.
+FilePath = Annotated[Path, AfterValidator(_check_path)]
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Bounded, Expect("a finite number")]
 Positive = Annotated[BoundedPositive, Expect("a number > 0")]

@@ -9,7 +9,8 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fem_snh.scenes import _bones, _shapes, schema
+from fem_snh.scenes import _bones, schema
+from fem_snh.tables import shapes
 from fem_snh.tables.validation import Expect
 from generated.table import table
 
@@ -32,13 +33,13 @@ TABLES = (
     ("[self_contact]", schema.SelfContact),
     ("[[cavity]]", schema.Cavity),
     ("[[obstacle]]", schema.ObstacleChoice),
-    ("shape", _shapes.ShapeChoice),
-    ("plane", _shapes.PlaneShape),
-    ("sphere", _shapes.SphereShape),
-    ("cylinder", _shapes.CylinderShape),
-    ("capsule", _shapes.CapsuleShape),
-    ("box", _shapes.BoxShape),
-    ("smooth_union", _shapes.SmoothUnionShape),
+    ("shape", shapes.ShapeChoice),
+    ("plane", shapes.PlaneShape),
+    ("sphere", shapes.SphereShape),
+    ("cylinder", shapes.CylinderShape),
+    ("capsule", shapes.CapsuleShape),
+    ("box", shapes.BoxShape),
+    ("smooth_union", shapes.SmoothUnionShape),
     ("[[table]]", schema.Amplitude),
     ("[time]", schema.Time),
     ("damping", schema.Damping),
