@@ -104,7 +104,7 @@ def measure(body: str, depth: float, element: str, cells: int, factor: float, me
         "dofs": result.problem.dofs,
         "newton": step["newton"],
         "linear": step["linear"],
-        "solves": found.get("solves", 1),
+        "solves": result.steps[-1]["solves"],
         "penetration": found["penetration"] / depth,
         **dict(zip(("force", "radius", "peak_pressure"), ratios, strict=True)),
     }

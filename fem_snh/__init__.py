@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from fem_snh.contact.contact import Contact
     from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
     from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "BadInput", "Cavity", "DynamicProblem", "Feature", "Gravity", "NonlinearProblem", "Pressure",
-    "Result", "SelfContact", "Spring", "Term", "Traction", "material", "materials",
+    "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Gravity", "NonlinearProblem",
+    "Pressure", "Result", "SelfContact", "Spring", "Term", "Traction", "material", "materials",
     "register_feature", "run",
 ]  # fmt: skip
 
@@ -49,6 +50,7 @@ _MODULES = {
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
     "DynamicProblem": "dynamic_problem",
+    "Contact": "contact.contact",
     "SelfContact": "contact.self_contact",
     "Cavity": "terms.cavity",
     "Feature": "terms.feature",

@@ -57,7 +57,7 @@ def pressed(
     made = list[IPC]()
 
     def loads(body: Any, u: Any, regions: Any, dirichlet: Any) -> list[Any]:
-        made.append(IPC(u.function_space, body, regions, **options))
+        made.append(IPC(u.function_space, body.skin, regions, **options))
         return [*made, *(terms(u, regions, dirichlet) if terms else [])]
 
     def press_down(X: np.ndarray, load: float) -> np.ndarray:

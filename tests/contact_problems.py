@@ -13,7 +13,7 @@ import numpy as np
 from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
-from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
+from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Plane
@@ -43,7 +43,7 @@ def constant(load):
 def contact_problem(
     body: Any,
     element: str,
-    contacts: list[Contact],
+    contacts: list[RigidContact],
     *,
     E: float = 1.0,
     nu: float = 0.3,

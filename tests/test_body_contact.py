@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from two_bodies import NU, PRESS, E, TwoBlocks, distance_from_affine
 
 from fem_snh import solver
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.kernels.material import material
 from fem_snh.problem.create_problem import create_problem
 
@@ -186,7 +186,7 @@ def test_a_small_load_is_augmented_too(other: str) -> None:
         hold = [Hold("left", ("x",)), Hold("front", ("y",)), Hold("bottom", ("z",))]
         body = cube(COMM, "hexahedron", 2)
         p, _, _ = contact_problem(
-            body, "Q1", [Contact("press", top, augmented=True)], E=E, nu=NU, hold=hold
+            body, "Q1", [RigidContact("press", top, augmented=True)], E=E, nu=NU, hold=hold
         )
         force = -press(p)["obstacles"]["press"]["force"][2]
         stretch = 1 - PRESS

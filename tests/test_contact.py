@@ -13,7 +13,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts
 from fem_snh.contact.fields import ContactFields
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import NearFacets
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import NotSettled
@@ -35,7 +35,7 @@ def touched(comm, element, friction=0.3, augmented=False):
     """A bent cube that a ball touches, with lagged friction and multipliers; its displacement."""
     body = cube(comm, ELEMENTS[element].cell, 2, 0.05)
     p, contact, _ = contact_problem(
-        body, element, [Contact("ball", BALL, friction, augmented=augmented)]
+        body, element, [RigidContact("ball", BALL, friction, augmented=augmented)]
     )
     u = set_values(p, wave(0.02), _dolfinx.create_vector(p.V))
     p.set_load(0.2)
@@ -118,7 +118,7 @@ def test_a_block_at_rest(comm, augmented):
     """The forces bear the weight; the penalty's penetration is that of springs."""
     k, rho, g, size = 50.0, 0.02, 9.81, 2.0
     body = cube(comm, "hexahedron", 3, size=size)
-    floor = Contact("floor", plane((0, 0, -0.01)), 0.0, k, 1e-5, augmented)
+    floor = RigidContact("floor", plane((0, 0, -0.01)), 0.0, k, 1e-5, augmented)
     p, _, _ = contact_problem(
         body, "Q1", [floor], E=100.0, nu=0.0, density=rho, gravity=(0, 0, -g), hold=SYMMETRIC
     )
@@ -140,7 +140,7 @@ def test_a_cube_pressed_by_a_plane_is_deformed_uniformly(comm, element, augmente
     K, G, d = 10.0, 0.25, 0.01
     E, nu = 9 * K * G / (3 * K + G), (3 * K - 2 * G) / (2 * (3 * K + G))
     cell = ELEMENTS[element].cell
-    top = Contact(
+    top = RigidContact(
         "press", plane((0, 0, 1), (0, 0, -1), translation((0, 0, -d))), augmented=augmented
     )
     p, contact, _ = contact_problem(
@@ -171,7 +171,7 @@ def test_multipliers_that_do_not_settle_fail_the_step(comm):
     """An obstacle that is pushed into constrained nodes cannot be left by them."""
     top = plane((0, 0, 1), (0, 0, -1), translation((0, 0, -0.1)))
     p, *_ = contact_problem(
-        cube(comm, "hexahedron", 1), "Q1", [Contact("press", top, 0, None, 1e-6, True)],
+        cube(comm, "hexahedron", 1), "Q1", [RigidContact("press", top, 0, None, 1e-6, True)],
         hold=[*SYMMETRIC, Hold("bottom", ("z",)), Hold("top", ("z",))],
     )  # fmt: skip
     p.set_load(1.0)
@@ -190,7 +190,7 @@ def test_multipliers_that_do_not_settle_fail_the_step(comm):
 def test_fields_at_the_nodes(comm):
     """A uniform pressure on a face is that of the nodes inside of it; gaps are distances."""
     p, _, _ = contact_problem(
-        cube(comm, "tetrahedron", 4), "P2", [Contact("floor", plane((0, 0, 0.01)), 0, 100.0)]
+        cube(comm, "tetrahedron", 4), "P2", [RigidContact("floor", plane((0, 0, 0.01)), 0, 100.0)]
     )
     u = p.split(p.x)[0]
     fields = ContactFields(p.V, p.terms)
@@ -205,7 +205,7 @@ def test_fields_at_the_nodes(comm):
 @mpi
 def test_a_far_obstacle_adds_nothing(comm):
     p, contact, _ = contact_problem(
-        cube(comm, "tetrahedron", 2), "P1", [Contact("far", plane((0, 0, -9)), 0.5)]
+        cube(comm, "tetrahedron", 2), "P1", [RigidContact("far", plane((0, 0, -9)), 0.5)]
     )
     u = p.split(p.x)[0]
     assert contact.energy(u) == 0 and contact.update_lagged(u).ratio == 0
@@ -225,7 +225,7 @@ def test_the_same_on_any_number_of_ranks(comm, element):
     results, counts = [], []
     for ranks in (MPI.COMM_SELF, comm):
         body = cube(ranks, "tetrahedron", 2, 0.05)
-        contacts = [Contact("ball", ball, 0.4), Contact("far", plane((0, 0, -3)))]
+        contacts = [RigidContact("ball", ball, 0.4), RigidContact("far", plane((0, 0, -3)))]
         p, _, _ = contact_problem(body, element, contacts, hold=[Hold("bottom")])
         row = press(p, 2)
         obstacle = row["obstacles"]["ball"]

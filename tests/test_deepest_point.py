@@ -21,7 +21,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.ghosted_vectors import nodal_vectors
 from fem_snh.contact.body_contact import BodyContact
 from fem_snh.contact.deepest_point import DeepestPoint
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.surface_pair import BodyPair
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.shapes import Sphere
@@ -39,7 +39,7 @@ def pressed_corner(comm: MPI.Comm, element: str, cells: int) -> tuple[dict[str, 
     X[:] = DIAGONAL.apply(X - 0.5)
     floor = comm.allreduce(X[:, 2].min(), op=MPI.MIN) - 0.01
     move = [Condition("top", lambda X, load: 0 * X - [0, 0, 0.2 * load])]
-    contacts = [Contact("floor", plane((0, 0, floor)))]
+    contacts = [RigidContact("floor", plane((0, 0, floor)))]
     p, _, _ = contact_problem(body, element, contacts, move=move)
     row = press(p, 2)
     x = nodal_vectors(p.split(p.x)[0]) + p.V.tabulate_dof_coordinates()
@@ -78,7 +78,7 @@ def test_a_corner_is_deeper_than_its_points(comm: MPI.Comm, element: str) -> Non
 def test_a_small_ball_between_the_points(comm: MPI.Comm, depth: float, noted: bool) -> None:
     """A ball of a tenth of the facet in its middle: no force, and a note from 5 % of the facet."""
     ball = Obstacle(Sphere((0.25, 0.25, 1.1), 0.05), translation((0, 0, -0.05 - depth)))
-    contacts = [Contact("ball", ball)]
+    contacts = [RigidContact("ball", ball)]
     p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
     row = press(p)
     found = row["obstacles"]["ball"]

@@ -25,7 +25,7 @@ def on(comm, cell, degree):
     body = cube(comm, cell, 3)
     V = _dolfinx.function_space(body.domain, degree, (3,))
     u = V.tabulate_dof_coordinates()[: sum(_dolfinx.num_nodes(V))] @ G.T + [1, 2, 3]
-    return embedded_surface(V, body), u, mesh.volume(body.domain)
+    return embedded_surface(V, body.skin), u, mesh.volume(body.domain)
 
 
 def enclosed(x, triangles):

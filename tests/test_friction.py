@@ -7,7 +7,7 @@ import pytest
 from bodies import cube
 from contact_problems import accurate_snes, constant, contact_problem, march, nodes_mean, plane
 
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.runs import run
 from fem_snh.scenes import Scene
 from fem_snh.steps.step_solver import StepSolver
@@ -25,7 +25,7 @@ def slope(comm, friction, angle, duration, steps, integrator="backward_euler"):
     gravity = G * np.array([np.sin(angle), 0, -np.cos(angle)])
     time = {"integrator": integrator, "duration": duration}
     p, _, dynamics = contact_problem(
-        body, "Q1", [Contact("slope", plane(), friction)],
+        body, "Q1", [RigidContact("slope", plane(), friction)],
         E=1e6, density=1000.0, gravity=gravity, amplitude=constant, time=time,
     )  # fmt: skip
     for step, row in enumerate(march(p, dynamics, steps), 1):
@@ -62,7 +62,7 @@ def settled(comm, friction, steps):
     """A cube that is first heavy and then pulled sideways; mean displacements and the last row."""
     sideways = np.array([0.3 * G, 0, 0]), lambda load: np.clip(4 * load - 1, 0, 1)
     p, _, _ = contact_problem(
-        cube(comm, "tetrahedron", 2), "P1", [Contact("ground", plane(), friction)],
+        cube(comm, "tetrahedron", 2), "P1", [RigidContact("ground", plane(), friction)],
         E=1e4, density=1.0, gravity=(0, 0, -G), amplitude=lambda load: min(4 * load, 1.0),
         sideways=sideways,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from contact_problems import contact_problem, plane, press, translation
 
 from benchmarks.pressed_ball import force_ratio
 from fem_snh.contact.fields import ContactFields
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.mesh import mesh
@@ -34,7 +34,7 @@ def indented(comm, depth, cells, tolerance=None, half_space=False):
     else:
         obstacle = plane((0, 0, -R), motion=translation((0, 0, depth)))
         hold.append(Hold("z = 0", ("z",)))
-    support = Contact("other", obstacle, tolerance=tolerance, augmented=tolerance is not None)
+    support = RigidContact("other", obstacle, tolerance=tolerance, augmented=tolerance is not None)
     p, contact, _ = contact_problem(body, "P2", [support], E=E, nu=NU, hold=hold)
     row = press(p, tolerance=1e-9 / size**2)["obstacles"]["other"]
     u = p.split(p.x)[0]

@@ -7,7 +7,7 @@ import pytest
 from contact_problems import constant, contact_problem, march, plane
 
 from fem_snh import _dolfinx
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.mesh import mesh
 
 G = 9.81
@@ -32,7 +32,7 @@ def test_a_bar_against_a_wall(comm, integrator, cells, rebound, force):
     E, rho, length = 2e11, 8000.0, 0.2
     c, h = np.sqrt(E / rho), length / cells
     # A contact as stiff as the cells, which half a cell's travel time resolves.
-    wall = Contact("wall", plane((0, 0, 0), (1, 0, 0)), stiffness=E / h)
+    wall = RigidContact("wall", plane((0, 0, 0), (1, 0, 0)), stiffness=E / h)
     steps = int(2.6 * cells / 0.5)
     duration = steps * 0.5 * h / c
     p, _, dynamics = contact_problem(
@@ -62,7 +62,7 @@ def test_the_energy_of_a_bouncing_ball(comm, integrator, least, most):
     """A bounce from half a diameter, of what it fell: Newmark loses 0.6 %, backward Euler 45 %."""
     body = mesh.generate(comm, "ball", "tetrahedron", cells=4)
     p, _, dynamics = contact_problem(
-        body, "P1", [Contact("floor", plane((0, 0, -1.0)))], E=1e5, nu=0.4, density=1000.0,
+        body, "P1", [RigidContact("floor", plane((0, 0, -1.0)))], E=1e5, nu=0.4, density=1000.0,
         gravity=(0, 0, -G), amplitude=constant, time={"integrator": integrator, "duration": 0.7},
     )  # fmt: skip
     fallen = 1000 * mesh.volume(body.domain) * G * 0.5

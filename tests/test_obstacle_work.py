@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from two_bodies import ROLLERS
 
 import fem_snh
-from fem_snh.contact.obstacle_contact import Contact
+from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import PointForces, obstacle_work
 from fem_snh.geometry.motions import Obstacle
 from fem_snh.geometry.motions.moving import DisplacementMotion
@@ -50,7 +50,7 @@ def test_a_block_pushed_by_a_plate(comm):
     """Newmark: the work of the plate is the change of all energies, which is mostly kinetic."""
     push = plane(motion=accelerated((0, 0, 0.05)))
     p, _, dynamics = contact_problem(
-        cube(comm, "hexahedron", 1, size=0.1), "Q1", [Contact("plate", push)],
+        cube(comm, "hexahedron", 1, size=0.1), "Q1", [RigidContact("plate", push)],
         E=1e5, density=1000.0, time={"integrator": "newmark", "duration": 0.1},
     )  # fmt: skip
     rows = list(march(p, dynamics, 100))
@@ -69,7 +69,7 @@ def test_a_press(comm, integrator, lost):
     E, nu, size, depth = 1e5, 0.3, 0.1, 0.02
     press = plane((0, 0, size), (0, 0, -1), translation((0, 0, -depth)))
     p, contact, dynamics = contact_problem(
-        cube(comm, "tetrahedron", 2, size=size), "P1", [Contact("press", press)],
+        cube(comm, "tetrahedron", 2, size=size), "P1", [RigidContact("press", press)],
         E=E, nu=nu, density=1000.0, hold=ROLLERS,
         time={"integrator": integrator, "duration": 0.2, "damping": (0.0, 1e-3)},
     )  # fmt: skip
@@ -102,7 +102,7 @@ def test_a_press(comm, integrator, lost):
 def test_a_sliding_block_dissipates(comm, integrator):
     """Friction dissipates mu m g times the distance."""
     p, _, dynamics = contact_problem(
-        cube(comm, "hexahedron", 1, size=0.1), "Q1", [Contact("ground", plane(), 0.3)],
+        cube(comm, "hexahedron", 1, size=0.1), "Q1", [RigidContact("ground", plane(), 0.3)],
         E=1e6, density=1000.0, gravity=(0, 0, -G), amplitude=constant,
         time={"integrator": integrator, "duration": 0.1},
     )  # fmt: skip
@@ -117,7 +117,7 @@ def test_a_belt_drags_a_block(comm):
     """It slides backwards on the belt: work m g mu s, of which the relative path is dissipated."""
     belt = plane(motion=accelerated((0.1, 0, 0)))  # 20 m/s^2
     p, _, dynamics = contact_problem(
-        cube(comm, "hexahedron", 1, size=0.1), "Q1", [Contact("belt", belt, 0.5)],
+        cube(comm, "hexahedron", 1, size=0.1), "Q1", [RigidContact("belt", belt, 0.5)],
         E=1e6, density=1000.0, gravity=(0, 0, -G), amplitude=constant,
         time={"integrator": "backward_euler", "duration": 0.1},
     )  # fmt: skip

@@ -54,7 +54,9 @@ def blocks(
         material("stable_neo_hookean", two_bodies.E, two_bodies.NU),
         hold=[Hold("bottom")],
         move=[Condition("top", lambda X, load: 0 * X - [0, 0, press * load])],
-        loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body, regions, k)],
+        loads=lambda body, u, regions, _: [
+            ReferenceContact(u.function_space, body.skin, regions, k)
+        ],
     )
     snes = solver.create(p)
     snes.getPythonContext().options["snes_scaled_tol"] = 1e-8
@@ -314,7 +316,6 @@ def test_a_block_falls_on_another() -> None:
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({}, "self_contact: missing key 'method': expected one of"),
         ({"method": "refrence"}, "self_contact.method = 'refrence': expected one of .*reference"),
         ({"method": "reference", "stiffness": 0}, "self_contact.stiffness = 0: expected a number"),
         (

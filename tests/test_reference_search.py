@@ -61,7 +61,7 @@ def test_closest_points_are_those_of_all_triangles(comm):
     """Against a search of all triangles; inside and outside of a bent cube."""
     body = cube(comm, "tetrahedron", 4, bend=0.1)
     V = _dolfinx.function_space(body.domain, 1, (3,))
-    surface = embedded_surface(V, body)
+    surface = embedded_surface(V, body.skin)
     triangles = surface.triangles
     search = ReferenceSurface(surface.points, triangles, np.zeros(len(triangles), int))
     p = np.random.default_rng(2).random((150, 3)) * 1.4 - 0.2
@@ -82,7 +82,7 @@ def test_faces_that_are_opposed_are_preferred(comm):
     """A point near an edge of a cube has the face that it has passed through as its target."""
     body = cube(comm, "hexahedron", 2)
     V = _dolfinx.function_space(body.domain, 1, (3,))
-    surface = embedded_surface(V, body)
+    surface = embedded_surface(V, body.skin)
     a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
     outward = np.cross(b - a, c - a)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -97,7 +97,7 @@ def test_faces_that_are_opposed_are_preferred(comm):
 def surface_of(comm, source, **parameters):
     """Return the points, triangles and outward normals of a mesh's surface."""
     body = mesh.generate(comm, source, "hexahedron", **parameters)
-    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body)
+    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
     return surface.points, surface.triangles, triangle_normals(surface.points, surface.triangles)
 
 
@@ -140,7 +140,7 @@ def test_neighbours_and_bodies(comm, cell, degree):
     """Cells share a vertex with the triangles of their own facets; two blocks are two bodies."""
     body = mesh.generate(comm, "two_blocks", cell, cells=3, gap=0.5)
     V = _dolfinx.function_space(body.domain, degree, (3,))
-    surface = embedded_surface(V, body)
+    surface = embedded_surface(V, body.skin)
     near = Neighbourhood(V, surface)
     assert near.triangles.shape[1] == (3 if cell == "tetrahedron" else 4 if degree == 2 else 3)
     X, nodes = V.tabulate_dof_coordinates(), _dolfinx.node_dofs(V)

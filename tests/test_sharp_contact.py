@@ -56,7 +56,7 @@ def press(kind: str, comm: MPI.Comm, element: str, steps: int = 3, depth: float 
         material("stable_neo_hookean", 1.0, 0.3),
         hold=[Hold("bottom")],
         move=[Condition("top", lambda X, load: 0 * X - [0, 0, depth * load])],
-        loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body, regions)],
+        loads=lambda body, u, regions, _: [ReferenceContact(u.function_space, body.skin, regions)],
     )
     snes = solver.create(p)
     snes.getPythonContext().options["snes_scaled_tol"] = 1e-9
@@ -126,7 +126,7 @@ def test_an_edge_stops_at_an_edge(element: str) -> None:
 def samples_of(source: str, cell: str, degree: int = 1, **parameters: float) -> Any:
     body = mesh.generate(MPI.COMM_SELF, source, cell, **parameters)
     V = _dolfinx.function_space(body.domain, degree, (3,))
-    surface = embedded_surface(V, body)
+    surface = embedded_surface(V, body.skin)
     sizes = smallest_at_points(V, surface, cell_sizes(V))
     return surface, SurfaceSamples(surface, sizes)
 
@@ -136,7 +136,7 @@ def test_samples_are_at_corners_and_integrate(cell: str, degree: int) -> None:
     """Every vertex is a sample, once; the unit cube's area is 6, its moments those of its faces."""
     body = cube(MPI.COMM_SELF, cell, 2)
     V = _dolfinx.function_space(body.domain, degree, (3,))
-    surface = embedded_surface(V, body)
+    surface = embedded_surface(V, body.skin)
     samples = SurfaceSamples(surface, smallest_at_points(V, surface, cell_sizes(V)))
     points = samples.at(surface.points)
     assert len(np.unique(np.round(points, 9), axis=0)) == len(points)
@@ -163,7 +163,7 @@ def test_a_face_acts_with_its_area(cells: int) -> None:
 def crossing_wedges(depth: float, turn: float = np.pi / 4) -> Any:
     """Return the crossings of two unit cubes with edges across each other, one of them on top."""
     body = cube(MPI.COMM_SELF, "hexahedron", 1)
-    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body)
+    surface = embedded_surface(_dolfinx.function_space(body.domain, 1, (3,)), body.skin)
     points, triangles = surface.points - 0.5, surface.triangles
     lower = Rotation.from_rotvec([0, turn, 0]).apply(points)
     upper = Rotation.from_rotvec([turn, 0, 0]).apply(points)

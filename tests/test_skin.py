@@ -83,7 +83,7 @@ def test_the_skin_moves_with_its_cells(name, shape):
     """A field that the element represents is interpolated exactly, on any number of ranks."""
     body = lattice.create(COMM, lambda: shape, CELL)
     p = create_problem(body, ELEMENTS[name], material("stable_neo_hookean", 1.0, 0.3))
-    surface = embedded_surface(p.V, body)
+    surface = embedded_surface(p.V, body.skin)
     A = np.random.default_rng(3).normal(size=(3, 3))
 
     def field(x):

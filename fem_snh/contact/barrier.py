@@ -22,7 +22,7 @@ from fem_snh.contact.embedded_surface import (
     embedded_surface,
 )
 from fem_snh.errors import NotSettled, choose
-from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.skin import Skin
 from fem_snh.terms.settling import LaggedChange
 
 Array = npt.NDArray[Any]
@@ -43,8 +43,8 @@ class IPC:
     ----------
     V : dolfinx function space
         The displacement's space.
-    mesh : Mesh
-        Its mesh, whose boundary or skin is the surface.
+    skin : Skin or None
+        The surface, if a lattice carries it; None for the boundary of the mesh.
     regions : sequence of Region
         The materials, which the default stiffness depends on.
     stiffness : float, optional
@@ -75,18 +75,18 @@ class IPC:
     def __init__(
         self,
         V: Any,
-        mesh: Mesh,
+        skin: Skin | None,
         regions: Sequence[Region],
         stiffness: float | None = None,
         distance: float | None = None,
         friction: float = 0.0,
     ) -> None:
-        self.surface: EmbeddedSurface = embedded_surface(V, mesh)
+        self.surface: EmbeddedSurface = embedded_surface(V, skin)
         points = self.surface.points
         surface = CollisionSurface(points, self.surface.triangles)
         self.collision_surface, self._rank = surface, V.mesh.comm.rank
         surface.check(points, "in the mesh")
-        modulus = reference_modulus(mesh.domain, regions)
+        modulus = reference_modulus(V.mesh, regions)
         self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
         self.distance = surface.default_distance(points) if distance is None else distance
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)

@@ -16,7 +16,6 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.gathered_surface import GatheredNodes, GatheredSurface
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.skin import Skin
 
 Array = npt.NDArray[Any]
@@ -61,12 +60,12 @@ class EmbeddedSurface:
         self.columns = np.searchsorted(self.support.nodes, nodes)
 
     @classmethod
-    def boundary(cls, V: Any, mesh: Mesh | None = None) -> EmbeddedSurface:
+    def boundary(cls, V: Any) -> EmbeddedSurface:
         """Return the triangles of the facets on the boundary of V's mesh. Collective.
 
         The points are the nodes on the boundary: a facet of degree 2 gives four times as many
         triangles as one of degree 1, a quadrilateral twice as many as a triangle. The order of
-        points and triangles does not depend on the number of ranks. ``mesh`` is not used.
+        points and triangles does not depend on the number of ranks.
         """
         kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
@@ -126,7 +125,7 @@ class EmbeddedSurface:
         return found
 
 
-def embedded_surface(V: Any, mesh: Mesh) -> EmbeddedSurface:
+def embedded_surface(V: Any, skin: Skin | None = None) -> EmbeddedSurface:
     """Return the surface on which a body touches itself. Collective.
 
     It is the skin that a lattice carries, or the boundary of the mesh.
@@ -135,12 +134,10 @@ def embedded_surface(V: Any, mesh: Mesh) -> EmbeddedSurface:
     ----------
     V : dolfinx function space
         The displacement's space.
-    mesh : Mesh
-        Its mesh.
+    skin : Skin, optional
+        The skin. Default: the boundary.
     """
-    if mesh.skin is not None:
-        return EmbeddedSurface.of_skin(V, mesh.skin)
-    return EmbeddedSurface.boundary(V, mesh)
+    return EmbeddedSurface.boundary(V) if skin is None else EmbeddedSurface.of_skin(V, skin)
 
 
 def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:

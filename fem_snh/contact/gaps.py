@@ -46,7 +46,7 @@ _MAX_IT = 20
 _OUTSIDE = 1.0
 
 
-class Closest(NamedTuple):
+class FacetsInReach(NamedTuple):
     """The closest facets of some points.
 
     Attributes
@@ -92,7 +92,7 @@ class ClosestFacets:
         nodes = np.isin(self._corners, self._corners[rim])
         self._on_rim = np.column_stack([rim, nodes])
 
-    def find(self, x: Array, points: Array, normals: Array, reach: float) -> Closest:
+    def find(self, x: Array, points: Array, normals: Array, reach: float) -> FacetsInReach:
         """Return the facets that points of another surface may touch.
 
         It is the closest facet within reach whose outward normal is opposed to the point's. There
@@ -146,11 +146,11 @@ class ClosestFacets:
         low, high = tree.low - tree.radius - reach, tree.high + tree.radius + reach
         close = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
         tree.search(points, normals, normal, close, _EXAMINED, receive)
-        return Closest(facet, start)
+        return FacetsInReach(facet, start)
 
 
 class Gaps(NamedTuple):
-    r"""Closest points, gaps and what their derivatives are made of, of n points.
+    r"""FacetsInReach points, gaps and what their derivatives are made of, of n points.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ _TANGENTIAL = 1.0
 _SETTLED = 1e-3
 
 
-class Contact(NamedTuple):
+class RigidContact(NamedTuple):
     """An obstacle, and how the body touches it.
 
     Attributes
@@ -88,7 +88,7 @@ class ObstacleContact:
         The displacement's space.
     regions : sequence of Region
         The materials, which the default stiffness depends on.
-    contacts : sequence of Contact
+    contacts : sequence of RigidContact
         The obstacles.
 
     Attributes
@@ -101,7 +101,7 @@ class ObstacleContact:
 
     name, has_energy = "obstacle", True
 
-    def __init__(self, V: Any, regions: Sequence[Region], contacts: Sequence[Contact]) -> None:
+    def __init__(self, V: Any, regions: Sequence[Region], contacts: Sequence[RigidContact]) -> None:
         self.comm, self.contacts = V.mesh.comm, list(contacts)
         tetrahedra = _dolfinx.cell_name(V.mesh) == "tetrahedron"
         self.surface = surface = SurfaceQuadrature(V, degree=_DEGREE[tetrahedra])

@@ -25,7 +25,6 @@ from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
-from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import bad_value, check_whole, unknown_name
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
@@ -181,11 +180,8 @@ def create_dolfinx_problem(
     conditions = DolfinxConditions(V, bcs, on_load, chosen_kinematics)
     moving = motion(u, regions, conditions) if motion else None
     facets = partial(measure_facets, V.mesh)
-    contacts = [term for term in terms if isinstance(term, SelfContact)]
-    if len(contacts) > 1:
-        raise bad_value("terms", f"{len(contacts)} of SelfContact", "at most one")
     for number, term in enumerate(terms):
-        if chosen_kinematics.dim == 2 and isinstance(term, Feature | SelfContact):
+        if chosen_kinematics.dim == 2 and isinstance(term, Feature):
             accepted = "a UFL form, on a mesh of 2 dimensions"
             raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
     body = Body(u, regions, conditions, facets, Amplitudes((), duration), moving)

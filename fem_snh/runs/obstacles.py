@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.regions import Region
-from fem_snh.contact.obstacle_contact import Contact, ObstacleContact
+from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
 from fem_snh.errors import on_every
 from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.scenes import Scene, obstacle_names, read_obstacles
 from fem_snh.terms.body import group_facets
 
 
-def obstacle_contact(
-    scene: Scene, mesh: Mesh, V: Any, regions: Sequence[Region]
-) -> ObstacleContact:
+def obstacle_terms(
+    scene: Scene, mesh: Mesh, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+) -> list[ObstacleContact]:
     """Return the term of the scene's obstacles. Collective.
 
     Raises
@@ -30,7 +31,7 @@ def obstacle_contact(
         key = choice.group
         facets = None if key is None else group_facets(mesh, "obstacle.group", key)
         contacts.append(
-            Contact(
+            RigidContact(
                 name,
                 obstacle,
                 choice.friction,
@@ -41,7 +42,7 @@ def obstacle_contact(
                 scene.time is None,
             )
         )
-    term = ObstacleContact(V, regions, contacts)
+    term = ObstacleContact(u.function_space, regions, contacts)
     for pair in term.pairs:
         pair.linearised = scene.time is not None and scene.time.integrator == "semi_implicit"
-    return term
+    return [term]

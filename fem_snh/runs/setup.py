@@ -24,7 +24,6 @@ from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.contacts import contact_terms
 from fem_snh.runs.result import Result
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
@@ -182,6 +181,11 @@ def make_problem(
 
         return scene_bones(scene, V, mesh)
 
+    def touch(*arguments: Any) -> list[Any]:
+        from fem_snh.runs.obstacles import obstacle_terms
+
+        return obstacle_terms(scene, *arguments)
+
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
@@ -199,7 +203,7 @@ def make_problem(
         features=scene.features,
         amplitudes=scene.amplitudes,
         motion=partial(create_dynamics, scene.time) if scene.time else None,
-        loads=partial(contact_terms, scene),
+        loads=touch if scene.obstacle else None,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,

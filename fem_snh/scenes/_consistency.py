@@ -12,11 +12,9 @@ from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
 from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
-from fem_snh.scenes._contact import check_pairs
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._obstacles import names as obstacle_names
 from fem_snh.scenes._outputs import Geometry
-from fem_snh.scenes._self_contact import check_self_contact
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
 from fem_snh.terms.feature import feature_classes, grouped
@@ -46,8 +44,6 @@ def check_consistency(scene: Scene) -> None:
     if scene.predictor == "bones" and (scene.time or not scene.bone):
         why = "[time]" if scene.time else "no [[bone]]"
         raise bad_value("predictor", "bones", f"another one, as the scene has {why}")
-    check_pairs(scene.contact)
-    check_self_contact(scene)
     if scene.static_condensation is False and (why := why_condensed(scene)):
         raise bad_value("static_condensation", "false", f"true, as {why}")
     _check_fields(scene)
@@ -76,10 +72,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
                 yield f"{table}.{number}.group", entry.group
     for kind, features in grouped(scene.features):
         for number, feature in enumerate(features):
-            yield from ((f"{kind.key}.{number}.{key}", g) for key, g in feature.groups.items())
-    for number, contact in enumerate(scene.contact):
-        for group in contact.groups:
-            yield f"contact.{number}.groups", group
+            yield from ((f"{kind.key}.{number}.{key}", g) for key, g in feature.named_groups)
     for key in ("reactions", "volumes"):
         for group in getattr(scene, key):
             yield key, group
@@ -95,7 +88,7 @@ def why_condensed(scene: Scene) -> str:
         names = " and ".join(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
     # Terms with a state of their own, or with a matrix that is not assembled, would need two.
-    for key in ("time", "obstacle", "contact", "self_contact", "nu_continuation"):
+    for key in ("time", "obstacle", "nu_continuation"):
         if getattr(scene, key):
             return f"the scene has '{key}'"
     for feature in scene.features:

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions import Obstacle, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import ClosedSurface
-from fem_snh.scenes._contact_method import ContactTable
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
 from fem_snh.tables.shapes import ShapeChoice

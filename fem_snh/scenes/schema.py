@@ -17,12 +17,13 @@ from fem_snh.choices import (
     HESSIANS,
     PREDICTORS,
 )
+from fem_snh.contact.contact import Contact
+from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
 from fem_snh.scenes._accuracy import Accuracy
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
-from fem_snh.scenes._contact import Contact
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
@@ -36,7 +37,6 @@ from fem_snh.scenes._outputs import (
     Probe,
     Probes,
 )
-from fem_snh.scenes._self_contact import SelfContact
 from fem_snh.scenes._time import Damping, Time
 from fem_snh.tables.amplitudes import Amplitude, Amplitudes
 from fem_snh.tables.motions import Rotate, ScaledMotion

@@ -91,6 +91,13 @@ Surface = Annotated[
         "measure ds(...)"
     ),
 ]
+
+
+def surface_name(surface: Any) -> str:
+    """Return the name of a physical group, or of a measure, in results and messages."""
+    return f"ds({surface.subdomain_id()})" if hasattr(surface, "subdomain_id") else str(surface)
+
+
 Groups = Annotated[
     list[GroupKey],
     Expect("a list of names or numbers of physical groups"),

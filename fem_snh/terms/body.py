@@ -18,6 +18,7 @@ from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import Mesh, volume
 from fem_snh.mesh.skin import Skin
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
+from fem_snh.tables.types import surface_name
 
 if TYPE_CHECKING:
     from fem_snh.assembly.nodal_mass import NodalMass
@@ -161,8 +162,3 @@ def measure_facets(domain: Any, key: str, measure: Any) -> Array:
     if domain.comm.allreduce(len(facets)) == 0:
         raise bad_value(key, shown, "a measure of facets of the boundary; none has this tag")
     return facets
-
-
-def surface_name(surface: Any) -> str:
-    """Return the name of a physical group, or of a measure, in results and messages."""
-    return f"ds({surface.subdomain_id()})" if hasattr(surface, "subdomain_id") else str(surface)

@@ -13,7 +13,8 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero
 from fem_snh.errors import bad_value
-from fem_snh.terms.body import Body, surface_name
+from fem_snh.tables.types import surface_name
+from fem_snh.terms.body import Body
 from fem_snh.terms.swept_volume import SweptVolume, enclosed_volume, fit_points
 from fem_snh.terms.ufl_term import UFLTerm
 

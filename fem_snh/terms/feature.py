@@ -37,10 +37,10 @@ class Feature(Table):
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 
     @property
-    def groups(self) -> Mapping[str, Any]:
-        """The physical groups that it names, by key."""
+    def named_groups(self) -> Sequence[tuple[str, Any]]:
+        """The keys that name physical groups, and the groups."""
         group = getattr(self, "group", None)
-        return {} if group is None else {"group": group}
+        return [] if group is None else [("group", group)]
 
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:

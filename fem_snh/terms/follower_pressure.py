@@ -11,7 +11,8 @@ import numpy as np
 
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.errors import BadInput
-from fem_snh.terms.body import Body, surface_name
+from fem_snh.tables.types import surface_name
+from fem_snh.terms.body import Body
 from fem_snh.terms.swept_volume import SweptVolume, fit_points
 from fem_snh.terms.ufl_term import UFLTerm
 from fem_snh.terms.ufl_terms import UFLTerms

@@ -18,7 +18,7 @@ from fem_snh.contact.embedded_surface import SurfaceMatrix, embedded_surface
 from fem_snh.contact.reference.pairs import ContactPairs
 from fem_snh.contact.reference.target_search import TargetSearch
 from fem_snh.errors import choose
-from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.skin import Skin
 from fem_snh.terms.settling import LaggedChange, relative
 
 Array = npt.NDArray[Any]
@@ -46,8 +46,8 @@ class ReferenceContact:
     ----------
     V : dolfinx function space
         The displacement's space.
-    mesh : Mesh
-        Its mesh.
+    skin : Skin or None
+        The surface, if a lattice carries it; None for the boundary of the mesh.
     regions : sequence of Region
         The materials, which the default stiffness depends on.
     stiffness : float, optional
@@ -66,13 +66,12 @@ class ReferenceContact:
     def __init__(
         self,
         V: Any,
-        mesh: Mesh,
+        skin: Skin | None,
         regions: Sequence[Region],
         stiffness: float | None = None,
     ) -> None:
-        self.surface = embedded_surface(V, mesh)
-        is_lattice = getattr(mesh, "skin", None) is not None
-        self._search = TargetSearch(V, self.surface, regions, stiffness, is_lattice)
+        self.surface = embedded_surface(V, skin)
+        self._search = TargetSearch(V, self.surface, regions, stiffness, skin is not None)
         self._matrix = SurfaceMatrix(self.surface)
         self.pairs, self._searches = ContactPairs.none(), 0
         self._penetration, self._coupled, self._stale = 0.0, False, True

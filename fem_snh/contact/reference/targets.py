@@ -47,7 +47,7 @@ def turned(found: Candidates, sizes: Array) -> Array:
     return np.asarray(preferred + _BESIDE * sizes[:, None] * beside)
 
 
-class Closest(NamedTuple):
+class ReferenceTargets(NamedTuple):
     """The closest points of a surface to n given points.
 
     Attributes
@@ -92,7 +92,7 @@ class ReferenceSurface:
 
     def closest(
         self, X: Array, bodies: Array, normals: Array, sizes: Array, outward: Array
-    ) -> Closest:
+    ) -> ReferenceTargets:
         """Return the closest points to reference positions, of faces that are opposed to them.
 
         Parameters
@@ -127,7 +127,7 @@ class ReferenceSurface:
         normal = self._normals.at(self._points, nearest[known], nearest_place[known])
         inside = np.einsum("ni,ni->n", arms[known], normal) <= 0
         depth[known] = np.linalg.norm(arms[known], axis=1) * np.where(inside, 1, -1)
-        return Closest(target, place, nearest, depth)
+        return ReferenceTargets(target, place, nearest, depth)
 
 
 class CloserTargets:

@@ -1,0 +1,117 @@
+"""Contact between the surfaces of bodies, and the keys that all tables of contact have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from fem_snh.choices import CONTACT_METHODS
+from fem_snh.errors import bad_value, choose
+from fem_snh.tables.types import Positive, Surface, surface_name
+from fem_snh.tables.validation import Expect, Table
+from fem_snh.terms.feature import Feature
+
+if TYPE_CHECKING:
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.term import Term
+
+Method = Annotated[
+    str,
+    Expect(f"one of {', '.join(CONTACT_METHODS)}"),
+    AfterValidator(lambda word: choose("method", word, CONTACT_METHODS)),
+]
+
+
+class ContactTable(Table):
+    """A table of contact: a penalty or an augmented Lagrangian."""
+
+    method: Method = Field(
+        default=CONTACT_METHODS[0],
+        description="A penalty, which leaves a penetration, or an augmented Lagrangian, which "
+        "reduces it below a tolerance.",
+    )
+    stiffness: Positive | None = Field(
+        default=None,
+        description="Contact pressure over penetration [Pa/m]; default: from the moduli and the "
+        "size of the cells at the surface; of two surfaces, of the softer one.",
+    )
+    tolerance: Positive | None = Field(
+        default=None,
+        description="Largest penetration with the augmented Lagrangian, relative to V^(1/3), V "
+        "the reference volume; default: a thousandth of the size of the cells at the surface.",
+    )
+
+    @model_validator(mode="after")
+    def _check_tolerance(self) -> Self:
+        if self.tolerance is not None and not self.augmented:
+            raise bad_value("tolerance", self.tolerance, "no value, as the method is penalty")
+        return self
+
+    @property
+    def augmented(self) -> bool:
+        """Whether the method is the augmented Lagrangian."""
+        return self.method == "augmented_lagrangian"
+
+    def absolute_tolerance(self, volume: float) -> float | None:
+        """Return the tolerance [m] of a body of some volume [m^3]; None for the default."""
+        return None if self.tolerance is None else self.tolerance * volume ** (1 / 3)
+
+
+Pair = Annotated[
+    tuple[Surface, Surface],
+    Expect("two physical groups of surfaces, by name or number; in a program measures ds(...)"),
+]
+
+
+class Contact(Feature, ContactTable):
+    """Contact without friction between two surfaces, as of two bodies of one mesh."""
+
+    key = "contact"
+    groups: Pair = Field(
+        description="Two surfaces without a common node, physical groups or in a program measures "
+        "ds(...); their order does not matter."
+    )
+
+    @field_validator("groups")
+    @classmethod
+    def _check_groups(cls, groups: tuple[Any, Any]) -> tuple[Any, Any]:
+        if surface_name(groups[0]) == surface_name(groups[1]):
+            raise bad_value("groups", list(groups), "two different groups")
+        return groups
+
+    @property
+    def name(self) -> str:
+        """The pair's name in run.json."""
+        return "/".join(map(surface_name, self.groups))
+
+    @property
+    def named_groups(self) -> Sequence[tuple[str, Any]]:
+        """The keys that name physical groups, and the groups."""
+        return [("groups", group) for group in self.groups]
+
+    @classmethod
+    def check(cls, features: Sequence[Self], scene: Any) -> None:
+        """Raise BadInput if two tables have the same groups."""
+        taken = set[frozenset[str]]()
+        for contact in features:
+            groups = frozenset(map(surface_name, contact.groups))
+            if groups in taken:
+                raise bad_value("contact.groups", list(contact.groups), "one table for each pair")
+            taken.add(groups)
+
+    @classmethod
+    def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
+        """Return one term of all pairs. Collective."""
+        from fem_snh.contact.body_contact import BodyContact  # imports PETSc
+        from fem_snh.contact.surface_pair import BodyPair
+
+        cls.check(features, None)
+        pairs = []
+        for contact in features:
+            first, second = (body.facets("contact.groups", group) for group in contact.groups)
+            tolerance = contact.absolute_tolerance(body.volume)
+            method = contact.stiffness, contact.augmented, tolerance, body.motion is None
+            pairs.append(BodyPair(contact.name, first, second, *method))
+        return [BodyContact(body.V, body.regions, pairs)]
