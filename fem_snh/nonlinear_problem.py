@@ -170,6 +170,8 @@ class NonlinearProblem:
         }
         self._predictor = predictor
         self.b = self.solver.getFunction()[0]
+        texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
+        self._load_notes = [Note("load", text) for text in texts]
         self.notes: list[Note] = []
         self._warned: set[str] = set()
         self._pressure = self._problem.saddle_point
@@ -285,7 +287,7 @@ class NonlinearProblem:
     def _examine(self, converged: bool, notes: Sequence[Note] = ()) -> None:
         """Set the notes on a state; warn of new kinds on rank 0. Collective."""
         found = [inversion_note(self._problem), locking_note(self._problem)] if converged else []
-        self.notes = [*notes, *(note for note in found if note)]
+        self.notes = [*self._load_notes, *notes, *(note for note in found if note)]
         for note in self.notes:
             if note.kind not in self._warned and self._problem.comm.rank == 0:
                 warnings.warn(note.text, ResultNote, stacklevel=3)

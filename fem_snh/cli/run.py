@@ -10,7 +10,8 @@ from typing import Any
 
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, output, split_petsc, value
-from fem_snh.errors import BadInput, on_root
+from fem_snh.errors import BadInput, on_every, on_root
+from fem_snh.references import is_reference
 
 #: Width of the list of keys in the help.
 _WIDTH = 98
@@ -91,7 +92,9 @@ def run(argv: list[str]) -> int:
     overrides, note = on_root(comm, partial(_by_accuracy, args, overrides))
     if petsc:
         overrides["petsc"] = petsc
-    scene = on_root(comm, partial(scenes.load, args.scene, **overrides))
+    # Functions in a scene of a Python file cannot be sent to the other ranks.
+    everywhere = on_every if is_reference(args.scene) else on_root
+    scene = everywhere(comm, partial(scenes.load, args.scene, **overrides))
     check()
     from fem_snh.runs import run as solve
 
