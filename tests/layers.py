@@ -88,7 +88,7 @@ THIRD_PARTY = {
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
     "pydantic": {"tables", "terms", "contact.contact", "contact.self_contact", "scenes"},
-    "slepc4py": {"problem.modes", "problem.eigenproblem"},
+    "slepc4py": {"problem.modes"},
     "ipctk": {"contact.collisions"},
 }
 #: Third-party packages that these parts may not import: they work without MPI and PETSc.

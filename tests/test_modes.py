@@ -15,7 +15,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.mesh.mesh import generate
-from fem_snh.problem import eigenproblem, modes
+from fem_snh.problem import modes
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.terms.mass import mass_matrix
 
@@ -52,7 +52,7 @@ def test_against_a_dense_solver(comm, element, strained):
     expected = hertz(eigh((K + K.T) / 2, M, eigvals_only=True)[:8])
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
     assert max(found.residuals) <= 1e-9
-    pencil = eigenproblem.Eigenproblem(p, 2.0, "")
+    pencil = modes.Eigenproblem(p, 2.0, "")
     ordered = eigh((K + K.T) / 2, M, eigvals_only=True)
     for k in (0, 3, len(ordered) - 1):
         bound = ordered[k] - 1e-3 * abs(ordered[k])
@@ -76,13 +76,13 @@ def test_mass_is_that_of_the_body_and_consistent(element):
 
 def test_an_eigenpair_with_a_large_residual_is_refused(monkeypatch):
     """SLEPc reports convergence; the values are a hundredth off, as with inaccurate factors."""
-    lowest = eigenproblem.Eigenproblem.lowest
+    lowest = modes.Eigenproblem.lowest
 
     def inaccurate(self, count):
         values, vectors = lowest(self, count)
         return 1.01 * values, vectors
 
-    monkeypatch.setattr(eigenproblem.Eigenproblem, "lowest", inaccurate)
+    monkeypatch.setattr(modes.Eigenproblem, "lowest", inaccurate)
     p = problem(cube(MPI.COMM_SELF, "hexahedron", 3), "Q1", hold=[Hold("left")])
     with pytest.raises(BadInput, match=r"modes: an eigenpair has the relative residual \S+, more"):
         modes.lowest(p, 2.0, 3)
@@ -179,14 +179,14 @@ def gram_of(found, density):
 def test_a_copy_of_a_multiple_eigenvalue_that_is_missed_is_searched_for(comm, monkeypatch):
     p = problem(cube(comm, "hexahedron", 3), "Q1")
     expected = modes.lowest(p, 1.0, 9).frequencies
-    honest, calls = eigenproblem.Eigenproblem._solve, []
+    honest, calls = modes.Eigenproblem._solve, []
 
     def forgetful(self, shift, count, known):
         pairs = honest(self, shift, count, known)
         calls.append(len(known))
         return pairs[1:] if not known else pairs  # one of the six zeros, or whichever came first
 
-    monkeypatch.setattr(eigenproblem.Eigenproblem, "_solve", forgetful)
+    monkeypatch.setattr(modes.Eigenproblem, "_solve", forgetful)
     assert modes.lowest(p, 1.0, 9).frequencies == pytest.approx(expected, rel=1e-9, abs=1e-7)
     assert len(calls) > 1 and calls[0] == 0
 

@@ -5,6 +5,13 @@ They are the lowest solutions of
 .. math:: K \varphi = \omega^2 M \varphi
 
 over the free dofs, with the exact Hessian K of the energy and the consistent mass matrix M.
+
+The method is Krylov-Schur iteration on :math:`(K - s M)^{-1}` with a shift s below every
+eigenvalue, so that :math:`K - s M` is positive definite even if K is not (a free body, an unstable
+state). A Krylov method can miss copies of a multiple eigenvalue: the six zeros of a free body, the
+pairs of a symmetric one. By Sylvester's law of inertia, a factorisation of :math:`K - b M` counts
+the eigenvalues below b; if some were missed, a further solve searches the complement of the
+eigenvectors found.
 """
 
 from __future__ import annotations
@@ -20,9 +27,177 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fem_snh.assembly.regions import cell_constant, volume_mean
 from fem_snh.errors import BadInput
-from fem_snh.problem.eigenproblem import Eigenproblem
 from fem_snh.problem.problem import Problem
+from fem_snh.terms.mass import mass_matrix
+
+#: First shift, in units of E / (density length^2), the scale of the eigenvalues.
+_SHIFT = 1e-2
+#: Shift, in the same units, at which the search for a bound below all eigenvalues stops.
+_LOWEST_SHIFT = 1e20
+#: Relative distance of the bound below which eigenvalues are counted from the highest one found:
+#: above the error of converged eigenvalues, so that the count is not ambiguous.
+_GAP = 1e-5
+#: Relative tolerance of residuals, close to rounding: further solves deflate these eigenvectors.
+_TOLERANCE = 1e-12
+#: Restarts after which SLEPc gives up.
+_MAX_RESTARTS = 1000
+
+
+class Eigenproblem:
+    """Stiffness and mass matrix over the free dofs. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, in the state the eigenproblem is about.
+    density : float
+        Mass per reference volume [kg/m^3] of the regions that have none of their own.
+    prefix : str
+        Prefix of SLEPc's options.
+
+    Attributes
+    ----------
+    density : float
+        The body's mean mass per reference volume [kg/m^3].
+    """
+
+    def __init__(self, problem: Problem, density: float, prefix: str) -> None:
+        self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
+        domain, regions = problem.domain, problem.regions
+        densities = [density if r.density is None else r.density for r in regions]
+        self.density = volume_mean(domain, regions, densities)
+        same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
+        rho = densities[0] if same else cell_constant(domain, regions, densities)
+        self._scale = problem.modulus / (self.density * problem.length**2)
+        owned = problem.x.getLocalSize()
+        self._free = np.delete(np.arange(owned), problem.constrained_dofs)
+        first = problem.x.getOwnershipRange()[0]
+        rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), problem.comm)
+        problem.jacobian(problem.x, "exact")
+        self.K = problem.A.createSubMatrix(rows, rows)
+        self.M = mass_matrix(problem.V, rho).createSubMatrix(rows, rows)
+        for A in (self.K, self.M):
+            A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._size = int(self.K.getSize()[0])
+
+    def lowest(self, count: int) -> tuple[np.ndarray, list[PETSc.Vec]]:
+        """Return the ``count`` lowest eigenvalues [1/s^2] and eigenvectors with v . M v = 1.
+
+        Raises
+        ------
+        BadInput
+            If no shift is below all eigenvalues, or a solver fails.
+        """
+        shift = -_SHIFT * self._scale
+        while below := self._count_below(shift):
+            shift *= 10
+            if abs(shift) > _LOWEST_SHIFT * self._scale:
+                raise BadInput(f"modes: the state has {below} eigenvalues without bound")
+        found: list[tuple[float, PETSc.Vec]] = []
+        missing = count
+        while missing > 0 and len(found) < self._size:
+            found += self._solve(shift, min(missing, self._size - len(found)), found)
+            found.sort(key=lambda pair: pair[0])
+            # Complete if as many eigenvalues exist as were found below the highest one wanted.
+            bound = found[min(count, len(found)) - 1][0]
+            bound -= _GAP * (bound - shift)
+            missing = self._count_below(bound) - sum(value < bound for value, _ in found)
+            missing = max(missing, count - len(found))
+        return np.array([value for value, _ in found[:count]]), [v for _, v in found[:count]]
+
+    def _shifted(self, shift: float) -> PETSc.Mat:
+        """Return K - shift M."""
+        A = self.K.copy()
+        A.axpy(-shift, self.M)
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        return A
+
+    def _factor(self, ksp: PETSc.KSP, A: PETSc.Mat) -> PETSc.Mat:
+        """Make ``ksp`` solve with A by MUMPS' factors L D L^T, and return these."""
+        ksp.setOperators(A)
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        pc.setFactorSetUpSolverType()
+        factors = pc.getFactorMatrix()
+        factors.setMumpsIcntl(13, 1)  # root front on one rank, else its inertia is not counted
+        factors.setMumpsIcntl(24, 1)  # null pivot detection, which MatGetInertia requires
+        factors.setMumpsIcntl(14, 50)  # [%] memory beyond the estimate, for pivoting
+        pc.setUp()
+        if factors.getMumpsInfog(1) < 0:
+            raise BadInput(f"modes: MUMPS failed with INFOG(1) = {factors.getMumpsInfog(1)}")
+        return factors
+
+    def _count_below(self, bound: float) -> int:
+        """Return the number of eigenvalues below ``bound``."""
+        ksp = PETSc.KSP().create(self._comm)
+        return int(self._factor(ksp, self._shifted(bound)).getInertia()[0])
+
+    def _solve(
+        self, shift: float, count: int, known: list[tuple[float, PETSc.Vec]]
+    ) -> list[tuple[float, PETSc.Vec]]:
+        """Return ``count`` or more eigenpairs nearest to ``shift``, M-orthogonal to known ones."""
+        from slepc4py import SLEPc
+
+        eps = SLEPc.EPS().create(self._comm)
+        eps.setOptionsPrefix(self._prefix)
+        eps.setOperators(self.K, self.M)
+        eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+        eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
+        eps.setDimensions(count)
+        eps.setTolerances(_TOLERANCE, _MAX_RESTARTS)
+        eps.setTarget(shift)
+        eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        if known:
+            eps.setDeflationSpace([v for _, v in known])
+        st = eps.getST()
+        st.setType(SLEPc.ST.Type.SINVERT)
+        st.setShift(shift)
+        ksp = st.getKSP()
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+        ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        eps.setFromOptions()
+        eps.solve()
+        converged = eps.getConverged()
+        if converged < count:
+            raise BadInput(
+                f"modes: SLEPc found {converged} of {count} eigenvalues "
+                f"(reason {eps.getConvergedReason()}): try -{self._prefix}eps_max_it, -eps_ncv"
+            )
+        return [self._eigenpair(eps, i) for i in range(converged)]
+
+    def _eigenpair(self, eps: Any, i: int) -> tuple[float, PETSc.Vec]:
+        """Return the Rayleigh quotient and the eigenvector, v . M v = 1, of SLEPc's pair i."""
+        v, w = self.K.createVecs()
+        eps.getEigenvector(i, v)
+        self.M.mult(v, w)
+        v.scale(1 / np.sqrt(v.dot(w)))
+        self.K.mult(v, w)
+        return float(v.dot(w)), v
+
+    def residual(self, value: float, v: PETSc.Vec) -> float:
+        """Return the relative residual of an eigenpair that ``VibrationModes.residuals``
+        defines."""
+        r, w = self.K.createVecs()
+        self.K.mult(v, r)
+        self.M.mult(v, w)
+        size = (abs(value) + self._scale) * w.norm()
+        r.axpy(-value, w)
+        return float(r.norm() / size)
+
+    def shape(self, v: PETSc.Vec, factor: float) -> PETSc.Vec:
+        """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
+        x = self._x.duplicate()
+        x.set(0.0)
+        high, low = v.max()[1], v.min()[1]
+        sign = -1.0 if -low > high * (1 + 1e-6) else 1.0
+        x.array[self._free] = sign * factor * v.array_r
+        return x
+
 
 #: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,
 #: which are those of the pencil only as far as the factors are accurate.

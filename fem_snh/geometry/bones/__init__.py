@@ -2,10 +2,15 @@
 
 from fem_snh.geometry.bones.bone import Bone
 from fem_snh.geometry.bones.bvh import Clip, read_bvh
-from fem_snh.geometry.bones.motions import AffineMotion, AffineTable, FunctionMotion, RigidAffine
+from fem_snh.geometry.bones.motions import (
+    AffineMotion,
+    AffineTable,
+    FunctionMotion,
+    RigidAffine,
+    bone_motion,
+)
 from fem_snh.geometry.bones.noise import Noise
 from fem_snh.geometry.bones.skeleton import Placement, joint_motion
-from fem_snh.geometry.bones.table import bone_motion
 
 __all__ = [
     "AffineMotion",

@@ -1,4 +1,4 @@
-"""Affine motions of bones: the map x = A X + c at a load."""
+"""Affine motions of bones: the map x = A X + c at a load, from functions and CSV files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.geometry.motions.motion_rows import MotionRows
 from fem_snh.geometry.motions.moving import RigidMotion
+from fem_snh.geometry.motions.pose_table import pose_table
 from fem_snh.geometry.shapes.shape import Array
 
 #: The matrix of a bone that does not move.
@@ -131,3 +133,47 @@ def _least_determinant(A: Array, B: Array) -> float:
     turning = np.roots(np.polyder(cubic))
     inside = turning.real[(np.abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < 1)]
     return min(np.linalg.det((1 - s) * A + s * B) for s in (0.0, 1.0, *inside))
+
+
+def bone_motion(rows: MotionRows, name: str, duration: float | None, rigid: bool) -> AffineMotion:
+    """Return the motion of a bone.
+
+    Between two rows, 3x4 matrices are linear in each entry. If they are rigid, and in a file of
+    translations and rotation vectors, rotations are slerped and translations linear.
+
+    Parameters
+    ----------
+    rows : MotionRows
+        The rows of a file, of this bone and of others.
+    name : str
+        The bone.
+    duration : float or None
+        The length of the run [s], for a file with times.
+    rigid : bool
+        Whether the matrices are rotations and translations.
+
+    Raises
+    ------
+    BadInput
+        One line, for a file without rows of the bone, with rows that do not reach from the start to
+        the end, and for a matrix A whose determinant is not positive, at a row or between two; with
+        ``rigid``, for one that is no rotation.
+    """
+    rows = rows.of_bone(name)
+    if rigid or not rows.has_matrices:
+        return RigidAffine(pose_table(rows, duration))
+    table = AffineTable(rows.loads(duration), rows.matrices())
+    bad = table.first_singular()
+    if bad is not None:
+        determinant = np.linalg.det(table.matrices[bad, :, :3])
+        where = f"{rows.path}, line {rows.lines[bad]}: bone '{name}'"
+        if determinant > 0:
+            raise BadInput(
+                f"{where}: the entries a11 to a33 are linear from the row before, and their "
+                "determinant is not positive between the two: expected rows that are closer, or "
+                "rigid = true"
+            )
+        raise BadInput(
+            f"{where}: the determinant of a11 to a33 is {determinant:.3g}: expected one > 0"
+        )
+    return table

@@ -1,8 +1,7 @@
 """Rigid shapes with signed distances: what obstacles and bones are made of."""
 
-from fem_snh.geometry.shapes.box import Box
+from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
-from fem_snh.geometry.shapes.plane import Plane
 from fem_snh.geometry.shapes.records import from_record
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Evaluation, Shape

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fem_snh.geometry.shapes.box import Box
-from fem_snh.geometry.shapes.plane import Plane
+from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Shape
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union

@@ -16,8 +16,8 @@ from fem_snh.run_files import RunFiles
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
+    from fem_snh.runs.output.field_values import RequestedFields
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
-    from fem_snh.runs.output.requested_fields import RequestedFields
     from fem_snh.runs.output.skin_series import SkinSeries
     from fem_snh.steps.time_steps import TimeSteps
 
@@ -93,7 +93,7 @@ class Fields:
         self._requested: RequestedFields | None = None
         start = perf_counter()
         if names:
-            from fem_snh.runs.output.requested_fields import RequestedFields
+            from fem_snh.runs.output.field_values import RequestedFields
 
             self._requested = RequestedFields(
                 problem, names, at, motion.functions if motion else {}

@@ -48,8 +48,7 @@ class NodalField:
         owned = _dolfinx.num_nodes(V)[0]
         self._comm, self._size = comm, size
         self._owned = slice(first, first + size * owned)
-        self._counts = np.array(comm.allgather(owned))
-        self.nodes = self._gather(V.tabulate_dof_coordinates()[:owned])
+        self.nodes = gather_rows(comm, V.tabulate_dof_coordinates()[:owned])
 
     def gather(self, x: PETSc.Vec) -> Array:
         """Return the values of a vector. Collective.
@@ -59,7 +58,7 @@ class NodalField:
         (n, size) array
             On rank 0, in the order of `nodes`; (0, size) on the other ranks.
         """
-        return self._gather(x.array_r[self._owned].reshape(-1, self._size))
+        return gather_rows(self._comm, x.array_r[self._owned].reshape(-1, self._size))
 
     def scatter(self, values: Array | None, x: PETSc.Vec) -> None:
         """Set the entries of a vector. Collective.
@@ -71,24 +70,13 @@ class NodalField:
         x : PETSc.Vec
             The vector.
         """
-        owned = np.empty(self._owned.stop - self._owned.start)
-        counts = self._counts * self._size
-        sent = None if self._comm.rank else [np.ascontiguousarray(values), counts]
-        self._comm.Scatterv(sent, owned, root=0)
-        x.array[self._owned] = owned
-
-    def _gather(self, values: Array) -> Array:
-        """Return the rows of all ranks on rank 0, and no rows on the other ranks."""
-        return gather_rows(self._comm, values, self._counts)
+        shape = (self._owned.stop - self._owned.start) // self._size, self._size
+        x.array[self._owned] = scatter_rows(self._comm, values, shape).ravel()
 
 
-def gather_rows(comm: MPI.Comm, values: Array, counts: Array | None = None) -> Array:
-    """Return the rows (n, k) of all ranks on rank 0, and no rows on the other ranks. Collective.
-
-    ``counts`` are the numbers of rows of the ranks, if they are known.
-    """
-    if counts is None:
-        counts = np.array(comm.allgather(len(values)))
+def gather_rows(comm: MPI.Comm, values: Array) -> Array:
+    """Return the rows (n, k) of all ranks on rank 0, and no rows on the other ranks. Collective."""
+    counts = np.array(comm.allgather(len(values)))
     columns = values.shape[1]
     whole = np.empty((counts.sum() if comm.rank == 0 else 0, columns))
     received = None if comm.rank else [whole, counts * columns]

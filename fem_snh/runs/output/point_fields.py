@@ -61,7 +61,7 @@ class PointFieldLoops:
         Parameters
         ----------
         H : (cells, points, 3, 3)
-            Displacement gradients du_i/dX_j; as `fem_snh.runs.output.stress_loops` stores them, so
+            Displacement gradients du_i/dX_j; as `fem_snh.runs.output.stress_fields` stores them, so
             that they are not copied.
         P : (cells, points, 3, 3)
             First Piola-Kirchhoff stresses [Pa], stored in the same way.

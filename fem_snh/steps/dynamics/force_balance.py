@@ -1,4 +1,7 @@
-"""The balance of inertia, damping and all other forces of a problem at one state."""
+"""The balance of inertia, damping and all other forces of a problem at one state.
+
+The stiffness of damping turns with the cells: `cell_rotations` follows their spin in a step.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,6 @@ from fem_snh.problem.problem import Problem
 from fem_snh.steps.dynamics.damping import RayleighDamping
 from fem_snh.steps.dynamics.inertia import Inertia
 from fem_snh.steps.dynamics.integrators import Affine
-from fem_snh.steps.dynamics.spins import cell_rotations
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
@@ -150,3 +152,42 @@ class ForceBalance:
         writable_values(vector)[:] = local
         add_ghosts(vector)
         return np.array(vector.array_r)
+
+
+#: Added to the inertia of a cell's nodes, relative to its trace: that of a line about itself
+#: is zero. It is above rounding.
+_SMALLEST = 1e-14
+
+
+def cell_rotations(x: Array, v: Array, time: float) -> Array:
+    r"""Return the rotations of cells that keep their present spin for a time.
+
+    The spin :math:`\omega` of a cell is the angular velocity that is closest to the velocity of its
+    nodes in least squares,
+
+    .. math:: \sum_a \left(|r_a|^2 I - r_a r_a^T\right) \omega = \sum_a r_a \times v_a ,
+
+    with the nodes' positions r from their mean. The rotation is Cayley's map of
+    :math:`t \omega / 2`, by which the trapezoidal rule turns a rigid body.
+
+    Parameters
+    ----------
+    x, v : (cells, nodes, 3)
+        Positions [m] and velocities [m/s] of the nodes of each cell.
+    time : float
+        The time t [s].
+
+    Returns
+    -------
+    (cells, 3, 3)
+    """
+    r = x - x.mean(axis=1, keepdims=True)
+    squares = np.einsum("cai,caj->cij", r, r)
+    inertia = np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    w = np.linalg.solve(inertia * (1 + _SMALLEST) - squares, np.cross(r, v).sum(axis=1)[..., None])
+    half = time / 2 * w[..., 0]
+    skew = np.zeros((len(half), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[:, j, i], skew[:, i, j] = half[:, k], -half[:, k]
+    factor = 2 / (1 + (half**2).sum(axis=1))[:, None, None]
+    return np.asarray(np.eye(3) + factor * (skew + skew @ skew))
