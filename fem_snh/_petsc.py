@@ -25,8 +25,6 @@ int MatGetSize(void *A, int *rows, int *columns);
 int MatGetNonzeroState(void *A, long *state);
 int MatGetRowIJ(void *A, int shift, int symmetric, int compressed, int *n, int **indptr,
                 int **indices, int *done);
-int MatSetValues(void *A, int m, const int *rows, int n, const int *columns,
-                 const double *values, int mode);
 int MatLMVMAllocate(void *B, void *x, void *f);
 int MatLMVMReset(void *B, int destructive);
 int MatLMVMUpdate(void *B, void *x, void *f);

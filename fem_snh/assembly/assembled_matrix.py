@@ -9,7 +9,7 @@ addresses, without a search and without storing element matrices (as ``MatSetVal
 
 Contributions to rows of another rank are summed in an array apart and sent to its owner once per
 assembly (`fem_snh.assembly.sent_rows`). The blocks between nodes that share no cell, which change
-from step to step, are left to ``MatSetValues`` (`fem_snh.assembly.couplings`).
+from step to step, are left to PETSc (`fem_snh.assembly.couplings`).
 """
 
 from __future__ import annotations
