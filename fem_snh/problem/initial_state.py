@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -12,45 +12,16 @@ import numpy as np
 from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.problem.problem import Problem
 
+if TYPE_CHECKING:
+    from fem_snh.scenes import Start
+
 #: Nodes are identified by their coordinates rounded to this fraction of the body's size.
 _GRID = 1e-7
 #: Offset of the grid, in grid spacings: irrational, so that no node is where rounding is ambiguous.
 _SHIFT = np.sqrt(2) / 4
 
 
-class InitialState(Protocol):
-    """How the nodes are displaced initially: `fem_snh.scenes.Start` has the same attributes."""
-
-    @property
-    def scatter(self) -> float | None:
-        """Volume of the box of random positions, relative to the body's bounding box."""
-
-    @property
-    def map(self) -> Sequence[Sequence[float]] | None:
-        """A (3, 3) matrix applied to the reference coordinates."""
-
-    @property
-    def through(self) -> Sequence[float] | None:
-        """The fixed point [m] of the map; None for the centre of the bounding box."""
-
-    @property
-    def noise(self) -> float:
-        """Amplitude [m] of a random displacement of each component."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of the random numbers."""
-
-    @property
-    def velocity(self) -> Sequence[float] | None:
-        """A velocity [m/s]."""
-
-    @property
-    def angular_velocity(self) -> Sequence[float] | None:
-        """An angular velocity [rad/s] about the point ``through``."""
-
-
-def set_initial_state(problem: Problem, state: InitialState) -> None:
+def set_initial_state(problem: Problem, state: Start) -> None:
     """Set ``problem.x`` to an initial state. Collective.
 
     All nodes move, those in the middle of edges too. Constrained dofs have their values at the
@@ -72,9 +43,7 @@ def set_initial_state(problem: Problem, state: InitialState) -> None:
     problem.prescribe(problem.x)
 
 
-def initial_velocity(
-    problem: Problem, state: InitialState
-) -> Callable[[np.ndarray], np.ndarray] | None:
+def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], np.ndarray] | None:
     r"""Return the initial velocity [m/s] as a function of the reference coordinates of all nodes.
 
     .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.motions.motion_rows import MotionRows
-from fem_snh.geometry.motions.moving import RigidMotion
-from fem_snh.geometry.motions.pose_table import pose_table
+from fem_snh.geometry.motions.moving import RigidMotion, pose_table
 from fem_snh.geometry.shapes.shape import Array
 
 #: The matrix of a bone that does not move.

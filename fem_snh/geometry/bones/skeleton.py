@@ -10,7 +10,7 @@ from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bvh import AXES, Clip, Joint
 from fem_snh.geometry.bones.motions import RigidAffine
-from fem_snh.geometry.motions.pose_table import PoseTable
+from fem_snh.geometry.motions.moving import PoseTable
 from fem_snh.geometry.shapes.shape import Array
 
 #: How far a clip may miss the end of the run, in frames: files round the time of a frame.

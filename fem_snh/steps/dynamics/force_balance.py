@@ -19,9 +19,8 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.problem.problem import Problem
-from fem_snh.steps.dynamics.damping import RayleighDamping
-from fem_snh.steps.dynamics.inertia import Inertia
 from fem_snh.steps.dynamics.integrators import Affine
+from fem_snh.steps.dynamics.motion_terms import Inertia, RayleighDamping
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]

@@ -8,7 +8,8 @@ whose rates c and origins w follow from the states before the step. The balance 
 
 .. math:: k_1 M a + k_0 M a_0 + C v + f(u) + \kappa (f_0 + C v_0) = 0
 
-is then the gradient of an energy in u (`fem_snh.steps.dynamics.inertia`, docs/theory/dynamics.md).
+is then the gradient of an energy in u (`fem_snh.steps.dynamics.motion_terms`,
+docs/theory/dynamics.md).
 """
 
 from __future__ import annotations

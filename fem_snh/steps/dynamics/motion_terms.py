@@ -1,4 +1,4 @@
-r"""Rayleigh damping as an incremental potential of the displacement at a step's end."""
+"""Inertia and damping as incremental potentials of the displacement at a step's end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,73 @@ from fem_snh.steps.dynamics.integrators import Affine
 Array = npt.NDArray[Any]
 
 
-class RayleighDamping:
+class _MotionTerm:
+    """What terms of a motion have in common."""
+
+    has_energy = depends_on_load = True
+
+    def set_load(self, load: float) -> None:
+        """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
+
+
+class Inertia(_MotionTerm):
+    r"""The potential of the inertial forces, and of constant forces.
+
+    .. math:: E(u) = \frac{c}{2} (u - w) \cdot M (u - w) + g \cdot u
+
+    Its derivative is :math:`M a + g` with :math:`a = c (u - w)`. In a step, g are forces of the
+    step's start. Between steps the acceleration is that of the last state, and its forces are in g.
+
+    Parameters
+    ----------
+    mass : NodalMass
+        The mass matrix M.
+
+    Attributes
+    ----------
+    acceleration : Affine or None
+        a as a function of the displacement; None without a step.
+    constant : (3 owned nodes,) or None
+        The forces g [N].
+    """
+
+    name = "inertia"
+
+    def __init__(self, mass: NodalMass) -> None:
+        self._mass = mass
+        self.acceleration: Affine | None = None
+        self.constant: Array | None = None
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the potential [J]. Collective."""
+        energy = 0.0
+        if self.acceleration is not None:
+            a = self.acceleration(local_values(u))
+            energy += self._mass.dot(a, a) / (2 * self.acceleration.rate)
+        if self.constant is not None:
+            energy += u.comm.tompi4py().allreduce(float(self.constant @ u.array_r))
+        return energy
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to all entries of ``r_u``, ghosts included."""
+        values = writable_values(r_u)
+        if self.acceleration is not None:
+            values += self._mass.apply(self.acceleration(local_values(u)))
+        if self.constant is not None:
+            values[: len(self.constant)] += self.constant
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Add c M, and return 0: it is positive definite."""
+        if self.acceleration is not None:
+            self._mass.add_to(target, self.acceleration.rate)
+        return 0
+
+
+class RayleighDamping(_MotionTerm):
     r"""The potential of damping forces proportional to the velocity.
 
     .. math:: E(u) = \frac{1}{2 c} v \cdot C v, \qquad v = c (u - w), \qquad C = \alpha M + \beta K
@@ -42,7 +108,6 @@ class RayleighDamping:
     """
 
     name = "damping"
-    has_energy = depends_on_load = True
 
     def __init__(self, mass: NodalMass, factors: tuple[float, float]) -> None:
         self._mass, (self._alpha, self._beta) = mass, factors
@@ -105,9 +170,6 @@ class RayleighDamping:
             self._K.mat.mult(x, y)
             force[:owned] += self._beta * y.array_r[:owned]
         return force
-
-    def set_load(self, load: float) -> None:
-        """Do nothing: `Dynamics.begin_step` sets the formulas of a step."""
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the potential [J]. Collective."""
