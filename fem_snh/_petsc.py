@@ -130,6 +130,28 @@ def mumps_out_of_memory(pc: PETSc.PC) -> bool:
     return pc.getFactorMatrix().getMumpsInfog(1) in _MUMPS_OUT_OF_MEMORY
 
 
+#: ICNTL(13) of MUMPS: 1 keeps the root of the elimination tree on one rank, as ScaLAPACK, which
+#: shares it, counts no negative pivots (MUMPS user guide, sec. 5.3 and 8).
+ROOT_ON_ONE_RANK = 13
+
+
+def negative_pivots(pc: PETSc.PC) -> int | None:
+    """Return how many negative pivots the factors L D L^T of a PC have; None if that is unknown.
+
+    MatGetInertia wants MUMPS to look for zero pivots, too.
+    """
+    if pc.getType() != PETSc.PC.Type.CHOLESKY:
+        return None
+    if pc.getFactorSolverType() != PETSc.Mat.SolverType.MUMPS:
+        return None
+    factors = pc.getFactorMatrix()
+    if factors.getMumpsInfog(1) < 0:
+        return None
+    if pc.comm.size > 1 and factors.getMumpsIcntl(ROOT_ON_ONE_RANK) != 1:
+        return None
+    return int(factors.getMumpsInfog(12))
+
+
 def option_used(name: str) -> bool:
     """Return whether PETSc's options database was asked for ``name`` (without the dash)."""
     used = ffi.new("int *")

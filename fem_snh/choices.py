@@ -78,3 +78,6 @@ GLOBALIZATION_OF_NAMED_HESSIAN = "linesearch"
 #: of them need a half to a sixth of the Newton iterations that 40 need (measured:
 #: python -m benchmarks negative_curvature --lbfgs 40,640; docs/results/figures.md).
 DEFAULT_LBFGS_MAX_IT = {"linesearch": 0, "trust_region": 640}
+#: The largest number in a trust region with sparse factors, with which a Newton step costs as much
+#: as a few of them (measured: python -m benchmarks slender).
+FACTORS_LBFGS_MAX_IT = 150

@@ -154,7 +154,7 @@ class DynamicProblem(NonlinearProblem):
             raise bad_value("size", size, f"a step that double precision can add to {self.time:g}")
         with self._petsc_options():
             outcome = self._end(self._steps[PREDICTORS[self._predictor]].solve(to))
-            self._examine(outcome.converged)
+            self._examine(outcome.converged, None)
         self._write_solution()
         return outcome.converged
 

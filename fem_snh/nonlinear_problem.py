@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
-from fem_snh.accuracy.state_notes import inversion_note, locking_note
+from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
@@ -211,7 +211,7 @@ class NonlinearProblem:
         with self._petsc_options():
             step = self._steps[self._predictor]
             outcome = self._end(step.solve(1.0, predict=changed, restore=False))
-            self._examine(outcome.converged)
+            self._examine(outcome.converged, outcome.negative)
         self._write_solution()
         return self.u
 
@@ -273,9 +273,27 @@ class NonlinearProblem:
                 return
             self.reason, self.newton, self.linear = row["reason"], row["newton"], row["linear"]
             jump = stepper.jump
-            self._examine(row["converged"], [jump_note(jump, attempted)] if jump else [])
+            notes = [jump_note(jump, attempted)] if jump else []
+            self._examine(row["converged"], row.get("negative_eigenvalues"), notes)
             self._write_solution()
             yield row
+
+    def negative_eigenvalues(self) -> int:
+        """Return how many eigenvalues of the Hessian are negative at the present state. Collective.
+
+        An equilibrium is stable if none is. With a pressure as an unknown, those that it has at a
+        stable one are not counted. The exact Hessian is assembled and factorised.
+
+        Raises
+        ------
+        BadInput
+            In time, or if a term is a residual without an energy.
+        Failed
+            If the factors do not fit into memory.
+        """
+        self._read_displacement()
+        with self._petsc_options():
+            return solver.EquilibriumStability(self._problem).negative_eigenvalues(self.x)
 
     def _end(self, outcome: solver.StepOutcome) -> solver.StepOutcome:
         """Keep the outcome of a step; the SNES has its converged reason."""
@@ -284,10 +302,10 @@ class NonlinearProblem:
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return outcome
 
-    def _examine(self, converged: bool, notes: Sequence[Note] = ()) -> None:
+    def _examine(self, converged: bool, negative: int | None, notes: Sequence[Note] = ()) -> None:
         """Set the notes on a state; warn of new kinds on rank 0. Collective."""
-        found = [inversion_note(self._problem), locking_note(self._problem)] if converged else []
-        self.notes = [*self._load_notes, *notes, *(note for note in found if note)]
+        found = state_notes(self._problem, negative) if converged else []
+        self.notes = [*self._load_notes, *notes, *found]
         for note in self.notes:
             if note.kind not in self._warned and self._problem.comm.rank == 0:
                 warnings.warn(note.text, ResultNote, stacklevel=3)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 #: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
 #: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
-#: another surface, between the points at which contact acts.
-KINDS = ("load", "folder", "locking", "inverted", "jump", "penetration")
+#: another surface, between the points at which contact acts; an unstable equilibrium.
+KINDS = ("load", "folder", "locking", "inverted", "jump", "penetration", "unstable")
 
 
 class Note(NamedTuple):

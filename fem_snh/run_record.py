@@ -121,7 +121,7 @@ _MOVED = _named(_table({}, {"pose": _POSE}))
 _VALUES = (
     "time", "newton", "clamped", "linear", "lbfgs", "residual", "energy", "kinetic", "elastic",
     "potential", "dissipated", "volume_ratio", "min_J", "min_cell_J", "max_u", "nonfinite",
-    "seconds",
+    "seconds", "negative_eigenvalues",
 )  # fmt: skip
 _STEP = _table(
     {"load": _number},
@@ -129,6 +129,7 @@ _STEP = _table(
         **dict.fromkeys(_VALUES, _number_or_null),
         "converged": _flag,
         "reason": _text,
+        "stability": _text,
         "notes": _list(_text),
         "obstacles": _MOVED,
         "bones": _MOVED,

@@ -39,9 +39,9 @@ def test_nodes_of_a_section_are_those_of_a_plane(sizes, degree):
         ({"nu": 0.49, "element": "Q1"}, "cg+ssor", r"= 0\.41 > 0\.15: iterations cost less"),
         ({"nu": 0.4999, "scene": "twist", "angle": 0.1}, "cg+ssor", r"= 0\.39 > 0\.15: iter"),
         (
-            {"nu": 0.499, "scene": "stretch", "aspect": 9.0, "cells": 3, "stretch": 1.1},
-            "cg+ssor",
-            "< 1.5: a bar",
+            {"nu": 0.3, "scene": "stretch", "aspect": 9.0, "cells": 3, "stretch": 1.1},
+            "preonly+cholesky",
+            "< 1.5: a bar, which may buckle",
         ),
         ({"nu": 0.499, "element": "Q1P0"}, "fgmres+block_triangular", "an unknown pressure: few"),
         ({"nu": 0.5, "element": "Q2Q1"}, "fgmres+block_triangular", "an unknown pressure: few"),

@@ -102,7 +102,7 @@ def test_trust_region_leaves_an_unstable_state_that_clamp_does_not(comm):
     ends = {}
     for hessian, globalization in (("clamp", "linesearch"), ("adaptive", "trust_region")):
         straight.copy(p.x)
-        with options(snes_max_it=70):
+        with options(snes_max_it=70, snes_linear_solver="iterative"):
             snes = solver.create(p, hessian, globalization)
             snes.solve(None, p.x)
         ends[globalization] = solver.converged_reason(snes)

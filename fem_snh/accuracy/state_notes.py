@@ -1,4 +1,4 @@
-"""Notes on a converged state: an element that locks, inverted points, contact that is missed."""
+"""Notes on a converged state: locking, inverted points, missed contact, instability."""
 
 from __future__ import annotations
 
@@ -24,6 +24,21 @@ _TOO_STIFF = 1.2
 
 #: Returns how many times stiffer than its replacement the element is; None if that is unknown.
 Stiffness = Callable[[Problem], float | None]
+
+
+def state_notes(problem: Problem, negative: int | None) -> list[Note]:
+    """Return the notes on a program's state. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution.
+    negative : int or None
+        The number of negative eigenvalues of its Hessian, if it is known.
+    """
+    unstable = instability_note({0: negative or 0})
+    found = inversion_note(problem), locking_note(problem), unstable
+    return [note for note in found if note]
 
 
 def locking_note(
@@ -119,6 +134,38 @@ def unseen_penetrations(row: Mapping[str, Any]) -> list[tuple[str, Mapping[str, 
         if "deepest_at" in about
     ]
     return sorted(found, key=lambda pair: -float(pair[1]["deepest"]))
+
+
+def instability_note(
+    negative: Mapping[int, int], of: int | None = None, step: int | None = None
+) -> Note | None:
+    """Return a note if an equilibrium is unstable.
+
+    Parameters
+    ----------
+    negative : mapping
+        Numbers of negative eigenvalues of the Hessian, by the number of the step.
+    of : int, optional
+        Number of steps; None of a program's last solve, whose step is number 0.
+    step : int, optional
+        Number of the last step.
+    """
+    unstable = {number: count for number, count in negative.items() if count > 0}
+    if not unstable:
+        return None
+    last = max(unstable)
+    count = unstable[last]
+    eigenvalues = f"{count} negative eigenvalue{'s' if count > 1 else ''}"
+    where = "" if of is None else f" in {len(unstable)} of {of} steps"
+    if of is not None and last != step:
+        where += ", not in the last"
+    text = (
+        f"unstable equilibrium{where}: the Hessian has {eigenvalues}, so a disturbance moves the "
+        "body to another state: take globalization = 'trust_region', which leaves it, or give the "
+        "body the imperfection of a real one"
+    )
+    values = {"negative_eigenvalues": count, "steps": list(unstable)}
+    return Note("unstable", text, None if of is None else last, values)
 
 
 def penetration_note(steps: Mapping[int, Mapping[str, Any]]) -> Note | None:

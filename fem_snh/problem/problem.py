@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from math import isfinite
 from typing import Any
 
@@ -177,11 +178,12 @@ class Problem:
         """Whether all terms are energies: their residual is a gradient."""
         return all(term.has_energy for term in self.terms)
 
-    @property
+    @cached_property
     def regime(self) -> Regime:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element, self.elastic.parts
-        return regime_of(self.comm, *body, self.terms)
+        fixed = self.dirichlet.constrained[: len(self.coordinates)].any(axis=1)
+        return regime_of(self.comm, *body, self.terms, fixed)
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:

@@ -17,6 +17,9 @@ from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
+#: Equal parts of the longest axis of which `supported` tells whether a node in them is constrained.
+_PARTS = 20
+
 
 def regime_of(
     comm: MPI.Comm,
@@ -24,6 +27,7 @@ def regime_of(
     element: Element,
     parts: Sequence[Part],
     terms: Sequence[Term],
+    constrained: Array,
 ) -> Regime:
     """Return the regime of a problem. Collective.
 
@@ -39,16 +43,21 @@ def regime_of(
         The body's materials and cells.
     terms : sequence of Term
         The problem's terms.
+    constrained : (n,) bool
+        Which of these nodes have a constrained component.
     """
     tables = [part.loops.tables for part in parts]
-    cells = [table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))]
+    cells = np.concatenate([table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))])
     moduli = [part.region.material.lame for part in parts]
     return Regime(
         comm.allreduce(len(coordinates)),
         element.kinematics.dim,
-        section_nodes(comm, coordinates, np.concatenate(cells), element.degree),
+        section_nodes(comm, coordinates, cells, element.degree),
         max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
         any(term.name == "inertia" for term in terms),
+        cell_aspect(comm, cells),
+        supported(comm, coordinates, constrained),
+        float(comm.allreduce(constrained.sum()) / max(1, comm.allreduce(len(constrained)))),
     )
 
 
@@ -76,12 +85,48 @@ def section_nodes(comm: MPI.Comm, nodes: Array, cells: Array, degree: int) -> fl
     float
         The number; infinity without cells of a material.
     """
-    count, *first = comm.allreduce(np.concatenate([[len(nodes)], nodes.sum(axis=0)]))
-    centred = nodes - np.array(first) / count
-    moments, axes = np.linalg.eigh(comm.allreduce(centred.T @ centred) / count)
-    length, axis = np.sqrt(12 * max(0.0, moments[-1])), axes[:, -1]
+    count, length, axis = _longest_axis(comm, nodes)
     extents = 2 * np.std(cells @ axis, axis=1)
     total, number = comm.allreduce(np.array([extents.sum(), len(extents)]))
     if not number:
         return float("inf")
     return float(count * total / (number * degree * length)) if length > 0 else float(count)
+
+
+def cell_aspect(comm: MPI.Comm, cells: Array) -> float:
+    """Return the mean ratio of the cells' largest to their smallest extents. Collective.
+
+    The extents are the standard deviations of the corners along their principal axes, the same in
+    every direction for a cube and for a regular tetrahedron. ``cells``, of shape
+    (cells, corners, 3), are those of this rank [m].
+    """
+    centred = cells - cells.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.einsum("cki,ckj->cij", centred, centred))
+    smallest = np.maximum(squares[:, 0], np.finfo(float).eps * squares[:, 2])
+    ratios = np.sqrt(squares[:, 2] / smallest)
+    total, number = comm.allreduce(np.array([ratios.sum(), len(ratios)]))
+    return float(total / number) if number else 1.0
+
+
+def supported(comm: MPI.Comm, nodes: Array, constrained: Array) -> float:
+    """Return the part of the longest axis along which nodes are constrained. Collective.
+
+    ``nodes``, of shape (n, 3), are this rank's own [m], of which ``constrained``, (n,) bool, are
+    constrained.
+    """
+    along = nodes @ _longest_axis(comm, nodes)[2]
+    low = comm.allreduce(along.min(initial=np.inf), op=MPI.MIN)
+    extent = comm.allreduce(along.max(initial=-np.inf), op=MPI.MAX) - low
+    if not extent > 0:
+        return 1.0
+    parts = np.minimum((along[constrained] - low) * (_PARTS / extent), _PARTS - 1).astype(int)
+    held = comm.allreduce(np.bincount(parts, minlength=_PARTS))
+    return float((held > 0).mean())
+
+
+def _longest_axis(comm: MPI.Comm, nodes: Array) -> tuple[int, float, Array]:
+    """Return the number of nodes, the length [m] of their longest axis, and its direction, (3,)."""
+    count, *first = comm.allreduce(np.concatenate([[len(nodes)], nodes.sum(axis=0)]))
+    centred = nodes - np.array(first) / count
+    moments, axes = np.linalg.eigh(comm.allreduce(centred.T @ centred) / count)
+    return int(count), float(np.sqrt(12 * max(0.0, moments[-1]))), axes[:, -1]

@@ -6,7 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from fem_snh.accuracy.state_notes import inversion_note, locking_note, penetration_note
+from fem_snh.accuracy.state_notes import (
+    instability_note,
+    inversion_note,
+    locking_note,
+    penetration_note,
+)
 from fem_snh.assembly.elements import Element
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
@@ -41,6 +46,11 @@ def final_notes(
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         penetration_note({number: steps[number] for number in good}),
+        instability_note(
+            {number: steps[number].get("negative_eigenvalues", 0) for number in good},
+            len(good),
+            good[-1],
+        ),
     ]
     return [note for note in found if note]
 

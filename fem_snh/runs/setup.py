@@ -120,7 +120,10 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     blend = bones.blend() if bones and scene.predictor == "bones" else None
     step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
     every = scene.time.output_every if scene.time else 1
-    stepper = Stepper(step, steps, probes, bones, every)
+    stability = (
+        solver.EquilibriumStability(problem, "stability = true") if scene.stability else None
+    )
+    stepper = Stepper(step, steps, probes, bones, every, stability)
     jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)

@@ -179,6 +179,11 @@ class Scene(Table):
         default="cells",
         description="Means over cells, or nodes: values of the L2 projection to degree 1.",
     )
+    stability: bool = Field(
+        default=False,
+        description="true to tell after each step whether its equilibrium is stable, by sparse "
+        "factors of the exact Hessian: one factorisation a step.",
+    )
     modes: Modes | None = Field(default=None, description="Eigenfrequencies at the end of the run.")
     error: Annotated[bool, Expect("true or false")] = Field(
         default=False,

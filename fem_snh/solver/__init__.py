@@ -21,12 +21,14 @@ from fem_snh.solver.snes import (
     destroy,
     linear_solver_name,
 )
+from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import Direction, Iteration, State, Step
 
 __all__ = [
     "PREFIX",
     "Direction",
     "EisenstatCG",
+    "EquilibriumStability",
     "Iteration",
     "Predictor",
     "ProjectedNewton",

@@ -62,5 +62,5 @@ class LineSearchNewton:
             step = self.line_search.search(start, d, direction.slope, trial)
             step.diverged = 0 if step.end else _Reason.DIVERGED_LINE_SEARCH
         step.filter, step.filtered_points = direction.filter, direction.filtered_points
-        step.linear = direction.linear
+        step.linear, step.negative = direction.linear, direction.negative
         return step

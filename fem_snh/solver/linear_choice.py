@@ -5,12 +5,14 @@ axis. Sparse factors cost about as many iterations of conjugate gradients as the
 :math:`s^3/N`. The number of iterations is proportional to :math:`(1 - 2 \nu)^{-1/2}`, and to
 :math:`N/s^{3/2}` where the body is slender. So both cost the same at a certain value of
 
-.. math:: \frac{s^3}{N^{3/2}} \sqrt{1 - 2 \nu} .
+.. math:: \frac{s^3}{N^{3/2}} \frac{\sqrt{1 - 2 \nu}}{a} ,
 
-The first factor is 0.2 to 0.5 for bars, 3 for a layer of linear cells, 5 for two layers and
-:math:`n^{3/2}` for a cube of n cells along an edge, whatever the size of bar or layer. A bar is
-solved iteratively: factors keep the symmetry of a compressed one, which then does not buckle, and
-one around a skeleton needs few iterations. docs/results/linear_solver.md measures both solvers.
+a the mean aspect of the cells where the body can bend: iterations are proportional to it, as the
+stiffness in bending is to its square. The first factor is 0.2 to 0.5 for bars, 3 for a layer of
+linear cells, 5 for two layers and :math:`n^{3/2}` for a cube of n cells along an edge, whatever the
+size of bar or layer. A bar that can bend has factors at any ratio: iterations stop at unstable
+equilibria without a word (`fem_snh.solver.stability`). A body that is constrained along its axis,
+as by a skeleton, needs few iterations. docs/results/linear_solver.md measures both solvers.
 """
 
 from __future__ import annotations
@@ -23,11 +25,14 @@ from fem_snh.solver.protocol import SolvableProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
 CHOICES = ("automatic", "iterative", "direct")
-#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) (measured: python -m benchmarks
+#: For factors, the largest s^3/N^(3/2) sqrt(1 - 2 nu) / a (measured: python -m benchmarks
 #: linear_solvers; docs/results/linear_solver.md).
 _MAX = 0.15
 #: Smaller values of s^3/N^(3/2) are those of bars.
 _MIN_LAYER = 1.5
+#: A bar that is constrained along more than this part of its axis does not bend, nor does a layer
+#: of whose nodes more than this part are.
+_CONSTRAINED = 0.5
 #: Nodes above which factors are never chosen; measured up to 33,282.
 _MAX_NODES = 50_000
 
@@ -81,11 +86,15 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         return LinearChoice(False, f"{nodes} nodes > {_MAX_NODES}: factors would need much memory")
     value, name = regime.section_nodes**3 / nodes**1.5, "s^3/N^1.5"
     if value < _MIN_LAYER:
-        return LinearChoice(
-            False, f"{name} = {value:.2g} < {_MIN_LAYER:g}: a bar, which may buckle"
-        )
+        bar = f"{name} = {value:.2g} < {_MIN_LAYER:g}: a bar"
+        if regime.supported <= _CONSTRAINED:
+            return LinearChoice(True, f"{bar}, which may buckle: factors tell stable from unstable")
+        return LinearChoice(False, f"{bar} that is constrained along its axis: few iterations")
     value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
-    measured = f"{name} sqrt(1 - 2 nu) = {value:.2g} {'<=' if value <= _MAX else '>'} {_MAX:g}"
+    name += " sqrt(1 - 2 nu)"
+    if regime.constrained <= _CONSTRAINED:
+        value, name = value / regime.cell_aspect, f"{name} / a"
+    measured = f"{name} = {value:.2g} {'<=' if value <= _MAX else '>'} {_MAX:g}"
     if value <= _MAX:
         return LinearChoice(True, f"{measured}: factors cost less than many iterations")
     return LinearChoice(False, f"{measured}: iterations cost less time and memory than factors")

@@ -8,11 +8,13 @@ tests and options work as for PETSc's own types.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
+from math import inf, isfinite
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
 from fem_snh.choices import ACTING_FORCES
+from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
@@ -22,10 +24,18 @@ from fem_snh.solver.protocol import SaddlePoint
 from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.saddle_point import MeritLineSearch
 from fem_snh.solver.search_direction import SearchDirection
-from fem_snh.solver.step import Iteration, State
+from fem_snh.solver.stability import EquilibriumStability
+from fem_snh.solver.step import Iteration, State, Step
 from fem_snh.solver.trust_region import TrustRegion
 
 Reason = PETSc.SNES.ConvergedReason
+
+
+class _Left(NamedTuple):
+    """The unstable equilibrium that was left last: its energy [J], and the length of the step."""
+
+    energy: float = -inf
+    length: float = 0.0
 
 
 class ProjectedNewton:
@@ -65,6 +75,8 @@ class ProjectedNewton:
         tolerance depends on ``force_scale`` alone.
     rounding_force : float
         A bound of the residual's rounding error [N].
+    stability : EquilibriumStability, optional
+        Tells whether an equilibrium is stable. It is asked where the linear solver has factors.
 
     Attributes
     ----------
@@ -74,6 +86,9 @@ class ProjectedNewton:
         The norm of the residual [N] at which the last solve converged, or would have.
     history : list of Iteration
         Of the last solve.
+    negative : int or None
+        Negative eigenvalues of the exact Hessian at the end of the last solve, more than those of a
+        minimum; None where they are not counted.
     linear_choice, trust_ksp : LinearChoice, KSP or None
         The linear solver and why it was chosen; that of `TrustRegion`, None with a line search.
     """
@@ -91,6 +106,7 @@ class ProjectedNewton:
         largest_step: LargestStep | None = None,
         acting_force: Callable[[PETSc.Vec], float] | None = None,
         rounding_force: float = 0.0,
+        stability: EquilibriumStability | None = None,
     ) -> None:
         self.largest_step = largest_step
         self._acting_force, self._rounding_force = acting_force, rounding_force
@@ -99,10 +115,13 @@ class ProjectedNewton:
         self.options = options.defaults_for("linesearch")
         self.tolerance = self.scaled_tolerance
         self.history: list[Iteration] = []
+        self.stability = stability
+        self.negative: int | None = None
         self.trust_ksp: PETSc.KSP | None = None
         self.linear_choice = LinearChoice(False)
         self._filter, self._filtered_points = "exact", 0
         self._dtol_given = False
+        self._left = _Left()
 
     # --- PETSc's callbacks -----------------------------------------------------------------------
 
@@ -138,7 +157,8 @@ class ProjectedNewton:
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Iterate from ``x``, in place. Collective."""
-        self.history, self.tolerance = [], self.scaled_tolerance
+        self._left = _Left()
+        self.history, self.tolerance, self.negative = [], self.scaled_tolerance, None
         state = State(x, snes.getFunction()[0])
         trial, d, forcing = State.like(state), x.duplicate(), self._forcing()
         globalization = self._globalization(snes, forcing)
@@ -149,18 +169,23 @@ class ProjectedNewton:
             snes.setConvergedReason(Reason.DIVERGED_FUNCTION_DOMAIN)
             return
         snes.computeFunction(x, state.residual)
-        norm, step_norm = state.residual.norm(), 0.0
+        norm, step_norm, step = state.residual.norm(), 0.0, Step()
         max_it = snes.getTolerances()[3]
         for its in range(max_it + 1):
             if self._test_convergence(snes, its, x, step_norm, norm):
-                return
-            if its == max_it:
+                step = self._leave_unstable(snes, state, step.negative, trial)
+                if step.end is None:
+                    return
+                if isinstance(globalization, TrustRegion):
+                    globalization.leave_equilibrium(state.energy - step.end.energy)
+            elif its == max_it:
                 break
-            if user_update := snes.getUpdate():
-                function, arguments, keywords = user_update
-                function(snes, its, *arguments, **keywords)
-            forcing.update(norm)
-            step = globalization.step(state, d, trial)
+            else:
+                if user_update := snes.getUpdate():
+                    function, arguments, keywords = user_update
+                    function(snes, its, *arguments, **keywords)
+                forcing.update(norm)
+                step = globalization.step(state, d, trial)
             self.history.append(
                 Iteration(
                     norm, state.energy, step.filter, step.filtered_points,
@@ -267,6 +292,30 @@ class ProjectedNewton:
         snes.setConvergedReason(reason)
         snes.monitor(its, norm)
         return bool(reason)
+
+    def _leave_unstable(
+        self, snes: PETSc.SNES, state: State, negative: int | None, trial: State
+    ) -> Step:
+        """Return the step that leaves an unstable equilibrium, without an end if there is none.
+
+        ``negative`` is the number of negative eigenvalues of the last Hessian, if it is known.
+        """
+        found, converged = self.stability, snes.getConvergedReason() > 0
+        if found is None or not converged or not is_direct(snes.getKSP()):
+            return Step()
+        if negative == found.expected:
+            self.negative = 0
+        elif self.trust_ksp is None:
+            self.negative = found.negative_eigenvalues(state.x)
+        else:
+            # A valley of equilibria within the tolerance is followed by longer and longer steps.
+            shortest = 2 * self._left.length if state.energy < self._left.energy else 0.0
+            search = self._line_search(snes)
+            self.negative, length = found.leave(state, search, trial, shortest)
+            if length > 0:
+                self._left = _Left(state.energy, length)
+                return Step(trial, length, filter="negative curvature")
+        return Step()
 
 
 def _format_value(value: options.Value) -> str:

@@ -105,7 +105,8 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_linear_solver": Option(
         CHOICES[0],
-        "iterative, direct (sparse factors), or automatic: direct for layers near nu = 1/2",
+        "iterative, direct (sparse factors), or automatic: direct for bars, thin sheets, and "
+        "layers near nu = 1/2",
         "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(
@@ -140,7 +141,8 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_lbfgs_max_it": Option(
         0.0,
-        "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region",
+        "L-BFGS iterations after a Newton step, at most; 640 by default in a trust region, with "
+        "sparse factors 150",
         f"{_NW}, alg. 7.5", _COUNT
     ),
     "snes_lbfgs_rtol": Option(

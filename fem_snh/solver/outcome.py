@@ -30,6 +30,9 @@ class StepOutcome:
         Whether it failed for want of memory, so that a shorter step fails as well.
     linear_residual : float or None
         The relative residual of the linear system of a linearised step.
+    negative : int or None
+        Negative eigenvalues of the exact Hessian at the end, beyond those of a minimum; None if
+        they were not counted.
     predicted : int
         Linear iterations of the predictor; 0 if it solved no linear system.
     """
@@ -41,6 +44,7 @@ class StepOutcome:
     out_of_memory: bool = False
     linear_residual: float | None = None
     tolerance: float | None = None
+    negative: int | None = None
     predicted: int = 0
 
     @property
@@ -58,7 +62,7 @@ class StepOutcome:
         self.converged = snes.getConvergedReason() > 0
         self.reason, self.residual = failure_reason(snes), snes.getFunctionNorm()
         context = snes.getPythonContext()
-        self.tolerance = context.tolerance
+        self.tolerance, self.negative = context.tolerance, context.negative
         self.history += context.history
         self.out_of_memory = out_of_memory(snes)
 

@@ -29,6 +29,13 @@ class Regime(NamedTuple):
         materials, whose energies are UFL terms.
     inertia : bool
         Whether the Hessian contains a mass matrix.
+    cell_aspect : float
+        The mean ratio of a cell's largest to its smallest extent; 1 for a cube.
+    supported : float
+        The part of the longest axis along which nodes are constrained: about 0 for a bar that is
+        clamped at its ends, 1 for one around a skeleton.
+    constrained : float
+        The part of the nodes that are constrained: all of a layer in plane strain.
     """
 
     nodes: int
@@ -36,6 +43,9 @@ class Regime(NamedTuple):
     section_nodes: float
     poisson_ratio: float
     inertia: bool
+    cell_aspect: float = 1.0
+    supported: float = 0.0
+    constrained: float = 0.0
 
 
 class SaddlePoint(Protocol):
@@ -82,8 +92,11 @@ class SolvableProblem(Protocol):
         E V^(2/3) [N]: the unit of the residual's norm.
     load : float
         The present load, in [0, 1].
+    constrained_dofs : (n,) int
+        The constrained unknowns of this rank, as indices into its part of ``x``.
     """
 
+    constrained_dofs: npt.NDArray[Any]
     comm: Any
     x: PETSc.Vec
     A: PETSc.Mat

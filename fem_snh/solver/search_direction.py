@@ -11,7 +11,8 @@ from functools import cached_property, partial
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import NEGATIVE_CURVATURE, set_operators
+from fem_snh._petsc import NEGATIVE_CURVATURE, negative_pivots, set_operators
+from fem_snh.linalg.direct_solver import count_all_pivots, is_direct
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.forcing import ForcingTerm, relative_tolerance
 from fem_snh.solver.line_search import SHORT, LineSearch
@@ -115,6 +116,8 @@ class SearchDirection:
             with frozen_preconditioner(ksp, A, P, exact) if blocks else nullcontext():
                 direction.slope = self._solve(A, P, start.residual, d, direction)
             if direction.slope is not None:
+                if direction.filter in ("exact", "none needed"):
+                    direction.negative = negative_pivots(ksp.getPC())
                 return direction
             self._indefinite = norm
         return direction
@@ -241,6 +244,8 @@ class SearchDirection:
         d.set(0.0)
         with self.forcing.applied(ksp) if rtol is None else relative_tolerance(ksp, rtol):
             set_operators(ksp, outer_operator(ksp, A, P), P)
+            if is_direct(ksp):
+                count_all_pivots(ksp.getPC())
             ksp.solve(f, d)
         d.scale(-1.0)
         direction.linear += ksp.getIterationNumber()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from fem_snh._petsc import default_options
-from fem_snh.choices import DEFAULT_GLOBALIZATIONS
+from fem_snh.choices import DEFAULT_GLOBALIZATIONS, FACTORS_LBFGS_MAX_IT
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
@@ -14,6 +14,7 @@ from fem_snh.solver.errors import callback_errors
 from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import SolvableProblem
+from fem_snh.solver.stability import EquilibriumStability, is_conservative
 
 #: Prefix of the solver's options in PETSc's database.
 PREFIX = "snh_"
@@ -92,6 +93,7 @@ def create(
         problem.largest_step,
         problem.acting_force,
         problem.rounding_force,
+        EquilibriumStability(problem) if is_conservative(problem) else None,
     )
     context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
     snes = NewtonSNES().create(problem.comm)
@@ -107,6 +109,8 @@ def create(
     ksp = snes.getKSP()
     context.linear_choice = _configure_linear_solver(ksp, problem, prefix)
     region = globalization == "trust_region"
+    if region and context.linear_choice.direct:
+        context.options["snes_lbfgs_max_it"] = float(FACTORS_LBFGS_MAX_IT)
     built_in = saddle_point.block_options(prefix) if saddle else {}
     try:
         with callback_errors(), default_options(prefix, built_in):
@@ -114,7 +118,9 @@ def create(
             if saddle and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
                 ksp.getPC().setUp()  # the blocks read their options now, and only now
             if region:
-                context.trust_ksp = trust_region.linear_solver(problem.operator, problem.A, prefix)
+                context.trust_ksp = trust_region.linear_solver(
+                    problem.operator, problem.A, prefix, context.linear_choice.direct
+                )
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
         raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
     objects = [problem.x, problem.A, *([saddle.schur_approximation] if saddle else ())]

@@ -59,6 +59,8 @@ class Direction:
         Why the solution is not accurate enough; empty if it is or need not be.
     out_of_memory : bool
         Whether sparse factors did not fit into memory.
+    negative : int or None
+        Negative eigenvalues of the exact Hessian, if its factors counted them.
     """
 
     slope: float | None = None
@@ -69,6 +71,7 @@ class Direction:
     remedy: str = ""
     lack: str = ""
     out_of_memory: bool = False
+    negative: int | None = None
 
 
 @dataclass
@@ -89,6 +92,8 @@ class Step:
         L-BFGS iterations after the step.
     diverged : int
         Without an end, the SNES's converged reason.
+    negative : int or None
+        See `Direction`.
     """
 
     end: State | None = None
@@ -99,6 +104,7 @@ class Step:
     linear: int = 0
     lbfgs: int = 0
     diverged: int = 0
+    negative: int | None = None
 
 
 @dataclass

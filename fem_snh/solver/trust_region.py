@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from math import isfinite, isnan
+from math import isfinite, isnan, sqrt
 from typing import NamedTuple
 
 from petsc4py import PETSc
 
 from fem_snh._petsc import call, ffi, set_operators
 from fem_snh.errors import choose
+from fem_snh.linalg.direct_solver import set_direct_factors
 from fem_snh.linalg.ssor import SSOR
 from fem_snh.solver.globalization import LineSearchNewton
 from fem_snh.solver.line_search import SHORT
@@ -25,10 +26,11 @@ _INSIDE = (_Linear.CONVERGED_RTOL, _Linear.CONVERGED_ATOL)
 SOLVERS = ("stcg", "nash")
 
 
-def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
+def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str, direct: bool = False) -> PETSc.KSP:
     """Return the linear solver of the trust region, with the options ``trust_*``. Collective.
 
-    ``A`` is the Hessian and ``P`` the matrix that its preconditioner is made of.
+    ``A`` is the Hessian and ``P`` the matrix that its preconditioner is made of: `SSOR`, or with
+    ``direct`` sparse factors.
 
     Raises
     ------
@@ -40,7 +42,9 @@ def linear_solver(A: PETSc.Mat, P: PETSc.Mat, prefix: str) -> PETSc.KSP:
     ksp.setTolerances(rtol=1e-3, atol=0.0, max_it=20000)
     set_operators(ksp, A, P)
     ksp.setType("stcg")
-    if P.getBlockSize() == 3:
+    if direct:
+        set_direct_factors(ksp.getPC())
+    elif P.getBlockSize() == 3:
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(SSOR())
     else:  # in two dimensions
@@ -122,7 +126,7 @@ class TrustRegion:
         self.thresholds = _Thresholds(**given)
         self.radius: float | None = min(given["delta0"], given["deltamax"]) or None
         self.entered, self._first_energy, self._residual_ratio = False, float("nan"), 1.0
-        self._entered_before = False
+        self._entered_before = self._unstable = False
         self._Ad: PETSc.Vec | None = None
 
     def step(self, start: State, d: PETSc.Vec, trial: State) -> Step:
@@ -145,6 +149,11 @@ class TrustRegion:
             self._update(start, norm, step, step.end)
         return step
 
+    def leave_equilibrium(self, decrease: float) -> None:
+        """Enter the region after a step along negative curvature that decreased the energy [J]."""
+        self.radius = min(sqrt(abs(decrease)), self.thresholds.deltamax)
+        self.entered = self._entered_before = self._unstable = True
+
     def _update(self, start: State, norm: float, step: Step, end: State) -> None:
         """Enter or exit the region, by the progress of a step."""
         if isnan(self._first_energy):
@@ -155,9 +164,13 @@ class TrustRegion:
         if residual_ratio < self.thresholds.exit_residual:
             self.entered = False
         elif step.filter in ("clamp", "abs"):
-            little_progress = decrease < self.thresholds.enter_decrease * total_decrease
+            enough = self.thresholds.enter_decrease * total_decrease
+            little_progress = decrease < enough or self._unstable
             remaining = residual_ratio if self._entered_before else two_steps
             self.entered |= little_progress and remaining > self.thresholds.enter_residual
+        elif step.negative is not None:  # the exact Hessian's factors
+            poor = residual_ratio > self.thresholds.enter_residual
+            self.entered |= bool(step.negative and poor) or step.length < SHORT
         self._entered_before |= self.entered
 
     def _step_in_region(self, start: State, d: PETSc.Vec, trial: State) -> Step:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.accuracy.state_notes import unseen_penetrations
 from fem_snh.problem.probes import Probes
-from fem_snh.solver import StepOutcome
+from fem_snh.solver import EquilibriumStability, StepOutcome
 from fem_snh.steps.jump import Jump, JumpDetector
 from fem_snh.steps.step_size import StepSize
 from fem_snh.steps.step_solver import StepSolver
@@ -35,6 +35,8 @@ class Stepper:
         Bones whose forces are added to each row.
     output_every : int, optional
         Number of nominal steps after which `is_output` is true.
+    stability : EquilibriumStability, optional
+        Tells of each step whether its equilibrium is stable.
 
     Attributes
     ----------
@@ -57,8 +59,10 @@ class Stepper:
         probes: Probes | None = None,
         bones: BoneRecords | None = None,
         output_every: int = 1,
+        stability: EquilibriumStability | None = None,
     ) -> None:
         self.solver, self.problem, self.steps = solver, solver.problem, steps
+        self._stability = stability
         self.probes, self._bones, self._output_every = probes, bones, output_every
         self.motion = motion = solver.motion
         # Without loads a shorter step is the same problem: it is not tried.
@@ -135,6 +139,8 @@ class Stepper:
             "nonfinite": nonfinite,
             "seconds": perf_counter() - start,
         }
+        if converged:
+            self._last |= self._equilibrium(outcome)
         recorded = problem.history.record(problem.split(problem.x)[0]) if converged else {}
         if converged and (kinds := self._notes(recorded)):
             self._last["notes"] = kinds
@@ -148,6 +154,16 @@ class Stepper:
         self.seconds += perf_counter() - start
         self.processor += process_time() - processor_start
         return self._last
+
+    def _equilibrium(self, outcome: StepOutcome) -> dict[str, Any]:
+        """Return whether the equilibrium is stable, where that is requested, or where it is not."""
+        negative = outcome.negative
+        if self._stability:
+            negative = self._stability.negative_eigenvalues(self.problem.x)
+        if negative is None or not (negative or self._stability):
+            return {}
+        stable = "stable" if negative == 0 else "unstable equilibrium"
+        return {"stability": stable, "negative_eigenvalues": negative}
 
     def _tolerance(self, outcome: StepOutcome) -> float:
         """Return the norm of the residual [N] at which the step converges."""
@@ -166,6 +182,7 @@ class Stepper:
         kinds = {
             "inverted": self._last["min_J"] <= 0,
             "jump": self.jump is not None,
+            "unstable": self._last.get("negative_eigenvalues", 0) > 0,
             "penetration": bool(unseen_penetrations(recorded)),
         }
         return [kind for kind, noted in kinds.items() if noted]

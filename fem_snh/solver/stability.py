@@ -1,0 +1,149 @@
+r"""Whether an equilibrium is stable: the inertia of the exact Hessian.
+
+A minimum of the energy has a Hessian without negative eigenvalues. With a pressure as an unknown it
+has as many as there are pressures: its energy has a maximum there (Benzi, Golub & Liesen 2005,
+section 3.4).
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh.errors import BadInput
+from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh.solver.line_search import LineSearch
+from fem_snh.solver.protocol import SolvableProblem
+from fem_snh.solver.step import State
+
+#: Largest displacement of the first step along a direction of negative curvature, relative to
+#: V^(1/3); it is halved at most so often where the energy does not decrease.
+_FIRST, _HALVINGS = 1e-3, 20
+
+
+def is_conservative(problem: SolvableProblem) -> bool:
+    """Return whether a problem is one of equilibria of an energy. Collective."""
+    return problem.has_energy and not problem.regime.inertia
+
+
+class EquilibriumStability:
+    """The stability of equilibria, by sparse factors of the exact Hessian. Collective.
+
+    Parameters
+    ----------
+    problem : SolvableProblem
+    asked : str
+        What asks for it, for the message.
+
+    Raises
+    ------
+    BadInput
+        For a problem that is not one of equilibria of an energy.
+    """
+
+    def __init__(self, problem: SolvableProblem, asked: str = "stability") -> None:
+        if not is_conservative(problem):
+            why = "in time" if problem.has_energy else "a load or a material without an energy"
+            raise BadInput(f"{asked}: expected equilibria of an energy, not {why}")
+        self._problem = problem
+
+    @property
+    def expected(self) -> int:
+        """The number of negative eigenvalues at a minimum: that of the pressures."""
+        saddle = self._problem.saddle_point
+        return int(saddle.index_sets["p"].getSize()) if saddle else 0
+
+    def negative_eigenvalues(self, x: PETSc.Vec) -> int:
+        """Return how many eigenvalues beyond those of a minimum are negative at ``x``.
+
+        Raises
+        ------
+        Failed
+            If the factors do not fit into memory.
+        """
+        factors = SymmetricFactors(self._assembled(x))
+        try:
+            return self._count(factors)
+        finally:
+            factors.destroy()
+
+    def leave(
+        self, start: State, search: LineSearch, trial: State, shortest: float = 0.0
+    ) -> tuple[int, float]:
+        """Move from an equilibrium along a direction of negative curvature, to less energy.
+
+        Parameters
+        ----------
+        start : State
+            The equilibrium.
+        search : LineSearch
+            Evaluates energies and residuals.
+        trial : State
+            The state of less energy, if there is one.
+        shortest : float
+            The least length of the step, even to more energy.
+
+        Returns
+        -------
+        int, float
+            The number of negative eigenvalues, and the length of the step; 0 without a step.
+        """
+        factors = SymmetricFactors(self._assembled(start.x))
+        try:
+            negative, d = self._count(factors), None
+            if negative > 0 and self._problem.operator == self._problem.A:
+                d = factors.negative_direction(negative, self._wave())
+        finally:
+            factors.destroy()
+        return negative, 0.0 if d is None else self._descend(start, d, search, trial, shortest)
+
+    def _descend(
+        self, start: State, d: PETSc.Vec, search: LineSearch, trial: State, shortest: float
+    ) -> float:
+        """Search for the energy's minimum along ``d`` by doubling; return the step's length."""
+        if start.residual.dot(d) > 0:
+            d.scale(-1.0)
+        step = _FIRST * self._problem.length / d.norm(PETSc.NormType.INFINITY)
+        for _ in range(_HALVINGS):
+            lowest = search.evaluate_energy(start.x, d, step, trial)
+            admitted = search.largest_step(start.x, trial.x - start.x) == 1
+            if admitted and lowest < start.energy:
+                break
+            step *= 0.5
+        else:
+            return 0.0
+        while search.largest_step(start.x, 2 * step * d) == 1:
+            energy = search.evaluate_energy(start.x, d, 2 * step, trial)
+            if not (energy < lowest or (2 * step <= shortest and isfinite(energy))):
+                break
+            step, lowest = 2 * step, energy
+        search.evaluate_energy(start.x, d, step, trial)
+        search.evaluate_residual(trial)
+        return step
+
+    def _count(self, factors: SymmetricFactors) -> int:
+        """Return how many eigenvalues of the Hessian beyond those of a minimum are negative."""
+        negative = factors.factorise() - self.expected
+        if self._problem.operator != self._problem.A:
+            negative -= factors.removed_by(self._problem.operator)
+        return negative
+
+    def _assembled(self, x: PETSc.Vec) -> PETSc.Mat:
+        """Return the exact Hessian at ``x``."""
+        self._problem.jacobian(x, "exact")
+        return self._problem.A
+
+    def _wave(self) -> PETSc.Vec:
+        """Return a vector without symmetry that does not depend on the number of ranks."""
+        problem, wave = self._problem, self._problem.x.duplicate()
+        points = problem.coordinates / problem.length
+        # Irrational wave numbers and phases: no plane of symmetry of a body maps it to itself.
+        phases = points @ np.sqrt([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0], [17.0, 19.0, 23.0]])
+        wave.set(0.0)
+        waves = np.sin(phases + np.sqrt([29.0, 31.0, 37.0]))[:, : problem.regime.dimension]
+        wave.array[: waves.size] = waves.ravel()
+        wave.array[problem.constrained_dofs] = 0.0
+        return wave

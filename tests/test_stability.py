@@ -1,0 +1,175 @@
+"""Stable and unstable equilibria: the inertia of the Hessian, and columns that buckle."""
+
+from __future__ import annotations
+
+import warnings
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+from bodies import Hold, cube, problem
+from dolfinx import fem, mesh
+from dolfinx_programs import vector_space
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+import fem_snh
+from fem_snh.errors import BadInput, ResultNote
+from fem_snh.linalg.symmetric_factors import SymmetricFactors
+
+mpi = pytest.mark.mpi
+
+#: Slenderness of the column, which is clamped at one end and has a dead load on the other.
+LENGTH = 20.0
+EULER = np.pi**2 / 12 / (4 * LENGTH**2)
+
+
+def indefinite(comm, size=60, negative=4):
+    """Return a symmetric matrix with so many negative eigenvalues, and it as an array."""
+    rng = np.random.default_rng(3)
+    q = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    values = np.concatenate([-np.arange(1.0, negative + 1), np.linspace(0.5, 90, size - negative)])
+    array = q @ np.diag(values) @ q.T
+    array = (array + array.T) / 2
+    A = PETSc.Mat().createAIJ([size, size], comm=comm)
+    A.setUp()
+    for i in range(*A.getOwnershipRange()):
+        A.setValues([i], range(size), array[i])
+    A.assemble()
+    return A, array
+
+
+@mpi
+def test_negative_eigenvalues_and_the_lowest_eigenvector_are_those_of_numpy(comm):
+    A, array = indefinite(comm)
+    factors = SymmetricFactors(A)
+    assert factors.factorise() == 4
+    start = A.createVecRight()
+    start.array = np.sin(1.0 + np.arange(*start.getOwnershipRange()))
+    v = factors.negative_direction(4, start)
+    lowest = np.linalg.eigh(array)[1][:, 0][slice(*v.getOwnershipRange())]
+    assert abs(comm.allreduce(lowest @ v.array_r)) == pytest.approx(1, abs=1e-6)
+    assert v.dot(start) > 0
+    A.shift(2.5)
+    assert factors.factorise() == 2
+    A.shift(2.5)
+    assert factors.factorise() == 0
+    factors.destroy()
+
+
+@mpi
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+def test_matrices_of_rank_one_remove_negative_eigenvalues(comm, scale):
+    A, array = indefinite(comm)
+    rows = A.getSizes()[0]
+    U = PETSc.Mat().createDense((rows, (PETSc.DECIDE, 2)), comm=comm)
+    U.setUp()
+    columns = np.linalg.eigh(array)[1][:, [0, 10]] + 0.01
+    U.getDenseArray()[:] = columns[slice(*A.getOwnershipRange())]
+    U.assemble()
+    c = PETSc.Vec().createSeq(2, comm=PETSc.COMM_SELF)
+    c.array = np.array([scale, 1.0])
+    factors = SymmetricFactors(A)
+    whole = array + columns @ np.diag(c.array_r) @ columns.T
+    left = factors.factorise() - factors.removed_by(PETSc.Mat().createLRC(A, U, c, U))
+    assert left == np.count_nonzero(np.linalg.eigvalsh(whole) < 0)
+    factors.destroy()
+
+
+def column(comm, load, side=0.0, **settings):
+    """Return a column of Q2 under a dead load in multiples of Euler's, with a part to the side."""
+    body = mesh.create_box(
+        comm, [np.zeros(3), np.array([LENGTH, 1.0, 1.0])], [10, 1, 1], mesh.CellType.hexahedron
+    )
+    V = vector_space(body, 2)
+    u = fem.Function(V)
+    foot = mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], 0))
+    head = np.sort(mesh.locate_entities_boundary(body, 2, lambda x: np.isclose(x[0], LENGTH)))
+    dofs = fem.locate_dofs_topological(V, 2, foot)
+    tags = mesh.meshtags(body, 2, head, np.ones(len(head), np.int32))
+    ds = ufl.Measure("ds", domain=body, subdomain_data=tags)
+    force = fem.Constant(body, np.array([-1.0, 0.0, side]) * load * EULER)
+    m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    return fem_snh.NonlinearProblem(
+        u, {m: ufl.dx}, bcs=[fem.dirichletbc(np.zeros(3), dofs, V)],
+        terms=[-ufl.inner(force, u) * ds(1)], **settings,
+    )  # fmt: skip
+
+
+def elastica(load):
+    """Return the head's displacement to the side over the length (Timoshenko & Gere 1961, 2.7)."""
+    k = brentq(lambda k: ellipk(k**2) - np.pi / 2 * np.sqrt(load), 1e-9, 0.999)
+    return 2 * k / ellipk(k**2)
+
+
+def side_of(p):
+    """Return the largest displacement to the side over the length."""
+    u = p.x.array_r.reshape(-1, 3)[:, 1:]
+    return p.x.comm.tompi4py().allreduce(np.linalg.norm(u, axis=1).max(initial=0), op=max) / LENGTH
+
+
+def solved(p):
+    p.solve()
+    assert p.solver.getConvergedReason() > 0, p.reason
+    return p
+
+
+@mpi
+def test_a_straight_column_is_stable_up_to_the_load_of_euler(comm):
+    """The line search with a given Hessian is Newton's method, which keeps the symmetry."""
+    for load, negative in ((0.98, 0), (1.02, 2)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResultNote)
+            p = solved(column(comm, load, hessian="exact"))
+        assert side_of(p) < 1e-3
+        assert p.negative_eigenvalues() == negative  # one for each plane
+        assert [note.kind for note in p.notes] == ["unstable"] * (negative > 0)
+    assert "2 negative eigenvalues" in p.notes[0].text
+
+
+@mpi
+@pytest.mark.parametrize("side", [0.0, 1e-4], ids=["perfect", "imperfect"])
+def test_a_column_buckles_at_default_settings(comm, side):
+    p = solved(column(comm, 1.3, side))
+    assert p.solver.getPythonContext().linear_choice.direct
+    assert side_of(p) == pytest.approx(elastica(1.3), rel=0.02)
+    assert p.negative_eigenvalues() == 0 and not p.notes
+
+
+@mpi
+def test_below_the_load_of_euler_the_column_stays_straight(comm):
+    p = solved(column(comm, 0.97))
+    assert side_of(p) < 1e-3 and p.newton <= 4
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "Q2Q1", "Q1P0"])
+def test_a_scene_tells_stable_from_unstable(comm, element):
+    """The pressures of a mixed element are not counted as instabilities."""
+    given = {"element": element, "cells": 3, "aspect": 2.0, "stretch": 1.1, "steps": 2}
+    result = fem_snh.run("stretch", comm=comm, progress=False, stability=True, **given)
+    assert [row["stability"] for row in result.steps] == ["stable"] * 2
+    assert [row["negative_eigenvalues"] for row in result.steps] == [0, 0]
+    result = fem_snh.run("stretch", comm=comm, progress=False, **given)
+    assert "stability" not in result.steps[0]
+
+
+def test_an_unstable_equilibrium_of_a_scene_is_noted(comm, tmp_path):
+    """Newton's method with a line search and factors keeps the compressed bar straight."""
+    given = {"cells": 3, "aspect": 20.0, "stretch": 0.9, "steps": 1, "hessian": "exact"}
+    result = fem_snh.run("stretch", comm=comm, progress=False, out=tmp_path / "out", **given)
+    (row,) = result.steps
+    assert row["stability"] == "unstable equilibrium" and row["notes"] == ["unstable"]
+    (note,) = [note for note in result.notes if note["kind"] == "unstable"]
+    assert note["negative_eigenvalues"] == row["negative_eigenvalues"] > 0
+    table = (tmp_path / "out" / "steps.csv").read_text().splitlines()
+    assert "stability" in table[0] and "unstable equilibrium" in table[1]
+
+
+def test_stability_is_that_of_equilibria(comm):
+    with pytest.raises(BadInput, match="stability"):
+        fem_snh.run("bounce", comm=comm, progress=False, stability=True)
+    p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("bottom")])
+    assert fem_snh.solver.EquilibriumStability(p).negative_eigenvalues(p.x) == 0
