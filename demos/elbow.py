@@ -12,7 +12,7 @@
 # | 0.4 | −0.27 % | 3.4 mm | 32 |
 # | 0.45 | −0.14 % | 4.1 mm | 39 |
 # | 0.488 | −0.03 % | 4.7 mm | 47 |
-# | 0.499 | −0.00 % | 4.9 mm | 38 |
+# | 0.499 | −0.00 % | 4.9 mm | 36 |
 #
 # ![Six flexed elbows by Poisson's ratio, coloured by the change of volume](elbow.png)
 #
