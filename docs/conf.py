@@ -74,6 +74,7 @@ nitpick_ignore_regex = [
     ("py:class", r"fem_snh\.(\w+\.)*[A-Z]"),  # type variables
     ("py:exc", r"petsc4py\..*"),  # no entry in the inventory
     ("py:class", r"fem_snh\.scenes\._\w+\.\w+"),  # documented where the package exports them
+    ("py:class", r"fem_snh\.(\w+\.)*_\w+"),  # private: checks of annotated types
     ("py:class", r"fem_snh\._dolfinx\..*"),  # internal
 ]
 

@@ -37,7 +37,7 @@ class NonlinearProblem:
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),
     where they mean the same. The materials are assembled by compiled loops with the closed-form
-    filter of their Hessian, the terms by dolfinx (their Hessian: `fem_snh.terms.UFLTerm`). The
+    filter of their Hessian, the terms by dolfinx (their Hessian: `UFLTerm`). The
     solver is that of scenes, a PETSc SNES.
 
     Parameters

@@ -12,6 +12,7 @@ _MEMBERS = """\
 .. automodule:: {name}
    :members:
    :ignore-module-all:
+   :exclude-members: model_config
 ```
 """
 
