@@ -142,6 +142,7 @@ _RECORD = _table(
     {"scene": _text, "material": _material, "steps": _list(_STEP)},
     {
         "element": _text,
+        "kinematics": _text,
         "cells": _whole,
         "converged": _flag,
         "status": _text,

@@ -5,6 +5,9 @@
 // rounded sides, n = 3/5 cells, and four blocks of n x (cells - n)/2 around it. Six tetrahedra
 // replace each hexahedron. order = 2 gives cells with curved faces.
 //
+// With plane = 1 it is the rectangle 0 <= x <= radius, 0 <= y <= length, which revolves about the y axis:
+// quadrilaterals or triangles, half of `cells` along the radius.
+//
 // Meshes like that of Smith et al. 2018, which has 306,000 hexahedra and 965,000 degrees of freedom:
 //   length = 2 radius   cells = 71   302,247 hexahedra   938,304 degrees of freedom
 //   length = 4 radius   cells = 56   297,024             922,419   (57: 315,210 and 978,420)
@@ -17,6 +20,7 @@ DefineConstant[
   length = {1, Name "length"}
   tets = {0, Choices{0, 1}, Name "tets"}
   order = {1, Choices{1, 2}, Name "order"}
+  plane = {0, Choices{0, 1}, Name "plane"}
 ];
 If (!(cells >= 3) || cells != Floor(cells))
   Error("cells = %g: expected a whole number, 3 or more", cells);
@@ -32,6 +36,24 @@ EndIf
 layers = Floor(cells * length / (2 * radius) + 0.5);
 layers = layers < 1 ? 1 : layers;
 
+If (plane)
+  Point(1) = {0, 0, 0}; Point(2) = {radius, 0, 0}; Point(3) = {radius, length, 0}; Point(4) = {0, length, 0};
+  Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+  Curve Loop(1) = {1, 2, 3, 4};
+  Plane Surface(1) = {1};
+  Transfinite Curve {1, 3} = Floor(cells / 2 + 0.5) + 1;
+  Transfinite Curve {2, 4} = layers + 1;
+  If (tets)
+    Transfinite Surface {1} Alternate;
+  Else
+    Transfinite Surface {1};
+    Recombine Surface {1};
+  EndIf
+  Physical Surface("body") = {1};
+  Physical Curve("left") = {1};
+  Physical Curve("right") = {3};
+  Physical Curve("side") = {2};
+Else
 ring = Floor(cells / 5 + 0.5);
 ring = ring < 1 ? 1 : ring;
 core = cells - 2 * ring;
@@ -91,5 +113,6 @@ Physical Volume("body") = {body[]};
 Physical Surface("left") = {1:5};
 Physical Surface("right") = {right[]};
 Physical Surface("side") = {side[]};
+EndIf
 
 Mesh.ElementOrder = order;

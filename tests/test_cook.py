@@ -48,11 +48,14 @@ def test_the_mesh_is_one_layer_of_the_panel(comm: MPI.Comm, cell: str) -> None:
 
 
 @mpi
+@pytest.mark.parametrize("kinematics", [None, "plane_strain"])
 @pytest.mark.parametrize("element", PUBLISHED)
-def test_compressible_displacements_are_those_published(comm: MPI.Comm, element: str) -> None:
-    """All that is printed: four digits."""
+def test_compressible_displacements_are_those_published(
+    comm: MPI.Comm, element: str, kinematics: str | None
+) -> None:
+    """All that is printed: four digits, by the layer and by the panel alone."""
     for cells, published in PUBLISHED[element].items():
-        result = solve(element=element, cells=cells, **COMPRESSIBLE)
+        result = solve(element=element, cells=cells, kinematics=kinematics, **COMPRESSIBLE)
         assert result.converged
         tip = result.steps[-1]["probes"]["tip"]
         assert tip[1] == pytest.approx(published, rel=5e-4)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.mesh_checks import ON_AXIS
@@ -63,7 +64,7 @@ class Dirichlet(Protocol):
 
     Attributes
     ----------
-    constrained : (local nodes, 3) bool
+    constrained : (local nodes, components) bool
         Which components of which nodes, ghosts included, are constrained.
     dofs : (n,) int
         The constrained dofs this rank owns, as indices into a vector's local array.
@@ -85,7 +86,7 @@ class DirichletConditions:
     Parameters
     ----------
     V : dolfinx function space
-        The displacement's space, 3 components.
+        The displacement's space.
     mesh : Mesh
         The mesh whose physical groups the conditions name.
     hold : sequence of Constraint
@@ -96,6 +97,9 @@ class DirichletConditions:
         ``hold``.
     bones : sequence of NodalMotion, optional
         Displacements of nodes, different ones, which override all others.
+    kinematics : Kinematics, optional
+        Conditions have the components that it has. On a body of revolution the radial and
+        rotational displacements are zero on the axis, whatever else is prescribed there.
 
     Raises
     ------
@@ -111,9 +115,11 @@ class DirichletConditions:
         hold: Sequence[Constraint],
         move: Sequence[PrescribedDisplacement],
         bones: Sequence[NodalMotion] = (),
+        kinematics: Kinematics = SOLID,
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
-        self.constrained: Array = np.zeros((owned + ghosts, 3), dtype=bool)
+        self._kinematics, components = kinematics, kinematics.components
+        self.constrained: Array = np.zeros((owned + ghosts, components), dtype=bool)
         self.bones = list(bones)
         self._moved: list[tuple[Array, list[int], PrescribedDisplacement | NodalMotion, Array]] = []
         for condition in hold:
@@ -128,15 +134,30 @@ class DirichletConditions:
             self.constrained[bone.nodes] = True
             nodes = bone.nodes[bone.nodes < owned]
             self._moved.append((nodes, [0, 1, 2], bone, coordinates[nodes]))
+        self._on_axis: Array = np.empty(0, np.int64)
+        if kinematics.revolved:
+            nodes = axis_nodes(V)
+            self.constrained[nodes[:, None], kinematics.off_axis] = True
+            nodes = nodes[nodes < owned]
+            self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
         self.dofs: Array = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
         """Mark a condition's components as constrained; return its local nodes and components."""
         nodes = group_nodes(V, mesh, condition.group)
-        axes = [AXES.index(c) for c in condition.components]
+        axes = self._axes(condition)
         self.constrained[nodes[:, None], axes] = True
         return nodes, axes
+
+    def _axes(self, condition: Constraint) -> list[int]:
+        """Return the numbers of a condition's components; those of 3D alone are left out."""
+        known = self._kinematics.axes
+        axes = [known.index(c) for c in condition.components if c in known]
+        if not axes:
+            accepted = f"some of {', '.join(known)}, the components in {self._kinematics.name}"
+            raise bad_value("components", list(condition.components), accepted)
+        return axes
 
     def _check_overrides(
         self, V: Any, mesh: Mesh, hold: Sequence[Constraint], move: Sequence[PrescribedDisplacement]
@@ -147,7 +168,7 @@ class DirichletConditions:
         earlier: list[tuple[str, Constraint, Array, list[int]]] = []
         for condition in hold if self._moved else ():
             nodes = group_nodes(V, mesh, condition.group)
-            axes = [AXES.index(c) for c in condition.components]
+            axes = self._axes(condition)
             earlier.append(("hold", condition, nodes[nodes < owned], axes))
         for (nodes, axes, _, _), motion in zip(self._moved, move, strict=True):
             for table, other, others, other_axes in earlier:
@@ -170,11 +191,12 @@ class DirichletConditions:
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set the constrained entries of ``x`` to their values at this load."""
-        values = x.array
+        values, components = x.array, self._kinematics.components
         values[self.dofs] = 0.0
         for nodes, axes, motion, points in self._moved:
             displacement = motion.displacement(points, load)
-            values[3 * nodes[:, None] + axes] = displacement[:, axes]
+            values[components * nodes[:, None] + axes] = displacement[:, axes]
+        values[self._on_axis] = 0.0
 
 
 def _displacement(condition: Any, X: Array, load: float) -> Array:

@@ -20,14 +20,27 @@ from fem_snh.mesh.skin import NodeCopies, Skin
 
 #: gmsh's element type: cell, degree of the geometry, nodes per cell (gmsh manual, MSH format).
 _CELLS = {
+    2: ("triangle", 1, 3),
+    3: ("quadrilateral", 1, 4),
+    9: ("triangle", 2, 6),
+    10: ("quadrilateral", 2, 9),
     4: ("tetrahedron", 1, 4),
     5: ("hexahedron", 1, 8),
     11: ("tetrahedron", 2, 10),
     12: ("hexahedron", 2, 27),
 }
 CELL_KINDS = sorted({cell for cell, *_ in _CELLS.values()})
-#: Parameter of every source in meshes/: 1 for tetrahedra, 0 for hexahedra.
+#: Parameter of every source in meshes/: 1 for tetrahedra (triangles), 0 for hexahedra
+#: (quadrilaterals).
 _TETRAHEDRA = "tets"
+#: Parameter of the sources that have a mesh of two dimensions: 1 for that.
+_PLANE = "plane"
+#: The cells of meshes of two dimensions.
+_PLANE_CELLS = ("triangle", "quadrilateral")
+
+
+#: Largest extent along z of a mesh in the plane, relative to its coordinates: rounding.
+_FLAT = 1e-12
 
 
 class PhysicalGroup(NamedTuple):
@@ -38,7 +51,7 @@ class PhysicalGroup(NamedTuple):
     name, dim, tag : str, int, int
         As in `fem_snh.mesh.mesh.Group`.
     entities : (n,) or (n, corners) int64
-        Cells, for dimension 3; otherwise the corner nodes of each element.
+        Cells, for the mesh's dimension; otherwise the corner nodes of each element.
     """
 
     name: str
@@ -54,9 +67,9 @@ class MeshData(NamedTuple):
     ----------
     cells : (cells, nodes per cell) int64
         Rows of ``x``; their nodes are in gmsh's order here, and in dolfinx's elsewhere.
-    x : (nodes, 3)
+    x : (nodes, dimension)
         Coordinates [m].
-    cell : {"hexahedron", "tetrahedron"}
+    cell : {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
         Kind of cell.
     degree : int
         Degree of the geometry, 1 or 2.
@@ -105,8 +118,13 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
     """Mesh a gmsh source with these values of its parameters, with this kind of cell."""
     with _session() as gmsh:
         gmsh.open(str(path))  # defines the parameters; opened again with their values below
-        known = [name for name in gmsh.onelab.getNames() if "/" not in name and name != _TETRAHEDRA]
-        gmsh.onelab.setNumber(_TETRAHEDRA, [float(cell == "tetrahedron")])
+        names = [name for name in gmsh.onelab.getNames() if "/" not in name]
+        known = [name for name in names if name not in (_TETRAHEDRA, _PLANE)]
+        gmsh.onelab.setNumber(_TETRAHEDRA, [float(cell in ("tetrahedron", "triangle"))])
+        if cell in _PLANE_CELLS:
+            if _PLANE not in names:
+                raise BadInput("it has 3 dimensions: expected no 'kinematics'")
+            gmsh.onelab.setNumber(_PLANE, [1.0])
         for name, value in parameters.items():
             if name not in known:
                 raise unknown_name("parameter", name, known)
@@ -115,7 +133,7 @@ def generate(path: Path, cell: str, parameters: dict[str, float]) -> MeshData:
             gmsh.onelab.setNumber(name, [float(value)])
         gmsh.clear()
         gmsh.open(str(path))
-        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.generate(2 if cell in _PLANE_CELLS else 3)
         return _extract(gmsh)
 
 
@@ -152,14 +170,23 @@ def fill(points: np.ndarray, triangles: np.ndarray, size: float) -> MeshData:
 
 
 def _extract(gmsh: Any) -> MeshData:
-    """Return the volume cells and the physical groups of gmsh's current model."""
-    mesh = gmsh.model.mesh
+    """Return the cells and the physical groups of gmsh's current model.
+
+    The cells are volumes, or without any surfaces in the plane z = 0.
+    """
+    mesh, dimension = gmsh.model.mesh, 3
     types, cell_tags, cell_nodes = mesh.getElements(3)
+    if not len(types):
+        dimension = 2
+        types, cell_tags, cell_nodes = mesh.getElements(2)
     if not len(types):
         raise BadInput("it has no volume cells: mesh in 3 dimensions, and save all elements")
     if len(types) > 1 or types[0] not in _CELLS:
         names = " and ".join(mesh.getElementProperties(t)[0] for t in types)
-        raise BadInput(f"it has cells {names}: all must be tetrahedra, or all hexahedra, order 1-2")
+        wanted = (
+            "tetrahedra, or all hexahedra" if dimension == 3 else "triangles, or quadrilaterals"
+        )
+        raise BadInput(f"it has cells {names}: all must be {wanted}, order 1-2")
     kind, degree, size = _CELLS[types[0]]
     # Drop nodes without a cell (centres of arcs); gmsh's node numbers may have gaps.
     used, cells = np.unique(np.asarray(cell_nodes[0], dtype=np.int64), return_inverse=True)
@@ -171,11 +198,13 @@ def _extract(gmsh: Any) -> MeshData:
 
     groups = []
     for dim, tag in gmsh.model.getPhysicalGroups():
-        corners = dim + 1 if kind == "tetrahedron" else 2**dim
+        if dim > dimension:
+            continue
+        corners = dim + 1 if kind in ("tetrahedron", "triangle") else 2**dim
         parts: list[np.ndarray] = []
         for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
             for kind_number, tags, nodes in zip(*mesh.getElements(dim, entity), strict=True):
-                if dim == 3:
+                if dim == dimension:
                     parts.append(np.array([row_of_tag[t] for t in tags.tolist()], dtype=np.int64))
                     continue
                 _, _, _, count, _, primary = mesh.getElementProperties(kind_number)
@@ -183,11 +212,18 @@ def _extract(gmsh: Any) -> MeshData:
                     nodes = np.asarray(nodes, dtype=np.int64).reshape(-1, count)[:, :corners]
                     nodes = nodes[np.isin(nodes, used).all(axis=1)]
                     parts.append(np.searchsorted(used, nodes))
-        empty = np.empty(0 if dim == 3 else (0, corners), dtype=np.int64)
+        empty = np.empty(0 if dim == dimension else (0, corners), dtype=np.int64)
         name = gmsh.model.getPhysicalName(dim, tag) or str(tag)
         groups.append(PhysicalGroup(name, dim, tag, np.concatenate([empty, *parts])))
 
     tags, x, _ = mesh.getNodes()
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)]]
+    if dimension == 2:
+        if np.ptp(x[:, 2]) > _FLAT * np.abs(x).max():
+            raise BadInput(
+                "it has no volume cells: mesh in 3 dimensions, and save all elements; or in the "
+                "plane z = 0"
+            )
+        x = x[:, :2]
     return MeshData(cells, x, kind, degree, groups)

@@ -14,13 +14,14 @@ from fem_snh.assembly.boundary_conditions import (
     NodalMotion,
     PrescribedDisplacement,
 )
-from fem_snh.assembly.elements import ELEMENTS, Element
+from fem_snh.assembly.elements import Element, names_for
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.choices import DEFAULT_ASSEMBLY
 from fem_snh.errors import bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.mesh_checks import check_half_plane
 from fem_snh.problem.measures import Reactions, group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
@@ -82,18 +83,23 @@ def create_problem(
         On every rank, if mesh, element, material and physical groups do not fit together.
     """
     if mesh.cell != element.cell:
-        fitting = ", ".join(e.name for e in ELEMENTS.values() if e.cell == mesh.cell)
+        fitting = ", ".join(names_for(mesh.cell))
         accepted = f"an element with {mesh.cell} cells, like the mesh: one of {fitting}; it has "
         accepted += f"{element.cell}s"
         raise bad_value("element", element.name, accepted)
     domain = mesh.domain
-    V = _dolfinx.function_space(domain, element.degree, (3,))
+    kinematics = element.kinematics
+    if kinematics.revolved:
+        check_half_plane(domain, "mesh")
+    V = _dolfinx.function_space(domain, element.degree, (kinematics.components,))
     fillings = [Filling(material)] if isinstance(material, Material) else material
     regions = regions_of_groups(mesh, fillings)
     u = _dolfinx.function(V, "displacement")
-    dirichlet = DirichletConditions(V, mesh, hold, move, bones(V, mesh) if bones else ())
+    placed = bones(V, mesh) if bones else ()
+    dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics)
     moving = motion(u, regions, dirichlet) if motion else None
-    body = Body(u, regions, dirichlet, partial(group_facets, mesh), amplitudes, moving, mesh.skin)
+    facets = partial(group_facets, mesh)
+    body = Body(u, regions, dirichlet, facets, amplitudes, moving, mesh.skin, kinematics)
     terms = create_terms(features, body)
     terms += loads(mesh, u, regions, dirichlet) if loads else []
     return Problem(

@@ -181,10 +181,11 @@ def create_dolfinx_problem(
     moving = motion(u, regions, conditions) if motion else None
     facets = partial(measure_facets, V.mesh)
     for number, term in enumerate(terms):
-        if chosen_kinematics.dim == 2 and isinstance(term, Feature):
-            accepted = "a UFL form, on a mesh of 2 dimensions"
+        if chosen_kinematics.dim == 2 and not getattr(term, "planar", True):
+            accepted = "no such term, on a mesh of 2 dimensions"
             raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
-    body = Body(u, regions, conditions, facets, Amplitudes((), duration), moving)
+    amplitudes = Amplitudes((), duration)
+    body = Body(u, regions, conditions, facets, amplitudes, moving, kinematics=chosen_kinematics)
     made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")

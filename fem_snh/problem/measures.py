@@ -52,7 +52,9 @@ class Reactions:
             This rank's part of dE/du [N], whose first entries are the displacement's.
         """
         forces = gradient[: self._components * self._owned].reshape(-1, self._components)
-        local = np.array([forces[nodes].sum(axis=0) for nodes in self._nodes.values()])
+        local = np.zeros((len(self._nodes), 3))  # a component that the displacement lacks is zero
+        for row, nodes in zip(local, self._nodes.values(), strict=True):
+            row[: self._components] = forces[nodes].sum(axis=0)
         total = self._comm.allreduce(local)
         return dict(zip(self._nodes, total.tolist(), strict=True))
 

@@ -69,15 +69,18 @@ class Probes:
         return _dolfinx.node_dofs(V)[cell], _dolfinx.tabulate_values(V, xi[None])[0]
 
     def values(self) -> dict[str, list[float]]:
-        """Return the displacement [m] of each point by name, the same on all ranks. Collective."""
+        """Return the displacement [m] of each point by name, the same on all ranks. Collective.
+
+        It has three components, of which those that a mesh of two dimensions lacks are zero.
+        """
         if not self._names:
             return {}
         self._u.x.scatter_forward()
         components = _dolfinx.num_components(self._u.function_space)
         nodal = self._u.x.array.reshape(-1, components)
-        values = np.zeros((len(self._names), components))
+        values = np.zeros((len(self._names), 3))
         for number, nodes, weights in self._local:
-            values[number] = weights @ nodal[nodes]
+            values[number, :components] = weights @ nodal[nodes]
         total = self._comm.allreduce(values)
         return dict(zip(self._names, total.tolist(), strict=True))
 

@@ -277,7 +277,10 @@ def _problem(about: Any, arrays: dict[str, Array]) -> str:
             return f"{key} = {shown(about[key])}: expected a number > 0"
     if reason := _motion_problem(about["motion"], arrays):
         return reason
-    for name, columns in (("u", 3), ("p", 1)):
+    components = np.shape(arrays.get("u", np.empty(0)))[1:] or (3,)
+    if components[0] not in (2, 3):
+        return f"u: expected 2 or 3 columns, found shape {np.shape(arrays['u'])}"
+    for name, columns in (("u", components[0]), ("p", 1)):
         if name == "p" and not {"p", "p_nodes", "p_before"} & arrays.keys():
             continue
         nodes = len(arrays.get(f"{name}_nodes", ()))

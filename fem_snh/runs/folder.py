@@ -73,6 +73,7 @@ def describe(
         "scene": scene.name,
         "material": materials[0] if len(materials) == 1 else materials,
         "element": scene.element,
+        **({"kinematics": scene.kinematics} if scene.kinematics else {}),
         "quadrature": problem.element.quadrature,
         "hessian": solver_options["snes_hessian"],
         "globalization": solver_options["snes_globalization"],

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh.assembly import elements
+from fem_snh.assembly.kinematics import PLANAR, SOLID, find_kinematics
 from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
@@ -91,8 +92,10 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         On every rank, for a scene that does not fit its mesh, its material or its element.
     """
     start, working = perf_counter(), process_time()
-    element = elements.element(scene.element, scene.quadrature)
+    kinematics = PLANAR[scene.kinematics] if scene.kinematics else SOLID
+    element = elements.element(scene.element, scene.quadrature, kinematics)
     mesh = make_mesh(comm, scene, element)
+    find_kinematics(scene.kinematics, mesh.dim)
     _check_groups(scene, mesh)
     meshed = perf_counter()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fem_snh.assembly.elements import ELEMENTS, element
+from fem_snh.assembly.kinematics import PLANAR, SOLID
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
 from fem_snh.scenes._accuracy import read_goal
@@ -27,6 +28,12 @@ if TYPE_CHECKING:
 #: stability is that of an equilibrium.
 _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
 
+#: Keys that scenes of two dimensions do not have.
+_SOLID = (
+    "time", "modes", "start", "bone", "rig", "obstacle", "contact", "self_contact", "error",
+    "accuracy",
+)  # fmt: skip
+
 #: Tables with a key ``group``.
 _GROUP_TABLES = (
     "hold", "move", "bone", "obstacle",
@@ -35,7 +42,10 @@ _GROUP_TABLES = (
 
 def check_consistency(scene: Scene) -> None:
     """Raise BadInput for the first contradiction between keys of a scene."""
-    element(scene.element, scene.quadrature)
+    kinematics = PLANAR[scene.kinematics] if scene.kinematics else SOLID
+    element(scene.element, scene.quadrature, kinematics)
+    if scene.kinematics:
+        _check_plane(scene)
     check_tables(scene.table, dict(scene))
     for kind, features in grouped(scene.features):
         kind.check(features, scene)
@@ -107,6 +117,21 @@ def _check_fields(scene: Scene) -> None:
     for name in scene.fields:
         if name in homes and not any(getattr(scene, key) for key in homes[name]):
             raise bad_value("fields", name, f"another field, as the scene has no {homes[name][0]}")
+
+
+def _check_plane(scene: Scene) -> None:
+    """Raise BadInput for a key of three dimensions in a scene of two."""
+    accepted = f"no value, with kinematics = '{scene.kinematics}'"
+    for key in _SOLID:
+        if given := getattr(scene, key):
+            raise bad_value(key, given if isinstance(given, bool) else "given", accepted)
+    for feature in scene.features:
+        if not feature.planar:
+            raise bad_value(feature.key, "given", accepted)
+    if isinstance(scene.mesh, Lattice | Tetrahedra):
+        raise bad_value("mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh")
+    if scene.fields_at == "nodes":
+        raise bad_value("fields_at", "nodes", f"'cells', with kinematics = '{scene.kinematics}'")
 
 
 def _check_mesh(scene: Scene) -> None:

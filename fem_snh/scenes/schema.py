@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fem_snh.assembly.elements import ELEMENTS, MAX_QUADRATURE_DEGREE
+from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.choices import (
     ASSEMBLIES,
     DEFAULT_ASSEMBLY,
@@ -69,6 +70,7 @@ Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
 #: The values of keys that accept one of several words.
 WORDS = {
     "element": tuple(ELEMENTS),
+    "kinematics": tuple(PLANAR),
     "hessian": HESSIANS,
     "globalization": GLOBALIZATIONS,
     "assembly": ASSEMBLIES,
@@ -94,9 +96,14 @@ class Scene(Table):
         "a mesh file has none.",
     )
     element: Annotated[str, Expect("one of " + ", ".join(ELEMENTS))] = Field(
-        description=f"Finite element, one of {', '.join(ELEMENTS)}: P on tetrahedra, Q on "
-        "hexahedra; then the degree of the displacement; P0 with mean dilatation; P1 or Q1 with "
-        "a continuous pressure (Taylor-Hood)."
+        description=f"Finite element, one of {', '.join(ELEMENTS)}: P on tetrahedra or triangles, "
+        "Q on hexahedra or quadrilaterals; then the degree of the displacement; P0 with mean "
+        "dilatation; P1 or Q1 with a continuous pressure (Taylor-Hood)."
+    )
+    kinematics: str | None = Field(
+        default=None,
+        description=f"Of a mesh of two dimensions, one of {', '.join(PLANAR)}; a mesh of three has "
+        "none.",
     )
     quadrature: Degree | None = Field(
         default=None,

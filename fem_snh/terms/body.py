@@ -13,9 +13,10 @@ import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, cell_constant, density_of, reference_modulus
 from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import Mesh, volume
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh, volume
 from fem_snh.mesh.skin import Skin
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.tables.types import surface_name
@@ -63,6 +64,9 @@ class Body:
         The motion in time; None of a quasi-static body.
     skin : Skin or None
         The surface that a lattice carries.
+    kinematics : Kinematics
+        How the displacement becomes a deformation gradient. On a body of revolution integrals are
+        those of the whole turn.
     """
 
     u: Any
@@ -72,6 +76,7 @@ class Body:
     amplitudes: Amplitudes = LOAD_ITSELF
     motion: MotionInTime | None = None
     skin: Skin | None = None
+    kinematics: Kinematics = SOLID
 
     @property
     def V(self) -> Any:
@@ -86,22 +91,28 @@ class Body:
     @cached_property
     def volume(self) -> float:
         """The reference volume of the mesh [m^3]. Collective."""
-        return volume(self.domain)
+        return volume(self.domain, self.kinematics.revolved)
 
     @cached_property
     def modulus(self) -> float:
         """The Young's modulus [Pa] by which forces are scaled. Collective."""
-        return reference_modulus(self.domain, self.regions)
+        return reference_modulus(self.domain, self.regions, self.kinematics.revolved)
 
     def measure(self, key: str, surface: Any) -> Any:
         """Return the UFL measure of a surface: see `facets`. Collective."""
         ds = _dolfinx.surface_measure(self.domain, self.facets(key, surface))
-        return ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds
+        return self._turned(ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds)
 
     @property
     def cells(self) -> Any:
         """The UFL measure of all cells."""
-        return ufl.dx
+        return self._turned(ufl.dx)
+
+    def _turned(self, measure: Any) -> Any:
+        """Return a measure of the half plane as that of the whole turn, with the factor 2 pi r."""
+        if not self.kinematics.revolved:
+            return measure
+        return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(self.domain)[0], measure)
 
     def density(self, purpose: str) -> Any:
         """Return the mass per reference volume [kg/m^3], a dolfinx Function.
@@ -114,9 +125,33 @@ class Body:
         densities = [density_of(region, purpose) for region in self.regions]
         return cell_constant(self.domain, self.regions, densities)
 
+    def vector(self, key: str, value: Sequence[float]) -> Any:
+        """Return a vector with the displacement's components as a dolfinx Constant.
+
+        Raises
+        ------
+        BadInput
+            If other components than those of the displacement are not zero.
+        """
+        components = self.kinematics.components
+        if any(value[components:]):
+            accepted = f"{components} components and zero, in {self.kinematics.name}"
+            raise bad_value(key, list(value), accepted)
+        return self.constant(list(value[:components]))
+
     def constant(self, value: Any) -> Any:
         """Return a dolfinx Constant."""
         return _dolfinx.constant(self.domain, value)
+
+
+class WeightedMeasure:
+    """A UFL measure times a coefficient: ``f * weighted`` is ``f * coefficient * measure``."""
+
+    def __init__(self, coefficient: Any, measure: Any) -> None:
+        self._coefficient, self._measure = coefficient, measure
+
+    def __rmul__(self, integrand: Any) -> Any:
+        return integrand * self._coefficient * self._measure
 
 
 def group_facets(mesh: Mesh, key: str, group: Any) -> Array:
@@ -131,8 +166,8 @@ def group_facets(mesh: Mesh, key: str, group: Any) -> Array:
     if not isinstance(group, str | int):
         raise bad_value(key, group, "a physical group of the scene's mesh, by name or number")
     found = mesh.group(group)
-    if found.dim != 2:
-        raise bad_value(key, group, f"a surface, not a {found.label}")
+    if found.dim != mesh.dim - 1:
+        raise bad_value(key, group, f"a {DIMENSIONS[mesh.dim - 1]}, not a {found.label}")
     exterior = _dolfinx.exterior_facets(mesh.domain)[0]
     outside = mesh.domain.comm.allreduce(int(np.isin(exterior, found.entities).sum()))
     if outside < found.count:

@@ -27,6 +27,7 @@ from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, Split, split
+from fem_snh.terms.body import WeightedMeasure
 from fem_snh.terms.elastic import Elastic
 
 Array = npt.NDArray[Any]
@@ -74,12 +75,19 @@ class ElasticForms(Elastic):
         self._u = _dolfinx.function(V, "u")
         self._p = None if Q is None else _dolfinx.function(Q, "p")
         self._mean: _MeanVolume | None = None
-        F = ufl.variable(ufl.Identity(3) + ufl.grad(self._u))
+        kinematics = element.kinematics
+        radius = _dolfinx.coordinates(V.mesh)[0]
+        H = ufl.grad(self._u)
+        if kinematics.dim == 2:
+            H = ufl.as_matrix(kinematics.gradient(self._u, H, radius))
+        F = ufl.variable(ufl.Identity(3) + H)
         cells = [region.cells for region in regions]
         measures = _dolfinx.cell_measures(V.mesh, cells, element.cell, element.quadrature)
+        if kinematics.revolved:
+            measures = [WeightedMeasure(2 * ufl.pi * radius, dx) for dx in measures]
         if any(region.fractions is not None for region in regions):
             fraction = cell_constant(V.mesh, regions, [1.0] * len(regions))
-            measures = [_Weighted(fraction, dx) for dx in measures]
+            measures = [WeightedMeasure(fraction, dx) for dx in measures]
         materials = [region.material.expression for region in regions]
         if element.volume == "pointwise":
             densities = [energy_density(m, F) for m in materials]
@@ -127,16 +135,6 @@ class ElasticForms(Elastic):
                 copy_to_function(vector, function)
         if self._mean:
             self._mean.update()
-
-
-class _Weighted:
-    """A measure of cells times a coefficient: ``psi * weighted`` is ``psi * coefficient * dx``."""
-
-    def __init__(self, coefficient: Any, dx: Any) -> None:
-        self._coefficient, self._dx = coefficient, dx
-
-    def __rmul__(self, integrand: Any) -> Any:
-        return integrand * self._coefficient * self._dx
 
 
 def _deviatoric(part: Split) -> Energy:

@@ -24,6 +24,8 @@ class Feature(Table):
     ----------
     key : str
         The table's key in a scene, and the name of its terms in run.json.
+    planar : bool
+        Whether it supports meshes of two dimensions.
     stateless : bool
         Whether its terms keep nothing from one evaluation to the next, so that two problems may
         share them: cell pressures may then be unknowns.
@@ -33,6 +35,7 @@ class Feature(Table):
     """
 
     key: ClassVar[str]
+    planar: ClassVar[bool] = False
     stateless: ClassVar[bool] = False
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 

@@ -47,10 +47,13 @@ class Foundation(UFLTerms):
         ]
         self._given: list[npt.NDArray[Any]] = []
         self._present, self._terms = [], []
+        components = body.kinematics.components
         for spring in springs:
-            self._given.append(np.broadcast_to(np.array(spring.stiffness, float), 3).copy())
+            self._given.append(
+                np.broadcast_to(np.array(spring.stiffness, float), 3)[:components].copy()
+            )
             k = body.constant(self._given[-1])
-            forces = ufl.as_vector([k[i] * body.u[i] for i in range(3)])
+            forces = ufl.as_vector([k[i] * body.u[i] for i in range(components)])
             ds = body.measure("spring.group", spring.group)
             self._present.append(k)
             self._terms.append(UFLTerm(ufl.inner(forces, body.u) / 2 * ds, body.u, self.name))

@@ -25,7 +25,7 @@ class Gravity(Feature):
     without being deformed.
     """
 
-    key, stateless = "gravity", True
+    key, stateless, planar = "gravity", True, True
     vector: Vector = Field(description="Acceleration at amplitude 1 [m/s^2].")
     table: TableName | None = Field(default=None, description=TABLE)
 
@@ -40,6 +40,6 @@ class Gravity(Feature):
             if body.motion:
                 term.add_weight(body.motion.mass, load.vector, amplitude)
             else:
-                weight = body.density(cls.key) * body.constant(load.vector)
+                weight = body.density(cls.key) * body.vector(f"{cls.key}.vector", load.vector)
                 term.add(weight, body.cells, amplitude)
         return [term]

@@ -29,7 +29,7 @@ class Spring(Feature):
     .. math:: E = \frac{a(\lambda)}{2} \int_{\Gamma} k u \cdot u \, \mathrm{d}A
     """
 
-    key, stateless = "spring", True
+    key, stateless, planar = "spring", True, True
     group: Surface = Field(description=SURFACE)
     stiffness: Stiffness = Field(
         description="Force per reference area and displacement [Pa/m], one of all components or "

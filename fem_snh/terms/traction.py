@@ -22,7 +22,7 @@ class Traction(Feature):
     .. math:: E = -a(\lambda) \int_{\Gamma} t \cdot u \, \mathrm{d}A
     """
 
-    key, stateless = "traction", True
+    key, stateless, planar = "traction", True, True
     group: Surface = Field(description=SURFACE)
     vector: Vector = Field(description="Force per reference area at amplitude 1 [Pa].")
     table: TableName | None = Field(default=None, description=TABLE)
@@ -35,5 +35,7 @@ class Traction(Feature):
         term = DeadLoad(cls.key, body.V)
         for load in features:
             ds = body.measure("traction.group", load.group)
-            term.add(body.constant(load.vector), ds, body.amplitudes.force(load.table))
+            term.add(
+                body.vector(f"{cls.key}.vector", load.vector), ds, body.amplitudes.force(load.table)
+            )
         return [term]

@@ -99,7 +99,7 @@ class FieldValues:
         force = _dolfinx.create_vector(problem.V)
         force.array[problem.constrained_dofs] = r.array_r[problem.constrained_dofs]
         update_ghosts(force)
-        return np.array(local_values(force)).reshape(-1, 3)
+        return problem.kinematics.padded(np.array(local_values(force)))
 
 
 class RequestedFields:

@@ -96,9 +96,10 @@ def scatter_rows(comm: MPI.Comm, whole: Array | None, shape: tuple[int, ...]) ->
 def fields(problem: Problem) -> dict[str, NodalField]:
     """Return the fields "u" and, in a mixed formulation, the pressure "p". Collective."""
     comm, owned = problem.comm, _dolfinx.num_nodes(problem.V)[0]
-    found = {"u": NodalField(comm, problem.V, 0, 3)}
+    components = problem.kinematics.components
+    found = {"u": NodalField(comm, problem.V, 0, components)}
     if problem.saddle_point:
-        found["p"] = NodalField(comm, problem.saddle_point.Q, 3 * owned, 1)
+        found["p"] = NodalField(comm, problem.saddle_point.Q, components * owned, 1)
     return found
 
 

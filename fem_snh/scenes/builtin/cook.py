@@ -3,7 +3,7 @@
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Scene, Traction
 
 
-def cook(cells: int = 16, force: float = 100.0) -> Scene:
+def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -> Scene:
     """Cook's membrane in plane strain, nearly incompressible: a clamped panel sheared at its end.
 
     Units are N and mm, so E is in MPa. The panel is 1 mm thick: one layer of cells whose faces are
@@ -16,21 +16,26 @@ def cook(cells: int = 16, force: float = 100.0) -> Scene:
         Cells along each side.
     force : float
         Total shear force on the right edge [N].
+    kinematics : str, optional
+        "plane_strain" for a mesh of two dimensions in place of the layer.
     """
+    faces = [] if kinematics else [Hold(group="faces", components=("z",))]
+    z = 0.0 if kinematics else 0.5
     return Scene(
         name="cook",
         mesh=Geometry(source="cook"),
         cells=cells,
         element="Q2",
+        kinematics=kinematics,
         steps=4,
         material=MaterialChoice(name="neo_hookean_simo", E=240.565, nu=0.4999),
-        hold=[Hold(group="left"), Hold(group="faces", components=("z",))],
+        hold=[Hold(group="left"), *faces],
         traction=[Traction(group="right", vector=(0, force / 16, 0))],
         reactions=["left"],
         probe=[
-            Probe(name="tip", point=(48, 52, 0.5)),
-            Probe(name="corner", point=(48, 60, 0.5)),
-            Probe(name="bottom", point=(24, 22, 0.5)),
+            Probe(name="tip", point=(48, 52, z)),
+            Probe(name="corner", point=(48, 60, z)),
+            Probe(name="bottom", point=(24, 22, z)),
         ],
         load_name="force",
         load_range=(0, force),

@@ -5,7 +5,12 @@ from pydantic import PositiveFloat
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, Scene
 
 
-def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat = 1.0) -> Scene:
+def stretch(
+    cells: int = 12,
+    stretch: PositiveFloat = 3.4,
+    aspect: PositiveFloat = 1.0,
+    kinematics: str | None = None,
+) -> Scene:
     """A cylinder of diameter 1, clamped at both ends, stretched to 3.4 times its length.
 
     Parameters
@@ -17,20 +22,27 @@ def stretch(cells: int = 12, stretch: PositiveFloat = 3.4, aspect: PositiveFloat
         Length at load 1 over length at rest.
     aspect : float
         Length at rest over diameter.
+    kinematics : str, optional
+        "axisymmetric" for a mesh of two dimensions that revolves about the y axis.
     """
+    along, radius = (stretch - 1) * aspect, 0.125**0.5
+    translate = (0, along, 0) if kinematics else (along, 0, 0)
+    axis = (0, aspect / 4, 0) if kinematics else (aspect / 4, 0, 0)
+    inside = (radius, aspect / 2, 0) if kinematics else (aspect / 2, 0.25, 0.25)
     return Scene(
         name="stretch",
         mesh=Geometry(source="cylinder", parameters={"radius": 0.5, "length": aspect}),
         cells=cells,
         element="Q1",
+        kinematics=kinematics,
         steps=12,
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
         hold=[Hold(group="left")],
-        move=[Move(group="right", translate=((stretch - 1) * aspect, 0, 0))],
+        move=[Move(group="right", translate=translate)],
         reactions=["right"],
         probe=[
-            Probe(name="axis", point=(aspect / 4, 0, 0)),
-            Probe(name="inside", point=(aspect / 2, 0.25, 0.25)),
+            Probe(name="axis", point=axis),
+            Probe(name="inside", point=inside),
         ],
         load_name="stretch",
         load_range=(1, stretch),
