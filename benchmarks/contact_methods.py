@@ -16,10 +16,10 @@ from typing import Any
 from benchmarks import Row, contact_patch, plates, split_list
 from fem_snh.choices import CONTACT_METHODS
 from fem_snh.contact import law
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.scenes import Contact, Hold, MaterialChoice, Scene, load
-from fem_snh.scenes._obstacles import ObstacleChoice
 
 #: Tolerances of the reference solution: of the gap in V^(1/3), of the residual in E V^(2/3).
 _GAP, _RESIDUAL = 1e-6, 1e-10
@@ -63,7 +63,7 @@ def o_ring(
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu),
         hold=[Hold.model_validate({"group": g, "components": [axis]}) for g, axis in sides],
         obstacle=[
-            ObstacleChoice.model_validate(
+            Obstacle.model_validate(
                 {
                     "name": "plate",
                     "shape": plate,

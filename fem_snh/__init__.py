@@ -23,6 +23,7 @@ from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
     from fem_snh.contact.contact import Contact
+    from fem_snh.contact.obstacle import Obstacle
     from fem_snh.contact.self_contact import SelfContact
     from fem_snh.dynamic_problem import DynamicProblem
     from fem_snh.kernels.material import material
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Gravity", "NonlinearProblem",
-    "Pressure", "Result", "SelfContact", "Spring", "Term", "Traction", "material", "materials",
-    "register_feature", "run",
+    "Obstacle", "Pressure", "Result", "SelfContact", "Spring", "Term", "Traction", "material",
+    "materials", "register_feature", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -51,6 +52,7 @@ _MODULES = {
     "NonlinearProblem": "nonlinear_problem",
     "DynamicProblem": "dynamic_problem",
     "Contact": "contact.contact",
+    "Obstacle": "contact.obstacle",
     "SelfContact": "contact.self_contact",
     "Cavity": "terms.cavity",
     "Feature": "terms.feature",

@@ -14,7 +14,7 @@ from fem_snh import solver
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.regions import Filling
 from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Plane
 from fem_snh.kernels.material import material
@@ -33,7 +33,7 @@ def translation(vector):
 
 
 def plane(point=(0, 0, 0), normal=(0, 0, 1), motion=None):
-    return Obstacle(Plane(tuple(map(float, point)), tuple(map(float, normal))), motion)
+    return MovingShape(Plane(tuple(map(float, point)), tuple(map(float, normal))), motion)
 
 
 def constant(load):

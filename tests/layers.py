@@ -87,7 +87,14 @@ THIRD_PARTY = {
     "h5py": {"viewing.export"},
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
-    "pydantic": {"tables", "terms", "contact.contact", "contact.self_contact", "scenes"},
+    "pydantic": {
+        "tables",
+        "terms",
+        "contact.contact",
+        "contact.obstacle",
+        "contact.self_contact",
+        "scenes",
+    },
     "slepc4py": {"problem.modes"},
     "ipctk": {"contact.collisions"},
 }
@@ -99,6 +106,7 @@ FORBIDDEN = {
     "tables": _PARALLEL,
     "terms.feature": _PARALLEL,
     "contact.contact": _PARALLEL,
+    "contact.obstacle": _PARALLEL,
     "contact.self_contact": _PARALLEL,
     "scenes": _PARALLEL,
     "assembly.elements": _PARALLEL,

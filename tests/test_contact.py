@@ -17,7 +17,7 @@ from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import NearFacets
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import NotSettled
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.mesh.mesh import volume
 
@@ -26,7 +26,7 @@ mpi = pytest.mark.mpi
 each_element = pytest.mark.parametrize(
     "element", [pytest.param("P1", marks=mpi), "Q1", "P2", "Q2", pytest.param("P2P1", marks=mpi)]
 )
-BALL = Obstacle(Sphere((0.4, 0.5, 1.45), 0.5), translation((0.05, -0.1, -0.1)))
+BALL = MovingShape(Sphere((0.4, 0.5, 1.45), 0.5), translation((0.05, -0.1, -0.1)))
 #: Sides of a cube that may slide along the planes of symmetry.
 SYMMETRIC = [Hold("left", ("x",)), Hold("front", ("y",))]
 
@@ -221,7 +221,7 @@ def test_a_far_obstacle_adds_nothing(comm):
 @pytest.mark.parametrize("element", ["P1", "P2P0"])
 def test_the_same_on_any_number_of_ranks(comm, element):
     """Contact at one corner, which one rank has, beside the run of each rank by itself."""
-    ball = Obstacle(Sphere((0.9, 0.9, 1.3), 0.32), translation((0, 0, -0.1)))
+    ball = MovingShape(Sphere((0.9, 0.9, 1.3), 0.32), translation((0, 0, -0.1)))
     results, counts = [], []
     for ranks in (MPI.COMM_SELF, comm):
         body = cube(ranks, "tetrahedron", 2, 0.05)

@@ -23,7 +23,7 @@ from fem_snh.contact.body_contact import BodyContact
 from fem_snh.contact.deepest_point import DeepestPoint
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.surface_pair import BodyPair
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh
@@ -77,7 +77,7 @@ def test_a_corner_is_deeper_than_its_points(comm: MPI.Comm, element: str) -> Non
 @pytest.mark.parametrize(("depth", "noted"), [(0.01, False), (0.045, True)])
 def test_a_small_ball_between_the_points(comm: MPI.Comm, depth: float, noted: bool) -> None:
     """A ball of a tenth of the facet in its middle: no force, and a note from 5 % of the facet."""
-    ball = Obstacle(Sphere((0.25, 0.25, 1.1), 0.05), translation((0, 0, -0.05 - depth)))
+    ball = MovingShape(Sphere((0.25, 0.25, 1.1), 0.05), translation((0, 0, -0.05 - depth)))
     contacts = [RigidContact("ball", ball)]
     p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
     row = press(p)

@@ -10,7 +10,7 @@ from contact_problems import contact_problem, plane, press, translation
 from benchmarks.pressed_ball import force_ratio
 from fem_snh.contact.fields import ContactFields
 from fem_snh.contact.obstacle_contact import RigidContact
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.mesh import mesh
 
@@ -29,7 +29,7 @@ def indented(comm, depth, cells, tolerance=None, half_space=False):
     body = mesh.generate(comm, "indenter", "tetrahedron", cells=cells, **geometry)
     hold = [Hold("x = 0", ("x",)), Hold("y = 0", ("y",))]
     if half_space:
-        obstacle = Obstacle(Sphere((0, 0, R), R), translation((0, 0, -depth)))
+        obstacle = MovingShape(Sphere((0, 0, R), R), translation((0, 0, -depth)))
         hold.append(Hold("surface"))
     else:
         obstacle = plane((0, 0, -R), motion=translation((0, 0, depth)))

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import BadInput
-from fem_snh.geometry.motions import Obstacle, read_motion
+from fem_snh.geometry.motions import MovingShape, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion, Pose
 from fem_snh.geometry.shapes import Box
 
@@ -42,7 +42,7 @@ def test_a_table_of_two_rows_turns_and_moves_in_proportion_to_the_load(written):
 
 
 def test_distance_and_derivatives_move_with_the_obstacle(written):
-    obstacle = Obstacle(BOX, written(PRESS))
+    obstacle = MovingShape(BOX, written(PRESS))
     X = np.random.default_rng(1).normal(0, 1, (50, 3))
     R = Rotation.from_rotvec(0.6 * TURN).as_matrix()
     rest, now = BOX.evaluate(X), obstacle.evaluate(X @ R.T + 0.6 * SHIFT, 0.6)
@@ -52,12 +52,12 @@ def test_distance_and_derivatives_move_with_the_obstacle(written):
 
 
 def test_displacements_of_material_points(written):
-    obstacle = Obstacle(BOX, written(PRESS))
+    obstacle = MovingShape(BOX, written(PRESS))
     X = np.random.default_rng(2).normal(0, 1, (5, 3))
     early, late = X + moved(X, 0.2), X + moved(X, 0.9)
     assert np.allclose(obstacle.displacement(early, 0.2, 0.9), late - early, atol=1e-14)
     assert np.allclose(obstacle.displacement(late, 0.9, 0.2), early - late, atol=1e-14)
-    assert not Obstacle(BOX).displacement(X, 0.0, 1.0).any()
+    assert not MovingShape(BOX).displacement(X, 0.0, 1.0).any()
 
 
 def test_a_table_of_matrices(written):
@@ -70,7 +70,7 @@ def test_a_table_of_matrices(written):
     R = Rotation.from_rotvec(0.75 * TURN).as_matrix()
     assert np.allclose(motion.pose(0.75).rotation, R, atol=1e-8)
     assert np.allclose(motion.pose(0.75).rotation.T @ motion.pose(0.75).rotation, np.eye(3))
-    assert np.allclose(Obstacle(BOX, motion).affine(1.0), np.c_[motion.pose(1.0)], atol=1e-15)
+    assert np.allclose(MovingShape(BOX, motion).affine(1.0), np.c_[motion.pose(1.0)], atol=1e-15)
 
 
 def test_a_pose_and_its_inverse():

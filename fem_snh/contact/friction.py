@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.terms.settling import relative
 
 Array = npt.NDArray[Any]
@@ -73,7 +73,7 @@ class Friction:
     ----------
     surface : SurfaceQuadrature
         The surface of the body.
-    obstacle : Obstacle
+    obstacle : MovingShape
         The obstacle.
     coefficient : float
         Coulomb's coefficient mu.
@@ -91,7 +91,7 @@ class Friction:
     def __init__(
         self,
         surface: SurfaceQuadrature,
-        obstacle: Obstacle,
+        obstacle: MovingShape,
         coefficient: float,
         stiffness: Array,
     ) -> None:

@@ -21,7 +21,7 @@ from fem_snh.contact.law import TOLERANCE, ContactLaw, cell_heights, default_sti
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.errors import choose
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.terms.settling import LaggedChange, largest_change
 
 Array = npt.NDArray[Any]
@@ -45,7 +45,7 @@ class RigidContact(NamedTuple):
     ----------
     name : str
         Name in run.json.
-    obstacle : Obstacle
+    obstacle : MovingShape
         Shape and motion.
     friction : float
         Coulomb's coefficient.
@@ -63,7 +63,7 @@ class RigidContact(NamedTuple):
     """
 
     name: str
-    obstacle: Obstacle
+    obstacle: MovingShape
     friction: float = 0.0
     stiffness: float | None = None
     tolerance: float | None = None

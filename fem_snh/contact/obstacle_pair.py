@@ -12,7 +12,7 @@ from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
 from fem_snh.contact.friction import ContactPoints, Friction
 from fem_snh.contact.law import ContactLaw
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.geometry.motions import Obstacle
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.form_cells import filter_matrices
 
 Array = npt.NDArray[Any]
@@ -139,7 +139,7 @@ class ObstaclePair:
         The surface of the body.
     X : (local nodes, 3)
         Reference coordinates of the displacement's nodes [m].
-    obstacle : Obstacle
+    obstacle : MovingShape
         The obstacle.
     law : ContactLaw
         The law of the quadrature points, (facets, points).
@@ -164,7 +164,7 @@ class ObstaclePair:
         self,
         surface: SurfaceQuadrature,
         X: Array,
-        obstacle: Obstacle,
+        obstacle: MovingShape,
         law: ContactLaw,
         friction: Friction | None = None,
         facets: Array | None = None,
@@ -321,7 +321,7 @@ class ObstaclePair:
         return self.surface.cells[at.which], self.surface.cell_matrices(hessian, at.which), count
 
 
-def obstacle_work(obstacle: Obstacle, at: PointForces, start: float, end: float) -> float:
+def obstacle_work(obstacle: MovingShape, at: PointForces, start: float, end: float) -> float:
     r"""Return the work of forces that move with an obstacle from load ``start`` to ``end`` [J].
 
     .. math:: W = \sum_q f_q \cdot \tfrac12 \left[d_{0 \to 1}(x_q) - d_{1 \to 0}(x_q)\right]

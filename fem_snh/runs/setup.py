@@ -187,11 +187,6 @@ def make_problem(
 
         return scene_bones(scene, V, mesh)
 
-    def touch(*arguments: Any) -> list[Any]:
-        from fem_snh.runs.obstacles import obstacle_terms
-
-        return obstacle_terms(scene, *arguments)
-
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
@@ -209,7 +204,6 @@ def make_problem(
         features=scene.features,
         amplitudes=scene.amplitudes,
         motion=partial(create_dynamics, scene.time) if scene.time else None,
-        loads=touch if scene.obstacle else None,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, SOLID
+from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
 from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._obstacles import names as obstacle_names
 from fem_snh.scenes._outputs import Geometry
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
@@ -36,7 +36,7 @@ _SOLID = (
 
 #: Tables with a key ``group``.
 _GROUP_TABLES = (
-    "hold", "move", "bone", "obstacle",
+    "hold", "move", "bone",
 )  # fmt: skip
 
 
@@ -49,8 +49,6 @@ def check_consistency(scene: Scene) -> None:
     check_tables(scene.table, dict(scene))
     for kind, features in grouped(scene.features):
         kind.check(features, scene)
-    if scene.obstacle:
-        obstacle_names(scene.obstacle)
     check_bones(scene.bone, scene.rig, obstacle_names(scene.obstacle))
     if scene.predictor == "bones" and (scene.time or not scene.bone):
         why = "[time]" if scene.time else "no [[bone]]"
@@ -99,7 +97,7 @@ def why_condensed(scene: Scene) -> str:
         names = " and ".join(e.name for e in ELEMENTS.values() if e.volume == "mean")
         return f"only {names} have cell pressures, not {scene.element}"
     # Terms with a state of their own, or with a matrix that is not assembled, would need two.
-    for key in ("time", "obstacle", "nu_continuation"):
+    for key in ("time", "nu_continuation"):
         if getattr(scene, key):
             return f"the scene has '{key}'"
     for feature in scene.features:

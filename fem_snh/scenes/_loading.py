@@ -10,13 +10,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from fem_snh.contact.obstacle import FILES
 from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
 from fem_snh.materials import Reference
 from fem_snh.references import is_reference
 from fem_snh.scenes._bones import files_relative_to
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
-from fem_snh.scenes._obstacles import FILES
 from fem_snh.scenes.schema import MaterialChoice, Scene
 from fem_snh.tables.synonyms import suggestion
 from fem_snh.tables.validation import one_line

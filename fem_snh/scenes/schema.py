@@ -19,6 +19,8 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.contact.contact import Contact
+from fem_snh.contact.obstacle import FILES as OBSTACLE_FILES
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
 from fem_snh.scenes._accuracy import Accuracy
@@ -27,8 +29,6 @@ from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
-from fem_snh.scenes._obstacles import FILES as OBSTACLE_FILES
-from fem_snh.scenes._obstacles import ObstacleChoice
 from fem_snh.scenes._outputs import (
     Geometry,
     Location,
@@ -60,7 +60,7 @@ from fem_snh.terms.traction import Traction
 
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
-    "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "ObstacleChoice",
+    "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
     "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
     "Time", "Traction",
 ]  # fmt: skip
@@ -151,7 +151,7 @@ class Scene(Table):
     spring: list[Spring] = Field(default=[], description="Elastic foundations of surfaces.")
     contact: list[Contact] = Field(default=[], description="Surfaces that touch each other.")
     cavity: list[Cavity] = Field(default=[], description="Fluids of prescribed volume.")
-    obstacle: list[ObstacleChoice] = Field(
+    obstacle: list[Obstacle] = Field(
         default=[], description="Rigid obstacles that the body touches."
     )
     self_contact: SelfContact | None = Field(

@@ -32,7 +32,7 @@ TABLES = (
     ("[[contact]]", schema.Contact),
     ("[self_contact]", schema.SelfContact),
     ("[[cavity]]", schema.Cavity),
-    ("[[obstacle]]", schema.ObstacleChoice),
+    ("[[obstacle]]", schema.Obstacle),
     ("shape", shapes.ShapeChoice),
     ("plane", shapes.PlaneShape),
     ("sphere", shapes.SphereShape),

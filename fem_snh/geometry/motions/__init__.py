@@ -1,5 +1,5 @@
 """Rigid obstacles: shapes that move."""
 
-from fem_snh.geometry.motions.moving import Obstacle, Pose, PoseTable, RigidMotion, read_motion
+from fem_snh.geometry.motions.moving import MovingShape, Pose, PoseTable, RigidMotion, read_motion
 
-__all__ = ["Obstacle", "Pose", "PoseTable", "RigidMotion", "read_motion"]
+__all__ = ["MovingShape", "Pose", "PoseTable", "RigidMotion", "read_motion"]

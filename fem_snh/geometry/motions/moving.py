@@ -68,7 +68,7 @@ class DisplacementMotion:
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class MovingShape:
     """A rigid shape in motion.
 
     Parameters

@@ -3,7 +3,7 @@
 from pydantic import NonNegativeFloat, PositiveFloat
 
 from fem_snh.choices import DEFAULT_INTEGRATOR
-from fem_snh.scenes._obstacles import ObstacleChoice
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes.schema import Geometry, Gravity, MaterialChoice, Scene, Time
 
 #: Radius [m], density [kg/m^3] and acceleration of gravity [m/s^2].
@@ -39,6 +39,6 @@ def bounce(
         time=Time(duration=1.0, steps=200, integrator=integrator),
         gravity=Gravity(vector=(0, 0, -GRAVITY)),
         obstacle=[
-            ObstacleChoice.model_validate({"name": "ground", "shape": ground, "friction": friction})
+            Obstacle.model_validate({"name": "ground", "shape": ground, "friction": friction})
         ],
     )

@@ -4,7 +4,7 @@ from math import sqrt
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes._obstacles import ObstacleChoice
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene
 
 #: Radius [mm], Young's modulus [MPa] and Poisson's ratio of SSNV104.
@@ -56,7 +56,7 @@ def hertz(cells: int = 6, depth: PositiveFloat = 0.2, half_space: bool = False) 
         element="P2",
         material=MaterialChoice(name="stable_neo_hookean", E=MODULUS, nu=RATIO),
         hold=[*symmetric, hold],
-        obstacle=[ObstacleChoice.model_validate({**obstacle, "group": touched})],
+        obstacle=[Obstacle.model_validate({**obstacle, "group": touched})],
         fields=["contact_pressure"],
         predictor="none",
         petsc=petsc,

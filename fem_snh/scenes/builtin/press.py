@@ -2,7 +2,7 @@
 
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from fem_snh.scenes._obstacles import ObstacleChoice
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Scene
 
 
@@ -33,7 +33,7 @@ def press(cells: int = 4, to: PositiveFloat = 0.5, friction: NonNegativeFloat = 
         steps=4,
         material=MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.45, density=1000),
         hold=[Hold(group="bottom")],
-        obstacle=[ObstacleChoice.model_validate(obstacle) for obstacle in obstacles],
+        obstacle=[Obstacle.model_validate(obstacle) for obstacle in obstacles],
         load_name="height",
         load_range=(1.0, to),
     )

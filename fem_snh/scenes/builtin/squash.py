@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes._obstacles import ObstacleChoice
+from fem_snh.contact.obstacle import Obstacle
 from fem_snh.scenes._time import Damping
 from fem_snh.scenes.schema import Amplitude, Geometry, Gravity, MaterialChoice, Scene, Time
 from fem_snh.tables.types import Count
@@ -46,7 +46,7 @@ def squash(
     """
     axes = [(x, HEIGHT) for x in (-DISTANCE, 0.0, DISTANCE)]
     cylinders = [
-        ObstacleChoice.model_validate(
+        Obstacle.model_validate(
             {"name": name, "shape": _cylinder(x, z, RADIUS), "friction": friction}
         )
         for name, (x, z) in zip(("left", "middle", "right"), axes, strict=True)
@@ -70,7 +70,7 @@ def squash(
         hessian="abs",
         material=MaterialChoice(name="stable_neo_hookean", E=3e5, nu=0.46, density=1000),
         gravity=Gravity(vector=(0, 0, -9.81)),
-        obstacle=[*cylinders, ObstacleChoice.model_validate(press)],
+        obstacle=[*cylinders, Obstacle.model_validate(press)],
         table=[Amplitude(name="press", points=tuple(heights))],
         time=Time(
             duration=TIMES[-1],

@@ -1,0 +1,99 @@
+"""Obstacles and contact of two surfaces as terms of a dolfinx program: as in a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from contact_scenes import PLATE, slide
+from dolfinx import fem
+from dolfinx import mesh as dolfinx_mesh
+from dolfinx_programs import vector_space
+from running import solve
+
+import fem_snh
+from fem_snh import _dolfinx, scenes
+from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh
+
+pytestmark = pytest.mark.mpi
+MATERIAL = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+TIGHT = {"snes_scaled_tol": 1e-10}
+
+
+def program(body: mesh.Mesh, moved: dict[str, float], *terms: Any) -> fem_snh.NonlinearProblem:
+    """Return a problem of degree 1 whose groups move vertically by given distances."""
+    V = vector_space(body.domain)
+    u, prescribed = fem.Function(V), fem.Function(V)
+    nodes = {name: group_nodes(V, body, name) for name in moved}
+    for name, distance in moved.items():
+        prescribed.x.array.reshape(-1, 3)[nodes[name], 2] = distance
+    bcs = [_dolfinx.prescribed(prescribed, np.unique(np.concatenate(list(nodes.values()))))]
+    return fem_snh.NonlinearProblem(
+        u, {MATERIAL: ufl.dx}, bcs=bcs, terms=list(terms), petsc_options=TIGHT
+    )
+
+
+def surface(body: mesh.Mesh, *names: str) -> Any:
+    """Return the measures ds(1), ds(2), ... of groups."""
+    facets = [body.group(name).entities for name in names]
+    values = np.repeat(np.arange(1, len(names) + 1), [len(found) for found in facets])
+    every = np.concatenate(facets)
+    order = np.argsort(every)
+    tags = dolfinx_mesh.meshtags(
+        body.domain, 2, every[order].astype(np.int32), values[order].astype(np.int32)
+    )
+    ds = ufl.Measure("ds", body.domain, subdomain_data=tags)
+    return [ds(number + 1) for number in range(len(names))]
+
+
+@pytest.mark.parametrize("top", [False, True], ids=["everywhere", "the top"])
+def test_an_obstacle_with_friction(comm, top):
+    expected = solve(slide(**({"group": "top"} if top else {})), comm=comm).steps[-1]
+    body = mesh.generate(comm, "cube", "hexahedron", cells=2)
+    group = {"group": surface(body, "top")[0]} if top else {}
+    problem = program(body, {"bottom": 0.0}, fem_snh.Obstacle(**PLATE, **group))
+    *_, row = problem.steps(4)
+    assert row["converged"] and row["load"] == 1.0
+    found, wanted = row["obstacles"]["plate"], expected["obstacles"]["plate"]
+    np.testing.assert_allclose(found["force"], wanted["force"], rtol=1e-5, atol=1e-8)
+    assert found["contacts"] == wanted["contacts"] and found["sliding"] == wanted["sliding"]
+
+
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+def test_two_blocks(comm, method):
+    groups = ["lower_top", "upper_bottom"]
+    scene = scenes.validate(
+        {
+            "name": "blocks",
+            "mesh": {"source": "two_blocks", "parameters": {"upper_cells": 3}},
+            "cells": 2,
+            "element": "Q1",
+            "material": {"name": "stable_neo_hookean", "E": 1.0, "nu": 0.3},
+            "hold": [{"group": "bottom"}],
+            "move": [{"group": "top", "translate": [0, 0, -0.1]}],
+            "contact": [{"groups": groups, "method": method}],
+            "petsc": TIGHT,
+        },
+        "blocks",
+    )
+    expected = solve(scene, comm=comm).steps[-1]["contacts"]["lower_top/upper_bottom"]
+    body = mesh.generate(comm, "two_blocks", "hexahedron", cells=2, upper_cells=3)
+    contact = fem_snh.Contact(groups=surface(body, *groups), method=method)
+    (row,) = program(body, {"bottom": 0.0, "top": -0.1}, contact).steps(1)
+    found = row["contacts"]["ds(1)/ds(2)"]
+    assert found["force"][2] < -0.05
+    np.testing.assert_allclose(found["force"], expected["force"], rtol=1e-5, atol=1e-8)
+    assert found["penetration"] == pytest.approx(expected["penetration"], rel=1e-5)
+
+
+def test_mistakes(comm):
+    body = mesh.generate(comm, "two_blocks", "hexahedron", cells=1)
+    (ds,) = surface(body, "lower_top")
+    with pytest.raises(BadInput, match=r"groups = .*: expected two different groups"):
+        fem_snh.Contact(groups=(ds, ds))
+    with pytest.raises(BadInput, match=r"obstacle\.group = 'lower_top': expected a measure ds"):
+        program(body, {"bottom": 0.0}, fem_snh.Obstacle(**PLATE, group="lower_top"))
