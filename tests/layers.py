@@ -26,12 +26,6 @@ PARTS = (
 )
 #: Largest number of parts beside ``_dolfinx``.
 MOST_PARTS = 18
-#: Class names that still stand in two modules: tables of scenes and the terms that they make. The
-#: list only shrinks.
-SHARED_NAMES = {
-    "Group",
-    "Point",
-}
 #: Modules and folders with imports of the package inside functions, and why they have them.
 LAZY = {
     "cli": "each command imports what it runs: the others, and --help, start at once",

@@ -18,7 +18,7 @@ from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
 from fem_snh.problem import modes
-from fem_snh.runs.checkpoint import Checkpoint, Writer
+from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
 from fem_snh.runs.notes import final_notes
@@ -137,7 +137,12 @@ def _run(
             if stored.finished and not (scene.estimates_error and "estimate" not in stored.record):
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
-        recorder = _recorder(comm, about, scene, setup, folder, stored, start)
+        earlier = stored.record if stored else None
+        recorder = Recorder(about, scene, setup, folder, start, earlier)
+        if folder and (scene.obstacle or scene.bone):
+            from fem_snh.runs.obstacle_records import copy_surfaces
+
+            on_root(comm, copy_surfaces, scene, folder)
         goals = _goals(scene, setup)
         _solve(comm, scene, setup, recorder, printed, goals)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -158,34 +163,6 @@ def _goals(scene: scenes.Scene, setup: Setup) -> list[Goal]:
     from fem_snh.runs.goals import scene_goals
 
     return scene_goals(scene, setup.mesh, setup.problem.has_energy)
-
-
-def _recorder(
-    comm: MPI.Comm,
-    about: dict[str, Any],
-    scene: scenes.Scene,
-    setup: Setup,
-    folder: Folder | None,
-    stored: Checkpoint | None,
-    start: float,
-) -> Recorder:
-    """Return the recorder of a run, which continues the record of a resumed one. Collective."""
-    recorder = Recorder(
-        about,
-        setup.stepper,
-        folder,
-        Writer(folder, scene, setup.stepper) if folder else None,
-        setup.seconds,
-        start,
-        setup.processor,
-        stored.record if stored else None,
-        (scene.fields, scene.fields_at),
-    )
-    if folder and (scene.obstacle or scene.bone):
-        from fem_snh.runs.obstacle_records import copy_surfaces
-
-        on_root(comm, copy_surfaces, scene, folder)
-    return recorder
 
 
 def _solve(

@@ -13,12 +13,13 @@ from fem_snh.notes import Note
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.folder import Folder
 from fem_snh.runs.output.fields import Fields, write_modes
+from fem_snh.scenes import Scene
 from fem_snh.steps.jump import jump_note
-from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
     from fem_snh.problem.modes import VibrationModes
+    from fem_snh.runs.setup import Setup
 
 
 class Recorder:
@@ -31,39 +32,31 @@ class Recorder:
     ----------
     record : dict
         The content of run.json, updated in place.
-    stepper : Stepper
-        The load steps.
+    scene : Scene
+        The scene.
+    setup : Setup
+        Its problem and load steps.
     folder : Folder or None
         The folder of the output; None writes nothing.
-    checkpoint : Writer or None
-        The writer of the checkpoint.
-    seconds : dict
-        Elapsed seconds of the set-up.
     start : float
         The value of `time.perf_counter` at the start of the run.
-    processor : float
-        This rank's processor seconds before the first step, without compilation.
     earlier : mapping, optional
         The record of the run that is resumed: its steps are kept and its seconds are added.
-    fields : tuple
-        The scene's ``fields`` and ``fields_at``.
     """
 
     def __init__(
         self,
         record: dict[str, Any],
-        stepper: Stepper,
+        scene: Scene,
+        setup: Setup,
         folder: Folder | None,
-        checkpoint: Writer | None,
-        seconds: dict[str, float],
         start: float,
-        processor: float,
         earlier: Mapping[str, Any] | None = None,
-        fields: tuple[Sequence[str], str] = ((), "cells"),
     ) -> None:
-        self.record, self._stepper, self._folder = record, stepper, folder
-        self._problem, self._seconds, self._start = stepper.problem, seconds, start
-        self._checkpoint, self._processor = checkpoint, processor
+        self.record, self._folder, self._start = record, folder, start
+        self._stepper, self._problem = setup.stepper, setup.problem
+        self._seconds, self._processor = setup.seconds, setup.processor
+        self._checkpoint = Writer(folder, scene, setup.stepper) if folder else None
         self._earlier = earlier or {}
         self._fields: Fields | None = None
         if earlier is not None:
@@ -78,11 +71,17 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
-            resumed, path = earlier is not None, folder.path / "fields.pvd"
             self._fields = Fields(
-                path, self._problem, resumed, *fields, stepper.motion, folder.files
+                folder.path / "fields.pvd",
+                self._problem,
+                earlier is not None,
+                scene.fields,
+                scene.fields_at,
+                self._stepper.motion,
+                folder.files,
             )
-            self._seconds = seconds | {"jit": seconds["jit"] + self._fields.jit_seconds}
+            jit = self._seconds["jit"] + self._fields.jit_seconds
+            self._seconds = self._seconds | {"jit": jit}
         self._output = 0.0
         #: Whether a state that converged has not been written.
         self._behind = False
