@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from fem_snh import _dolfinx, solver
 from fem_snh._petsc import default_options
+from fem_snh.accuracy.program_goals import EstimatesErrors
 from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
@@ -32,7 +33,7 @@ PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 _MAX_STEPS = 1_000_000
 
 
-class NonlinearProblem:
+class NonlinearProblem(EstimatesErrors):
     """Find the displacement that minimises the energy of materials and UFL terms. Collective.
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),

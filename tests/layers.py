@@ -73,6 +73,8 @@ THIRD_PARTY = {
         "kernels.ufl_forms",
         "terms",
         "accuracy.goals",
+        "accuracy.program_goals",
+        "problem.lifted_problem",
         "problem.mixed.pressure_masses",
         "runs.output.nodal_projection",
     },

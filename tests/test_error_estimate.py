@@ -8,12 +8,18 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 from running import rows, solve
 
+import fem_snh
 from fem_snh import scenes
 from fem_snh.accuracy.estimate import GoalError
+from fem_snh.accuracy.lift import lifted_elements
+from fem_snh.accuracy.saturation import saturation
 from fem_snh.errors import BadInput
+from fem_snh.mesh.mesh import generate
+from fem_snh.problem.create_problem import create_problem
 from fem_snh.scenes.schema import (
     Accuracy,
     Geometry,
@@ -115,6 +121,36 @@ def test_effectivity_on_cook(element, nu):
         assert abs(goal["corrected"] - exact) < abs(goal["value"] - exact) / 2
 
 
+@pytest.mark.parametrize(
+    ("element", "nu", "cells"), [("P2", 0.3, 4), ("Q2", 0.3, 4), ("Q2Q1", 0.4999, 4)]
+)
+def test_effectivity_of_degree_2_on_cook(element, nu, cells):
+    """Degree 3 leaves a third of the error at Cook's corners; its decay tells how much."""
+    result = solve("cook", element=element, nu=nu, cells=cells, error=True)
+    exact = reference(nu)[1]
+    goal = result.goals["corner.y"]
+    factor = result.record["estimate"]["saturation"]
+    effectivity = goal["error"] / (exact - goal["value"])
+    assert 0.7 < effectivity < 1.3
+    assert abs(effectivity - 1) < abs(effectivity / factor - 1)
+
+
+def test_a_solution_of_degree_2_leaves_nothing():
+    """Of a quadratic displacement, degree 3 is no part; the factor is that of a smooth solution."""
+    problem = solve("twist", element="Q2Q1", cells=1, angle=0.0).problem
+    lifted = next(lifted_elements(problem))
+    mesh = generate(MPI.COMM_SELF, "cube", "hexahedron", cells=2)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    other = create_problem(mesh, lifted, material)
+    X = other.coordinates
+    values = np.stack([X[:, 0] * X[:, 1], X[:, 2] ** 2, 0 * X[:, 0]], axis=1)
+    other.x.array[: values.size] = values.ravel()
+    assert saturation(other) == pytest.approx(1.0, abs=0.01)
+    # x^3 has both parts in each cell.
+    other.x.array[: values.size] = (X[:, :1] ** 3 * [1.0, 0, 0]).ravel()
+    assert 1 < saturation(other) < 1.6
+
+
 def test_effectivity_on_a_twisted_bar():
     """Against Q2Q1 on a mesh twice as fine, whose error is a hundredth of that of Q1P0."""
     fine = solve("twist", element="Q2Q1", cells=6, angle=1.0, nu=0.49).steps[-1]
@@ -185,8 +221,6 @@ def test_goals_of_groups():
 
 
 def test_goals_in_the_files(tmp_path, capsys):
-    import fem_snh
-
     result = fem_snh.run(sheared(), out=tmp_path / "run")
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["goals"] == result.goals

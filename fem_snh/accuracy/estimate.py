@@ -19,6 +19,8 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
+from fem_snh.accuracy.pressure_oscillation import may_lock
+from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.problem.problem import Problem
 
@@ -114,10 +116,12 @@ class Estimate:
         The lifted element.
     dofs, memory : int, float
         Its unknowns and the memory that it needs [bytes], before it is created.
+    saturation : float
+        The factor by which the difference of the two solutions was multiplied.
     newton, linear : int
         Its Newton and linear iterations.
-    seconds : float
-        Elapsed time.
+    seconds, jit : float
+        Elapsed time, and the part of it that compiled the kernels of the element.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -125,9 +129,11 @@ class Estimate:
     element: str = ""
     dofs: int = 0
     memory: float = 0.0
+    saturation: float = 1.0
     newton: int = 0
     linear: int = 0
     seconds: float = 0.0
+    jit: float = 0.0
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -142,6 +148,9 @@ class Estimate:
             return [f"no estimate of the error: {self.reason}"]
         return [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
 
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
     def record(self) -> dict[str, Any]:
         """Return the entry ``estimate`` of run.json."""
         return {
@@ -149,9 +158,11 @@ class Estimate:
             "element": self.element,
             "dofs": self.dofs,
             "memory_mb": self.memory / 1e6,
+            "saturation": self.saturation,
             "newton": self.newton,
             "linear": self.linear,
             "seconds": self.seconds,
+            "jit": self.jit,
         }
 
 
@@ -206,7 +217,7 @@ def _errors(
     announce(found)
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
-    found.element = lifted.element.name
+    found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
     lift = Lift(problem, lifted)
     try:
         functions = [goal.bind(lifted) for goal in goals]
@@ -233,4 +244,6 @@ def _errors(
             f"the equilibrium of {lifted.element.name} near the run's is unstable: its Hessian has "
             "negative curvature"
         )
-    return errors
+    # Locking is no part of what the lifted solution leaves.
+    found.saturation = 1.0 if may_lock(problem) else saturation(lifted)
+    return [found.saturation * error for error in errors]

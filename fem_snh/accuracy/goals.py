@@ -193,7 +193,8 @@ class VolumeGoal:
 class EnergyGoal:
     """The energy of all terms [J]."""
 
-    names = ("energy",)
+    def __init__(self, name: str = "energy") -> None:
+        self.names = [name]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""

@@ -63,6 +63,9 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     base = problem.element
     best = (_DEGREE_2 if base.degree == 1 else _DEGREE_3)[base.cell]
     several = len(problem.regions) > 1
+    if not problem.regions:  # energies in UFL alone: no pressure
+        yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
+        return
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
         yield replace(best, name=f"{best.name[:2]}P0", volume="mean", pressure_degree=0)
     elif several and base.volume != "pressure":  # a continuous pressure is wrong at interfaces

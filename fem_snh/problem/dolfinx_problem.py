@@ -67,6 +67,8 @@ class DolfinxConditions:
 
     Attributes
     ----------
+    bcs : list of dolfinx DirichletBC
+        The conditions.
     start : (n,) or None
         The values of `dofs` at load 0, from which they go to the present ones at load 1, in
         proportion to the load; None: the present ones at every load.
@@ -84,10 +86,11 @@ class DolfinxConditions:
         on_load: Callable[[float], None] | None = None,
         kinematics: Kinematics = SOLID,
     ) -> None:
-        self._bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
+        self.bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
+        self._V, self._dofs = V, list[Array]()
         sizes = []
-        for number, bc in enumerate(self._bcs):
+        for number, bc in enumerate(self.bcs):
             if not hasattr(bc, "dof_indices"):
                 raise bad_value(f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc")
             if not _dolfinx.bc_space_is_within(bc, V):
@@ -97,6 +100,7 @@ class DolfinxConditions:
             # Not all ghosts of constrained nodes need be in a condition.
             owned = dofs[dofs < mask.getLocalSize()]
             mask.array[owned] = 1.0
+            self._dofs.append(owned)
             sizes.append(len(owned))
         for number, size in enumerate(V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))):
             if size == 0:
@@ -115,11 +119,22 @@ class DolfinxConditions:
         self.dofs: Array = np.flatnonzero(mask.array_r)
         self.start: Array | None = None
 
+    @property
+    def masks(self) -> list[Array]:
+        """The components of nodes that each condition constrains, (local nodes, 3). Collective."""
+        found = []
+        for dofs in self._dofs:
+            mask = _dolfinx.create_vector(self._V)
+            mask.array[dofs] = 1.0
+            update_ghosts(mask)
+            found.append(local_values(mask).reshape(-1, 3) > 0)
+        return found
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set the constrained entries of ``x`` to their values at a load."""
         if self._on_load is not None:
             self._on_load(load)
-        _dolfinx.set_bcs(x.array, self._bcs)
+        _dolfinx.set_bcs(x.array, self.bcs)
         x.array[self._axis] = 0.0
         if self.start is not None:
             x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
@@ -193,8 +208,9 @@ def create_dolfinx_problem(
     if not regions and not any(getattr(term, "has_hessian", True) for term in found):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
     problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found, motion=moving)
+    problem.given_terms = list(terms)
     if not regions:
-        _set_modulus(problem)
+        set_modulus(problem)
     return problem
 
 
@@ -347,7 +363,7 @@ def _regions(
     return regions
 
 
-def _set_modulus(problem: Problem) -> None:
+def set_modulus(problem: Problem) -> None:
     """Set the moduli of a problem without materials, from its terms at the start.
 
     That of forces is 3 times the shear modulus, E of an incompressible material: the least

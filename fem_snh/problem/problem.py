@@ -108,6 +108,8 @@ class Problem:
         [N], of a plane E times `length` [N/m].
     stiffest_modulus : float
         The largest lambda + 2 mu of the materials [Pa].
+    given_terms : list
+        Of a program: the forms, features and terms from which it was made.
     nonfinite : int
         Number of energies evaluated so far that were infinite or NaN.
     seconds : dict of float
@@ -146,6 +148,7 @@ class Problem:
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
         self.motion, self.skin = motion, skin
+        self.given_terms: list[Any] = []
         self.constrained_dofs = dirichlet.dofs
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))

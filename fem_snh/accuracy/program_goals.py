@@ -1,0 +1,144 @@
+"""The goals of a dolfinx program: points, measures, conditions and functionals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import ufl
+
+from fem_snh import _dolfinx
+from fem_snh.accuracy.estimate import Estimate, estimate_error
+from fem_snh.accuracy.goals import (
+    EnergyGoal,
+    ForceGoal,
+    FunctionalGoal,
+    Goal,
+    MeanGoal,
+    PointGoal,
+    VolumeGoal,
+)
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.problem.dolfinx_problem import DolfinxConditions
+from fem_snh.problem.lifted_problem import lifted_problem
+from fem_snh.problem.problem import Problem
+
+_ACCEPTED = (
+    "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
+    "a UFL form of rank 0 in u, 'volume' or 'energy'"
+)
+
+
+class EstimatesErrors:
+    """The estimate of errors, a method of `fem_snh.NonlinearProblem`."""
+
+    _problem: Problem
+    reason: str
+
+    def estimate_error(self, goals: Mapping[str, Any] | Sequence[Any]) -> Estimate:
+        """Estimate the errors of goals of the last solution, which does not change. Collective.
+
+        The problem is solved once more, from its solution, in the element of the next degree on
+        the same cells (docs/theory/error.md). Boundary values are interpolated from ``u``.
+
+        Parameters
+        ----------
+        goals : sequence or mapping
+            Each a point [x, y, z] (its displacement), a ``ufl.Measure`` (the mean displacement over
+            its cells or facets), one of ``bcs`` (its reaction force), a UFL form of rank 0 in
+            ``u``, "volume" (deformed over reference volume) or "energy". A mapping names them.
+
+        Returns
+        -------
+        Estimate
+            ``goals`` has the value, error and corrected value of each; ``reason`` says why there
+            is no estimate, if there is none. It prints as a line for each goal.
+
+        Raises
+        ------
+        BadInput
+            On every rank, for what is no goal, and before a solution.
+
+        Examples
+        --------
+        >>> print(problem.estimate_error({"corner": [48, 60, 0.5], "pull": bcs[1]}))
+        corner.y 6.631, error +0.266 (4.0 %), corrected 6.897
+        """
+        problem = self._problem
+        if problem.acting_force is None:
+            raise BadInput("estimate_error: expected a quasi-static problem, not one in time")
+        if (name := problem.kinematics.name) != "solid":
+            raise BadInput(f"estimate_error: expected a body in three dimensions, not {name!r}")
+        if not self.reason.startswith("CONVERGED"):
+            raise BadInput("estimate_error: expected a solution that has converged: call solve()")
+        assert isinstance(problem.dirichlet, DolfinxConditions)
+        found = program_goals(problem, problem.dirichlet.bcs, goals)
+        return estimate_error(problem, partial(lifted_problem, problem), found)
+
+
+def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal]:
+    """Return the goals of a program.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its problem.
+    bcs : sequence of dolfinx DirichletBC
+        Its conditions.
+    goals : mapping or sequence
+        The goals, by name or in a list.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for what is no goal.
+    """
+    if isinstance(goals, Mapping):
+        named = [(str(name), goal) for name, goal in goals.items()]
+    elif isinstance(goals, Sequence) and not isinstance(goals, str):
+        named = [("", goal) for goal in goals]
+    else:
+        raise bad_value("goals", goals, "a list of goals, or a mapping of names to goals")
+    if not named:
+        raise bad_value("goals", goals, "at least one goal")
+    found = [_goal(problem, bcs, name, goal, i) for i, (name, goal) in enumerate(named)]
+    names = [name for goal in found for name in goal.names]
+    if doubled := {name for name in names if names.count(name) > 1}:
+        raise bad_value("goals", sorted(doubled)[0], "a different name for each goal")
+    return found
+
+
+def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: int) -> Goal:
+    key = f"goals[{name or number}]"
+    if isinstance(goal, str):
+        if goal == "volume" and problem.regions:
+            return VolumeGoal(name or goal)
+        if goal == "energy" and problem.has_energy:
+            return EnergyGoal(name or goal)
+        raise bad_value(key, goal, _ACCEPTED)
+    if isinstance(goal, ufl.Form):
+        if goal.arguments() or problem.u not in goal.coefficients():
+            raise bad_value(key, "a form", "a form of rank 0 that contains u")
+        return FunctionalGoal(name or key, goal, problem.u)
+    if _dolfinx.is_measure(goal):
+        return MeanGoal(name or f"mean {number}", goal)
+    if hasattr(goal, "dof_indices"):
+        for i, bc in enumerate(bcs):
+            if bc is goal:
+                return ForceGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
+        raise bad_value(key, "a condition", "one of the problem's bcs")
+    try:
+        point = np.asarray(goal, dtype=float)
+    except (TypeError, ValueError):
+        point = np.empty(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise bad_value(key, goal, _ACCEPTED)
+    return PointGoal(name or f"({', '.join(f'{x:g}' for x in point)})", point.tolist())
+
+
+def _owned_mask(problem: Problem, number: int) -> Any:
+    """Return the owned dofs that a condition of a program constrains, (nodes, 3) bool."""
+    conditions: Any = problem.dirichlet
+    return conditions.masks[number][: len(problem.coordinates)]

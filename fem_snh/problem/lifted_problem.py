@@ -1,0 +1,169 @@
+"""The problem of a dolfinx program in another element on the same mesh, at its present state.
+
+A scene makes its problem again from its tables. A program has objects of dolfinx on its own space:
+constrained dofs and forms, which are carried over to the new space here.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.elements import Element
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    set_to_zero,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.assembly.unknowns import create_unknowns
+from fem_snh.errors import BadInput
+from fem_snh.problem.dolfinx_problem import DolfinxConditions, set_modulus
+from fem_snh.problem.problem import Problem
+from fem_snh.tables.amplitudes import LOAD_ITSELF
+from fem_snh.terms.body import Body, measure_facets
+from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.ufl_term import UFLTerm
+
+Array = npt.NDArray[Any]
+
+#: Distance on the reference cell below which a node is on a facet.
+_ON_FACET = 1e-9
+#: Size below which the value of a basis function at a node is rounding.
+_ROUNDING = 1e-9
+
+
+class LiftedConditions:
+    """The Dirichlet conditions of a program on another space: see `Dirichlet`. Collective.
+
+    A node is constrained where a node of the program's space is that is, and on facets of the
+    boundary and in cells all of whose nodes are. Its values are those of the displacement now.
+
+    Parameters
+    ----------
+    conditions : DolfinxConditions
+        The conditions on the program's space.
+    u, lifted : dolfinx Function
+        The displacement, and its interpolation in the other space.
+    """
+
+    depends_on_load = False
+
+    def __init__(self, conditions: DolfinxConditions, u: Any, lifted: Any) -> None:
+        V, W = u.function_space, lifted.function_space
+        lift = partial(_lifted_mask, V, W, _Nodes(V, W))
+        self._masks = [lift(mask) for mask in conditions.masks]
+        owned = _dolfinx.num_nodes(W)[0]
+        empty = np.zeros((sum(_dolfinx.num_nodes(W)), 3), dtype=bool)
+        self.constrained: Array = np.logical_or.reduce([empty, *self._masks])
+        self.dofs: Array = np.flatnonzero(self.constrained[:owned])
+        self._values = lifted.x.array[self.dofs].copy()
+
+    @property
+    def masks(self) -> list[Array]:
+        """The components of nodes that each condition constrains, each (local nodes, 3) bool."""
+        return self._masks
+
+    def set_values(self, x: PETSc.Vec, load: float) -> None:
+        """Set the constrained entries of ``x`` to the program's values."""
+        x.array[self.dofs] = self._values
+
+
+class _Nodes:
+    """How the nodes of two spaces on one cell lie to each other and to its facets.
+
+    Attributes
+    ----------
+    same : (lifted nodes,) int
+        The node of the first space at the same coordinates; -1: none.
+    facets : list of (base nodes, lifted nodes)
+        The nodes on each facet, as bool masks.
+    """
+
+    def __init__(self, V: Any, W: Any) -> None:
+        cell = _dolfinx.cell_name(V.mesh)
+        nodes = [_dolfinx.reference_nodes(cell, _dolfinx.degree(space)) for space in (V, W)]
+        distance = np.linalg.norm(nodes[1][:, None] - nodes[0][None], axis=2)
+        self.same = np.where(distance.min(axis=1) < _ROUNDING, distance.argmin(axis=1), -1)
+        origins, tangents = _dolfinx.facet_maps(cell)
+        normals = np.cross(tangents[:, 0], tangents[:, 1])
+        self.facets = [
+            tuple(np.abs((points - origin) @ normal) < _ON_FACET for points in nodes)
+            for origin, normal in zip(origins, normals, strict=True)
+        ]
+
+
+def _lifted_mask(V: Any, W: Any, nodes: _Nodes, mask: Array) -> Array:
+    """Return the components of W's nodes that are constrained if V's are. Collective."""
+    old, new = _dolfinx.node_dofs(V), _dolfinx.node_dofs(W)
+    inside = mask[old]  # (cells, nodes, 3)
+    marked = _dolfinx.create_vector(W)
+    set_to_zero(marked)
+    found = writable_values(marked).reshape(-1, 3)
+    known = nodes.same >= 0
+    np.maximum.at(found, new[:, known], inside[:, nodes.same[known]].astype(float))
+    whole = inside.all(axis=1)[:, None].astype(float)
+    np.maximum.at(found, new, np.broadcast_to(whole, (*new.shape, 3)))
+    _, cells, local = _dolfinx.exterior_facets(V.mesh)
+    for number, (base, lifted) in enumerate(nodes.facets):
+        on = cells[local == number]
+        whole = inside[on][:, base].all(axis=1)[:, None].astype(float)
+        targets = new[on][:, lifted]
+        np.maximum.at(found, targets, np.broadcast_to(whole, (*targets.shape, 3)))
+    add_ghosts(marked)
+    update_ghosts(marked)
+    return np.asarray(local_values(marked).reshape(-1, 3) > 0)
+
+
+def lifted_problem(problem: Problem, element: Element) -> Problem:
+    """Return the problem of a program with another element, at its state and load. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, made by `create_dolfinx_problem`.
+    element : Element
+        The other element, on the same cells.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a term of the program's own, which is made for its space.
+    """
+    V = _dolfinx.function_space(problem.domain, element.degree, (3,))
+    u = _dolfinx.function(V, "displacement")
+    problem.split(problem.x)
+    u.interpolate(problem.u)
+    u.x.scatter_forward()
+    assert isinstance(problem.dirichlet, DolfinxConditions)
+    conditions = LiftedConditions(problem.dirichlet, problem.u, u)
+    body = Body(
+        u, problem.regions, conditions, partial(measure_facets, problem.domain), LOAD_ITSELF
+    )
+    made = [
+        _lifted_term(term, f"terms[{i}]", problem.u, u)
+        for i, term in enumerate(problem.given_terms)
+    ]
+    unknowns = create_unknowns(u, element)
+    lifted = Problem(unknowns, element, problem.regions, conditions, create_terms(made, body))
+    if not problem.regions:
+        set_modulus(lifted)
+    return lifted
+
+
+def _lifted_term(term: Any, name: str, u: Any, lifted: Any) -> Any:
+    """Return a feature as it is, and the term of a form in the other displacement."""
+    if isinstance(term, Feature):
+        return term
+    if not isinstance(term, ufl.Form):
+        raise BadInput(f"{name}, a term of the program, is made for its own space")
+    tests = {old: ufl.TestFunction(lifted.function_space) for old in term.arguments()}
+    return UFLTerm(ufl.replace(term, {u: lifted} | tests), lifted, name)

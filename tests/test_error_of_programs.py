@@ -1,0 +1,118 @@
+"""The estimate of the error in a dolfinx program: the same as of a scene; its goals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from bodies import PRESS
+from dolfinx import fem
+from dolfinx_programs import Bar, Press, converged, unit_cube
+from running import solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Probe
+from fem_snh.terms.traction import Traction
+
+SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
+POINT = (1.0, 0.25, 0.5)
+
+
+@pytest.mark.mpi
+def test_a_program_has_the_errors_of_its_scene(comm):
+    scene = PRESS.model_copy(
+        update={
+            "material": PRESS.material.model_copy(
+                update={"name": "stable_neo_hookean", "nu": 0.49}
+            ),
+            "probe": [Probe(name="side", point=POINT)],
+            "reactions": ["top"],
+            "error": True,
+        }
+    )
+    of_scene = solve(scene, comm=comm)
+    body = Press(of_scene.problem.domain, height=-0.5)
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    problem.solve()
+    assert converged(problem)
+    before = body.u.x.array.copy()
+    goals = {"side": POINT, "top.force": body.bcs[1], "energy": "energy", "volume": "volume"}
+    found = problem.estimate_error(goals)
+    assert found.reason == ""
+    assert (body.u.x.array == before).all()
+    for name, goal in found.goals.items():
+        other = of_scene.goals[name]
+        assert goal.value == pytest.approx(other["value"], rel=1e-5, abs=1e-6)
+        assert goal.error == pytest.approx(other["error"], rel=0.02, abs=1e-5)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_stretched_bar_has_no_error(comm, cell):
+    """A homogeneous state between rollers, which constrain components of faces."""
+    body = Bar(unit_cube(comm, 2, cell))
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    problem.solve()
+    stretch = body.F[0, 0] * ufl.dx
+    found = problem.estimate_error([(1, 1, 1), body.bcs[3], stretch, ufl.dx, "energy"])
+    assert found.reason == ""
+    assert list(found.goals)[:6] == [
+        "(1, 1, 1).x", "(1, 1, 1).y", "(1, 1, 1).z",
+        "bcs[3].force.x", "bcs[3].force.y", "bcs[3].force.z",
+    ]  # fmt: skip
+    assert found.goals["goals[2]"].value == pytest.approx(1.5)
+    assert found.goals["mean 3.x"].value == pytest.approx(0.25)
+    for name, goal in found.goals.items():
+        assert abs(goal.error) < 1e-5, name
+
+
+def test_terms_are_carried_over(comm):
+    """A dead load as a form and as a feature, and a spring as an energy: one estimate."""
+    errors = []
+    for kind in ("form", "feature"):
+        body = Press(unit_cube(comm, 2))
+        ds = ufl.Measure("ds", body.domain)
+        load = fem.Constant(body.domain, np.array([0.05, 0.0, 0.0]))
+        spring = 0.01 * ufl.inner(body.u, body.u) * ds
+        form = -ufl.inner(load, ufl.TestFunction(body.V)) * ds
+        dead = form if kind == "form" else Traction(group=ds, vector=(0.05, 0, 0))
+        problem = fem_snh.NonlinearProblem(
+            body.u, {SNH: ufl.dx}, bcs=body.bcs[:1], terms=[dead, spring]
+        )
+        problem.solve()
+        found = problem.estimate_error({"corner": (1, 1, 1)})
+        errors.append(found.goals["corner.x"].error)
+        assert found.goals["corner.x"].relative > 0.01
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("goals", "message"),
+    [
+        ([(1, 2)], "goals[0] = (1, 2): expected a point [x, y, z]"),
+        (["stress"], "goals[0] = 'stress': expected a point"),
+        ({"far": (3, 0, 0)}, "outside the body"),
+        ([], "expected at least one goal"),
+        ("energy", "expected a list of goals"),
+    ],
+)
+def test_goals_that_are_none(comm, goals, message):
+    body = Press(unit_cube(comm, 1))
+    problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
+    with pytest.raises(BadInput, match="expected a solution that has converged"):
+        problem.estimate_error(["energy"])
+    problem.solve()
+    with pytest.raises(BadInput) as refused:
+        problem.estimate_error(goals)
+    assert message in str(refused.value)
+
+
+def test_no_error_in_time(comm):
+    body = Press(unit_cube(comm, 1))
+    heavy = {SNH: 1.0}
+    problem = fem_snh.DynamicProblem(
+        body.u, {SNH: ufl.dx}, densities=heavy, duration=1.0, bcs=body.bcs[:1]
+    )
+    with pytest.raises(BadInput, match="expected a quasi-static problem"):
+        problem.estimate_error(["energy"])
