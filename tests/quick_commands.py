@@ -14,6 +14,7 @@ QUICK = {
     f"{BENCH} cell_pressures": "--elements P2P0 --scenes block --nus 0.49 --cells 4",
     f"{BENCH} convergence_orders": "--elements Q1 --nus 0.3 --cells 1,2",
     f"{BENCH} bounce": "--integrators bdf2 --cells 2 --steps 5",
+    f"{BENCH} contrast": "--shapes bar --contrasts 1e4 --cells 6 --solvers default",
     f"{BENCH} coo_assembly": "--elements Q1 --cells 2 --repeat 1",
     f"{BENCH} dolfinx_program": "--parts scene --scene_cells 3 --repeat 1",
     f"{BENCH} eigensolvers": "--samples 1 --points 16",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import fem_snh
+from benchmarks.contrast import SHAPES, inclusion
 from fem_snh.errors import BadInput
 from fem_snh.problem.regime import section_nodes
 
@@ -63,3 +64,21 @@ def test_the_user_chooses_the_linear_solver():
         assert record["linear_solver"] == solver and "linear_solver" not in record["defaults"]
     with pytest.raises(BadInput, match="snes_linear_solver = 'exact': expected one of automatic"):
         fem_snh.run("cook", petsc={"snes_linear_solver": "exact"}, **given)
+
+
+@pytest.mark.filterwarnings("ignore::fem_snh.errors.ResultNote")
+@pytest.mark.parametrize("shape", ["bar", "sphere"])
+def test_a_stiff_inclusion_that_turns_has_factors(shape, contrast=1e4):
+    """At most three times the Newton iterations of the homogeneous cube, and the same energy."""
+    cube = inclusion(MPI.COMM_SELF, SHAPES[shape], 1.0, 6, {})
+    cube.solve()
+    stiff = inclusion(MPI.COMM_SELF, SHAPES[shape], contrast, 6, {})
+    choice = stiff.solver.getPythonContext().linear_choice
+    assert choice.direct and "contrast of the moduli" in choice.reason
+    stiff.solve()
+    assert stiff.solver.getConvergedReason() > 0 and stiff.newton <= 3 * cube.newton
+    # The stiff part is nearly rigid: its contrast hardly changes the energy.
+    energy = stiff.solver.computeObjective(stiff.x)
+    rigid = inclusion(MPI.COMM_SELF, SHAPES[shape], 3 * contrast, 6, {})
+    rigid.solve()
+    assert energy == pytest.approx(rigid.solver.computeObjective(rigid.x), rel=30 / contrast)

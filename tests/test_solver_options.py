@@ -279,3 +279,11 @@ def test_exceptions_of_callbacks_pass_unchanged(comm, kind):
 
 def test_petsc_options_are_restored():
     assert not [k for k in PETSc.Options().getAll() if k.startswith(solver.PREFIX)]
+
+
+def test_an_unknown_solver_of_petsc_is_refused_in_one_line(comm):
+    p = twist(comm)
+    with options(ksp_type="foo"), pytest.raises(BadInput) as error:
+        solver.create(p)
+    message = str(error.value)
+    assert "foo" in message and "\n" not in message and "SNESSetFromOptions" not in message

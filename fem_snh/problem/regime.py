@@ -49,6 +49,7 @@ def regime_of(
     tables = [part.loops.tables for part in parts]
     cells = np.concatenate([table.x[table.geometry] for table in tables] or [np.empty((0, 1, 3))])
     moduli = [part.region.material.lame for part in parts]
+    shear = [float(mu) for mu, _ in moduli]
     return Regime(
         comm.allreduce(len(coordinates)),
         element.kinematics.dim,
@@ -58,6 +59,7 @@ def regime_of(
         cell_aspect(comm, cells),
         supported(comm, coordinates, constrained),
         float(comm.allreduce(constrained.sum()) / max(1, comm.allreduce(len(constrained)))),
+        max(shear) / min(shear) if shear else 1.0,
     )
 
 

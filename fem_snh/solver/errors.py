@@ -28,6 +28,12 @@ def callback_errors() -> Iterator[None]:
         raise cause from None
 
 
+def cause_of(error: Exception) -> str:
+    """Return the cause of an error as one line: of PETSc's, the last line of its stack."""
+    last = (str(error).strip().splitlines() or [""])[-1].partition("] ")[2]
+    return last or " ".join(str(error).split())
+
+
 @contextmanager
 def petsc_failures() -> Iterator[None]:
     """Raise PETSc's errors and exhausted memory as `Failed`, with a message of one line."""
@@ -38,6 +44,4 @@ def petsc_failures() -> Iterator[None]:
     except PETSc.Error as error:
         if error.ierr == OUT_OF_MEMORY:
             raise Failed("out of memory (PETSc)") from error
-        last_line = str(error).strip().splitlines()[-1].partition("] ")[2]
-        message = last_line or " ".join(str(error).split())
-        raise Failed(f"PETSc error {error.ierr}: {message}") from error
+        raise Failed(f"PETSc error {error.ierr}: {cause_of(error)}") from error

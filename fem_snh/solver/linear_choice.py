@@ -33,6 +33,9 @@ _MIN_LAYER = 1.5
 #: A bar that is constrained along more than this part of its axis does not bend, nor does a layer
 #: of whose nodes more than this part are.
 _CONSTRAINED = 0.5
+#: Contrast of the shear moduli from which a body has factors (measured:
+#: python -m benchmarks contrast; docs/results/linear_solver.md).
+_CONTRAST = 1e4
 #: Nodes above which factors are never chosen; measured up to 33,282.
 _MAX_NODES = 50_000
 
@@ -77,6 +80,10 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         )
     if regime.dimension == 2:
         return LinearChoice(True, "a mesh of 2 dimensions: sparse factors cost little")
+    direct = not regime.inertia and regime.nodes <= _MAX_NODES
+    if direct and regime.contrast >= _CONTRAST:
+        reason = f"contrast of the moduli = {regime.contrast:.2g} >= {_CONTRAST:g}"
+        return LinearChoice(True, f"{reason}: iterations would be many")
     if problem.saddle_point is not None:
         return LinearChoice(False, "an unknown pressure: few iterations for every nu and mesh")
     if regime.inertia:

@@ -36,6 +36,8 @@ class Regime(NamedTuple):
         clamped at its ends, 1 for one around a skeleton.
     constrained : float
         The part of the nodes that are constrained: all of a layer in plane strain.
+    contrast : float
+        The largest shear modulus of the materials over the smallest.
     """
 
     nodes: int
@@ -46,6 +48,7 @@ class Regime(NamedTuple):
     cell_aspect: float = 1.0
     supported: float = 0.0
     constrained: float = 0.0
+    contrast: float = 1.0
 
 
 class SaddlePoint(Protocol):

@@ -10,7 +10,7 @@ from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import set_direct_solver
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.solver import garbage, options, saddle_point, trust_region
-from fem_snh.solver.errors import callback_errors
+from fem_snh.solver.errors import callback_errors, cause_of
 from fem_snh.solver.linear_choice import CHOICES, LinearChoice, choose_linear_solver
 from fem_snh.solver.newton import ProjectedNewton
 from fem_snh.solver.protocol import SolvableProblem
@@ -29,7 +29,7 @@ _LINEAR_RTOL = 1e-3
 _NO_LIMIT = 2**31 - 1
 
 
-class NewtonSNES(PETSc.SNES):  # type: ignore[misc]
+class NewtonSNES(PETSc.SNES):  # type: ignore[misc]  # petsc4py has no type hints
     """A SNES of `create`: it checks PETSc's options and counts linear iterations.
 
     PETSc has no function by which a SNES of type "python" adds to its own count. ``-snes_view``
@@ -122,7 +122,7 @@ def create(
                     problem.operator, problem.A, prefix, context.linear_choice.direct
                 )
     except (PETSc.Error, ImportError) as error:  # an option may name a class of Python
-        raise BadInput(f"PETSc rejects an option under -{prefix}: {error}") from None
+        raise BadInput(f"PETSc rejects an option under -{prefix}: {cause_of(error)}") from None
     objects = [problem.x, problem.A, *([saddle.schur_approximation] if saddle else ())]
     garbage.record(problem, snes, *objects)
     return snes

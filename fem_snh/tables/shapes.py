@@ -58,7 +58,7 @@ _ENDS: dict[str, Any] = {
 _Axis: Any = create_model("_Axis", __base__=_ShapeTable, **_ENDS)
 
 
-class CylinderShape(_Axis):  # type: ignore[misc]
+class CylinderShape(_Axis):  # type: ignore[misc]  # made by pydantic at run time
     """A circular cylinder with flat ends, or an infinite one."""
 
     kind = "cylinder"
@@ -68,7 +68,7 @@ class CylinderShape(_Axis):  # type: ignore[misc]
     )
 
 
-class CapsuleShape(_Axis):  # type: ignore[misc]
+class CapsuleShape(_Axis):  # type: ignore[misc]  # made by pydantic at run time
     """All points within a radius of a segment: a cylinder with round ends."""
 
     kind = "capsule"
