@@ -98,6 +98,28 @@ LOADS: dict[str, tuple[dict[str, Any], Any]] = {
             fem_snh.Traction(ds(TOP), [0.1, 0, 0.1]),
         ],
     ),
+    "obstacle": (
+        {
+            "obstacle": [
+                {
+                    "shape": {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
+                    "translate": [0, 0, -0.2],
+                    "group": "top",
+                    "friction": 0.2,
+                    "name": "press",
+                }
+            ]
+        },
+        lambda ds: [
+            fem_snh.Obstacle(
+                {"plane": {"point": [0, 0, 1.05], "normal": [0, 0, -1]}},
+                translate=[0, 0, -0.2],
+                group=ds(TOP),
+                friction=0.2,
+                name="press",
+            )
+        ],
+    ),
     "table": (
         {"pressure": [{"group": "top", "value": 0.1, "table": "rise"}], "table": [RISE]},
         lambda ds: [fem_snh.Pressure(ds(TOP), 0.1, rise)],
@@ -146,7 +168,7 @@ def test_steps_ramp_the_loads(comm: Any) -> None:
         assert row["max_u"] == pytest.approx(of_scene["max_u"], rel=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["gravity", "pressure", "table"])
+@pytest.mark.parametrize("kind", ["gravity", "pressure", "obstacle", "table"])
 def test_time(comm: Any, kind: str) -> None:
     """Forces without a table are constant; a function is one of the time [s]."""
     tables, terms = LOADS[kind]
@@ -233,6 +255,13 @@ def test_mistakes(comm: Any) -> None:
         "traction.group = 'ds(3)': expected a measure with subdomain_data": lambda: solve(
             fem_snh.Traction(ufl.ds(3), [0, 0, 1])
         ),
+        "expected one of the keys shape, surface; found none": lambda: fem_snh.Obstacle(),
+        "shape: unknown key 'ball'": lambda: fem_snh.Obstacle({"ball": {}}),
+        "obstacle.name = 'a': expected a different name": lambda: solve(
+            fem_snh.Obstacle({"plane": {}}, name="a"), fem_snh.Obstacle({"plane": {}}, name="a")
+        ),
+        "surface = 3: expected the path of an STL file": lambda: fem_snh.Obstacle(surface=3),
+        "nowhere.stl": lambda: solve(fem_snh.Obstacle(surface="nowhere.stl")),
         "table = 'ramp': expected a function": lambda: solve(
             fem_snh.Pressure(ds(TOP), 1.0, "ramp")
         ),

@@ -142,7 +142,7 @@ def test_without_fields_nothing_of_them_is_imported_or_compiled(tmp_path):
         "print(sorted(m for m in sys.modules if m.startswith('fem_snh.') and "
         "m.rpartition('.')[2] in ('stress_fields', 'stress_loops', 'field_values', "
         "'nodal_projection', 'requested_fields', 'point_fields', 'columns_cg', "
-        "'contact', 'friction', 'surface_quadrature', 'dynamics'))); "
+        "'obstacle_contact', 'friction', 'surface_quadrature', 'dynamics'))); "
         "print('fields' in r.record)"
     )
     done = subprocess.run(

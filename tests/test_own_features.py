@@ -147,7 +147,7 @@ print(mistake(beds=[1]))
     lines = done.stdout.splitlines()
     assert "bed.0.stiffness = -1: expected a number > 0" in lines[0], done.stderr
     assert "bed.0: missing key 'stiffness'" in lines[1]
-    assert "fields = 'bed_force': expected another field, as the scene has no bed" in lines[2]
+    assert "fields = 'bed_force': expected another field, as the scene has no [[bed]]" in lines[2]
     assert "broken = no_such_module:Bed of the package beds: ModuleNotFoundError" in lines[3]
     assert "expected a feature with the key 'other'" in lines[4]
     assert "unknown" in lines[5] and "did you mean 'bed'" in lines[5]

@@ -10,6 +10,7 @@ import pytest
 from scene_file import TOML
 
 from fem_snh import scenes
+from fem_snh.contact.obstacle import names
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere
 
@@ -22,7 +23,7 @@ def obstacles(*tables: dict[str, Any], **keys: Any) -> list[Any]:
     """Return the obstacles of a scene."""
     scene = scenes.load("twist", obstacle=list(tables), **keys)
     assert scenes.load(scene) == scene  # also through the names 'from' and 'to'
-    return scenes.read_obstacles(scene.obstacle, scene.amplitudes)
+    return [obstacle.moving(scene.amplitudes) for obstacle in scene.obstacle]
 
 
 @pytest.mark.parametrize(
@@ -64,13 +65,13 @@ def test_files_are_relative_to_the_scene(tmp_path: Path, monkeypatch: pytest.Mon
     path.write_text(TOML + '[[obstacle]]\nshape = { plane = {} }\nmotion = "press.csv"\n')
     monkeypatch.chdir("/")
     scene = scenes.load(path)
-    (obstacle,) = scenes.read_obstacles(scene.obstacle, scene.amplitudes)
+    obstacle = scene.obstacle[0].moving(scene.amplitudes)
     assert obstacle.pose(0.25).translation == pytest.approx([0, 0, -0.5])
 
 
 def test_names() -> None:
     scene = scenes.load("twist", obstacle=[ON_BALL, {**ON_BALL, "name": "floor"}])
-    assert scenes.obstacle_names(scene.obstacle) == ["obstacle_0", "floor"]
+    assert names(scene.obstacle) == ["obstacle_0", "floor"]
 
 
 @pytest.mark.parametrize(

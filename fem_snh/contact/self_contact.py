@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from fem_snh.choices import SELF_CONTACT_METHODS
 from fem_snh.errors import bad_value, choose
+from fem_snh.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.tables.types import NonNegative, Positive
 from fem_snh.tables.validation import Expect
 from fem_snh.terms.feature import Feature
@@ -36,6 +37,9 @@ class SelfContact(Feature):
     """
 
     key = "self_contact"
+    nodal_fields: ClassVar[Mapping[str, OutputField]] = {
+        "contact_pressure": AT_OBSTACLES["contact_pressure"]
+    }
     method: Method = Field(
         default=SELF_CONTACT_METHODS[0],
         description="reference: springs that push samples of the surface out of deformed cells, to "

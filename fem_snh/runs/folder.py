@@ -85,7 +85,6 @@ def describe(
         "ranks": problem.comm.size,
         **({"time": _describe_time(scene, problem, motion)} if motion else {}),
         **_describe_features(scene, problem),
-        **_describe_obstacles(scene, problem),
         **_describe_bones(scene, problem),
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
@@ -124,14 +123,6 @@ def _describe_features(scene: Scene, problem: Problem) -> dict[str, Any]:
         terms = [term for term in problem.terms if term.name == kind.key]
         found |= kind.describe(features, terms)
     return found
-
-
-def _describe_obstacles(scene: Scene, problem: Problem) -> dict[str, Any]:
-    if not scene.obstacle:
-        return {}
-    from fem_snh.runs.obstacle_records import describe_obstacles
-
-    return {"obstacles": describe_obstacles(scene, problem)}
 
 
 def _describe_bones(scene: Scene, problem: Problem) -> dict[str, Any]:

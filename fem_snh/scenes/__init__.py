@@ -11,9 +11,6 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.contact.obstacle import FILES as OBSTACLE_FILES
-from fem_snh.contact.obstacle import names as obstacle_names
-from fem_snh.contact.obstacle import read_obstacles
 from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._consistency import group_references, why_condensed
 from fem_snh.scenes._features import FEATURES, register_feature
@@ -48,10 +45,10 @@ from fem_snh.scenes.schema import (
 )
 
 __all__ = [
-    "FEATURES", "GROUP", "OBSTACLE_FILES", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
+    "FEATURES", "GROUP", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes",
     "Move", "Obstacle", "Pressure", "Probe", "Rig", "Rotate", "Scene", "SelfContact",
     "Spring", "Start", "Tetrahedra", "Time", "Traction", "describe", "function",
-    "group_references", "load", "names", "obstacle_names", "own_parameters", "read_goal",
-    "read_obstacles", "read_toml", "register_feature", "validate", "why_condensed",
+    "group_references", "load", "names", "own_parameters", "read_goal",
+    "read_toml", "register_feature", "validate", "why_condensed",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, SOLID
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
-from fem_snh.output_fields import AT_OBSTACLES, IN_TIME
+from fem_snh.output_fields import IN_TIME
 from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
@@ -30,14 +30,11 @@ _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
 
 #: Keys that scenes of two dimensions do not have.
 _SOLID = (
-    "time", "modes", "start", "bone", "rig", "obstacle", "contact", "self_contact", "error",
-    "accuracy",
+    "time", "modes", "start", "bone", "rig", "error", "accuracy",
 )  # fmt: skip
 
 #: Tables with a key ``group``.
-_GROUP_TABLES = (
-    "hold", "move", "bone",
-)  # fmt: skip
+_GROUP_TABLES = ("hold", "move", "bone")
 
 
 def check_consistency(scene: Scene) -> None:
@@ -56,9 +53,6 @@ def check_consistency(scene: Scene) -> None:
     if scene.static_condensation is False and (why := why_condensed(scene)):
         raise bad_value("static_condensation", "false", f"true, as {why}")
     _check_fields(scene)
-    for name in () if scene.obstacle else scene.fields:
-        if name in AT_OBSTACLES and not (name == "contact_pressure" and scene.self_contact):
-            raise bad_value("fields", name, "another field, as the scene has no [[obstacle]]")
     _check_mesh(scene)
     for goal in scene.accuracy.goals if scene.accuracy else ():
         read_goal(goal, scene.probe)
@@ -114,7 +108,8 @@ def _check_fields(scene: Scene) -> None:
             homes.setdefault(name, []).append(kind.key)
     for name in scene.fields:
         if name in homes and not any(getattr(scene, key) for key in homes[name]):
-            raise bad_value("fields", name, f"another field, as the scene has no {homes[name][0]}")
+            tables = " and no ".join(f"[[{key}]]" for key in homes[name])
+            raise bad_value("fields", name, f"another field, as the scene has no {tables}")
 
 
 def _check_plane(scene: Scene) -> None:

@@ -150,12 +150,12 @@ class Scene(Table):
     pressure: list[Pressure] = Field(default=[], description="Follower loads on surfaces.")
     spring: list[Spring] = Field(default=[], description="Elastic foundations of surfaces.")
     contact: list[Contact] = Field(default=[], description="Surfaces that touch each other.")
+    self_contact: SelfContact | None = Field(
+        default=None, description="Contact of the body with itself."
+    )
     cavity: list[Cavity] = Field(default=[], description="Fluids of prescribed volume.")
     obstacle: list[Obstacle] = Field(
         default=[], description="Rigid obstacles that the body touches."
-    )
-    self_contact: SelfContact | None = Field(
-        default=None, description="Contact of the body with itself."
     )
     table: list[Amplitude] = Field(default=[], description="Amplitudes of loads and motions.")
     start: Start | None = Field(

@@ -110,7 +110,10 @@ class Table(BaseModel):
         BadInput
             One line, for a value that is not accepted, an unknown or a missing key.
         """
-        fields, name = [*type(self).model_fields], type(self).__name__
+        # Those of the class come first, then those of its bases.
+        own = [*type(self).__annotations__, *type(self).model_fields]
+        fields = [key for key in dict.fromkeys(own) if key in type(self).model_fields]
+        name = type(self).__name__
         if len(values) > len(fields):
             accepted = f"at most {len(fields)}: {', '.join(fields)}"
             raise BadInput(f"{name} with {len(values)} values: expected {accepted}")
