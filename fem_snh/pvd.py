@@ -70,6 +70,13 @@ class Collection:
         if self._files:
             self._files.add((*names, self.path.name))
 
+    def write_next(self, t: float, text: str) -> None:
+        """Write the next state's .vtu file and list it. On rank 0."""
+        name = self.name(".vtu")
+        self.announce(name)
+        replace_file(self.path.with_name(name), text)
+        self.list_next(t, ".vtu")
+
     def list_next(self, t: float, suffix: str) -> None:
         """Add the next state, whose files are complete, to the .pvd file. On rank 0."""
         names = (self.name(suffix, number=number) for number in range(len(self.times) + 1))

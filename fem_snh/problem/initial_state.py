@@ -28,7 +28,7 @@ def set_initial_state(problem: Problem, state: Start) -> None:
     present load, a pressure is zero. The state does not depend on the number of ranks.
     """
     X = problem.coordinates
-    low, high = _bounding_box(problem.comm, X)
+    low, high = bounding_box(problem.comm, X)
     centre, scaled = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()
     if state.scatter is not None:
@@ -53,7 +53,7 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
     """
     if state.velocity is None and state.angular_velocity is None:
         return None
-    low, high = _bounding_box(problem.comm, problem.coordinates)
+    low, high = bounding_box(problem.comm, problem.coordinates)
     fixed = (low + high) / 2 if state.through is None else np.array(state.through)
     u = local_values(problem.split(problem.x)[0]).reshape(-1, 3).copy()
 
@@ -68,8 +68,8 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
     return velocity
 
 
-def _bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest and the largest coordinates on all ranks."""
+def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest and the largest coordinates on all ranks. Collective."""
     low, high = X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)

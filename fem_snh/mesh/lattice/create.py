@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh.choices import LATTICE_PARTS, LATTICE_WEIGHTINGS
-from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.errors import bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.mesh.gmsh_input import MeshData, PhysicalGroup
 from fem_snh.mesh.lattice.carriers import carry, cover
@@ -79,8 +79,6 @@ def lattice(
     divisions: int = 2,
 ) -> MeshData:
     """Return the mesh of a lattice; see `create`. Not collective."""
-    if not np.isfinite(shape.bounds).all():
-        raise BadInput("expected a body of finite size, no plane and no infinite cylinder")
     grid = Grid.around(shape.bounds, cell)
     if isinstance(shape, ClosedSurface):
         found = sample_surface(shape, grid, samples)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.errors import bad_value
+from fem_snh.errors import BadInput, bad_value
 
 Array = npt.NDArray[Any]
 Integers = npt.NDArray[np.int64]
@@ -54,8 +54,10 @@ class Grid:
         Raises
         ------
         BadInput
-            For cubes that are larger than the box, and too many of them.
+            For an infinite box, cubes that are larger than it, and too many of them.
         """
+        if not np.isfinite(bounds).all():
+            raise BadInput("expected a body of finite size, no plane and no infinite cylinder")
         extent = bounds[1] - bounds[0]
         if not size < extent.max():
             accepted = f"a number < {extent.max():.4g}, the largest extent of the body"

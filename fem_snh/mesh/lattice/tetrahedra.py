@@ -9,7 +9,6 @@ from mpi4py import MPI
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.mesh.gmsh_input import MeshData, fill
 from fem_snh.mesh.lattice.grid import Array, Grid, cells_of_box
@@ -49,8 +48,6 @@ def create_tetrahedra(comm: MPI.Comm, body: Callable[[], Shape], size: float) ->
 
 def tetrahedra(shape: Shape, size: float) -> MeshData:
     """Return the mesh of a body; see `create_tetrahedra`. Not collective."""
-    if not np.isfinite(shape.bounds).all():
-        raise BadInput("expected a body of finite size, no plane and no infinite cylinder")
     grid = Grid.around(shape.bounds, size, "size")
     if isinstance(shape, ClosedSurface):
         return fill(shape.points, shape.triangles, size)

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.errors import on_root
 from fem_snh.geometry.shapes import Shape, SmoothUnion, Union
 from fem_snh.geometry.shapes.triangles import surface_triangles
+from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
 from fem_snh.pvd import Collection
 from fem_snh.run_files import RunFiles
@@ -67,10 +65,8 @@ class ObstacleSeries(Collection):
             On every rank, if a file cannot be written.
         """
         x = problem.coordinates + problem.x.array_r[: problem.coordinates.size].reshape(-1, 3)
-        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
-        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-        on_root(self.comm, self._write, problem.load, t, np.array([low, high]))
+        box = np.array(bounding_box(self.comm, x))
+        on_root(self.comm, self._write, problem.load, t, box)
         self.times.append(t)
 
     def _write(self, load: float, t: float, box: Array) -> None:
@@ -83,11 +79,7 @@ class ObstacleSeries(Collection):
             )
             parts.append((pose.apply(X), triangles))
         numbers = np.repeat(np.arange(len(parts)), [len(triangles) for _, triangles in parts])
-        text = triangle_file(*_joined(parts), {}, {"obstacle": numbers})
-        name = self.name(".vtu")
-        self.announce(name)
-        replace_file(self.path.with_name(name), text)
-        self.list_next(t, ".vtu")
+        self.write_next(t, triangle_file(*_joined(parts), {}, {"obstacle": numbers}))
 
     def _triangles(self, i: int, centre: Array, size: Array) -> tuple[Array, Array]:
         """Return the triangles of an obstacle at its reference position, near the body."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.atomic_files import replace_file
 from fem_snh.contact.embedded_surface import EmbeddedSurface, carried_points
 from fem_snh.errors import on_root
 from fem_snh.mesh.skin import Skin
@@ -104,8 +103,4 @@ class SkinSeries(Collection):
 
     def _write(self, fields: Mapping[str, Any], t: float) -> None:
         """Write the state's file, then the collection."""
-        name = self.name(".vtu")
-        self.announce(name)
-        skin = triangle_file(self._skin.points, self._skin.triangles, fields)
-        replace_file(self.path.with_name(name), skin)
-        self.list_next(t, ".vtu")
+        self.write_next(t, triangle_file(self._skin.points, self._skin.triangles, fields))
