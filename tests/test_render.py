@@ -142,7 +142,7 @@ def test_render_of_long_bodies_stacks_the_panels(twisted, monkeypatch):
     for axis, stacked in ((0, True), (1, True), (2, False)):
         grid.points[:, axis] *= 4
         surface = surfaces.boundary(grid, 1)
-        item = surfaces.Body(surface, None, surface, surface, surface["J"])
+        item = surfaces.DrawnBody(surface, None, surface, surface, surface["J"])
         where = drawing.view([item])
         assert (where.width > 2 * where.height) == stacked
         grid.points[:, axis] /= 4
