@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from fem_snh.cli.study_options import comma_list
+from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
 from fem_snh.studies.processes import environment, program
 from fem_snh.studies.scene_points import run_arguments

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 #: Each command's module in this package, and its summary.
 COMMANDS = {
     "run": ("run", "solve a scene: a built-in one, a TOML file or a Python function"),
-    "sweep": ("sweep", "solve a scene for every combination of lists of values"),
-    "tradeoff": ("tradeoff", "run an accuracy-cost study of a scene and recommend settings"),
-    "extremes": ("extremes", "test robustness: scrambled, crushed and overloaded bodies"),
+    "sweep": ("studies", "solve a scene for every combination of lists of values"),
+    "tradeoff": ("studies", "run an accuracy-cost study of a scene and recommend settings"),
+    "extremes": ("studies", "test robustness: scrambled, crushed and overloaded bodies"),
     "materials": ("materials", "list the materials, describe one, or characterise them"),
     "plot": ("tools", "draw curves from run folders or a study's table"),
     "render": ("tools", "draw the deformed body of a run"),
     "view": ("tools", "write a run as one interactive HTML page"),
-    "export": ("export", "write a run as one VTKHDF file, or its surface as OBJ files"),
+    "export": ("tools", "write a run as one VTKHDF file, or its surface as OBJ files"),
     "doctor": ("tools", "check the installation"),
 }
 #: Errors of a full disk, which can also concern standard output.

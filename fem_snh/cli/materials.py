@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fem_snh.cli.options import Parser, assignments, output, value
+from fem_snh.cli.options import REPEATED, Parser, assignments, output, value
 from fem_snh.errors import BadInput
 
 EPILOG = """\
@@ -27,27 +27,23 @@ def materials_parser() -> Parser:
     parser = Parser(
         "materials", "List the materials, describe one, or report how it behaves.", lambda: EPILOG
     )
-    parser.add_argument(
-        "names", metavar="NAME", nargs="*", help="a material, or FILE.py:FUNCTION of your own"
+    parser.add(
+        """
+        names NAME  a material, or FILE.py:FUNCTION of your own
+        --E X  Young's modulus [Pa] (default: 1)
+        --nu X  Poisson's ratio, in (-1, 0.5) (default: 0.49)
+        --set KEY=VALUE  a shape parameter or a tuning parameter (alpha, lambda_part, ...)
+        --report  print stability, admissible region, stress curves
+        --plot PNG  draw the report
+        --source  print the generated C
+        --table  compare the stability of NAME ... or of all materials
+        --csv FILE  also write the table to FILE
+        """,
+        names={"nargs": "*"},
+        set=REPEATED,
+        plot={"nargs": "?", "const": ""},
+        csv=output,
     )
-    parser.add_argument("--E", metavar="X", help="Young's modulus [Pa] (default: 1)")
-    parser.add_argument("--nu", metavar="X", help="Poisson's ratio, in (-1, 0.5) (default: 0.49)")
-    parser.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="a shape parameter or a tuning parameter (alpha, lambda_part, ...)",
-    )
-    parser.add_argument(
-        "--report", action="store_true", help="print stability, admissible region, stress curves"
-    )
-    parser.add_argument("--plot", metavar="PNG", nargs="?", const="", help="draw the report")
-    parser.add_argument("--source", action="store_true", help="print the generated C")
-    parser.add_argument(
-        "--table", action="store_true", help="compare the stability of NAME ... or of all materials"
-    )
-    parser.add_argument("--csv", metavar="FILE", type=output, help="also write the table to FILE")
     return parser
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import re
+import textwrap
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -47,6 +49,10 @@ SCENE_OPTIONS = (
 )
 
 
+#: Settings of an option that may be repeated.
+REPEATED: dict[str, Any] = {"action": "append", "default": []}
+
+
 class Parser(argparse.ArgumentParser):
     """An argparse parser without abbreviations that raises `BadInput` instead of exiting.
 
@@ -68,6 +74,27 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         self._make_epilog = epilog
+
+    def add(self, text: str, **settings: Any) -> None:
+        """Add the options of a text that lists them as the help does.
+
+        Parameters
+        ----------
+        text : str
+            ``--option PLACEHOLDER  help`` or ``name PLACEHOLDER  help`` for each; a line that is
+            indented further continues the help. An option without a placeholder is a flag.
+        **settings : dict or callable
+            Further keywords of `argparse.ArgumentParser.add_argument` by the option's name, or
+            only the keyword ``type``.
+        """
+        for entry in re.split(r"\n(?=\S)", textwrap.dedent(text).strip()):
+            head, _, help = re.sub(r"\s*\n\s*", " ", entry).partition("  ")
+            flag, _, placeholder = head.partition(" ")
+            given = settings.pop(flag.removeprefix("--").replace("-", "_"), {})
+            keywords = {"type": given} if callable(given) else dict(given)
+            keywords |= {"metavar": placeholder} if placeholder else {"action": "store_true"}
+            self.add_argument(flag, help=help.strip(), **keywords)
+        assert not settings, settings
 
     def format_help(self) -> str:
         self.epilog = self._make_epilog()

@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.cli.doctor import check
-from fem_snh.cli.options import SCENE_OPTIONS, Parser, assignments, output, split_petsc, value
+from fem_snh.cli.options import (
+    REPEATED,
+    SCENE_OPTIONS,
+    Parser,
+    assignments,
+    output,
+    split_petsc,
+    value,
+)
 from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.references import is_reference
 
@@ -20,47 +28,27 @@ _WIDTH = 98
 def run_parser() -> Parser:
     """Return the parser of ``fem-snh run``."""
     parser = Parser("run", "Solve a scene by load steps.", scene_list)
-    parser.add_argument(
-        "scene", metavar="SCENE", nargs="?", help="a name, FILE.toml or FILE.py:FUNCTION"
-    )
+    parser.add("scene SCENE  a name, FILE.toml or FILE.py:FUNCTION", scene={"nargs": "?"})
     for key, placeholder, help in SCENE_OPTIONS:
         parser.add_argument(f"--{key}", metavar=placeholder, type=value, help=help)
-    parser.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="any other key of the scene: angle=1.57, material.barrier=true",
+    parser.add(
+        """
+        --set KEY=VALUE  any other key of the scene: angle=1.57, material.barrier=true
+        --error  estimate the errors of probes, reactions, volumes and energy, or of the scene's
+            accuracy.goals, after the last step
+        --accuracy A  relative accuracy of displacements, 1%% or 0.01: choose element, mesh and
+            solver from the measured accuracy-cost table of the scene
+        --accuracy-table CSV  table of a `fem-snh tradeoff` study for --accuracy; default: the table
+            of the built-in scene
+        --out DIR  folder for run.json, tables and fields
+        --overwrite  replace the run in DIR
+        --resume  continue the run of this scene in DIR from its last step, on any number of ranks
+        --quiet  print no progress
+        """,
+        set=REPEATED,
+        accuracy_table=Path,
+        out=output,
     )
-    parser.add_argument(
-        "--error",
-        action="store_true",
-        help="estimate the errors of probes, reactions, volumes and energy, or of the scene's "
-        "accuracy.goals, after the last step",
-    )
-    parser.add_argument(
-        "--accuracy",
-        metavar="A",
-        help="relative accuracy of displacements, 1%% or 0.01: choose element, mesh and solver "
-        "from the measured accuracy-cost table of the scene",
-    )
-    parser.add_argument(
-        "--accuracy-table",
-        metavar="CSV",
-        type=Path,
-        help="table of a `fem-snh tradeoff` study for --accuracy; default: the table of the "
-        "built-in scene",
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", type=output, help="folder for run.json, tables and fields"
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace the run in DIR")
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="continue the run of this scene in DIR from its last step, on any number of ranks",
-    )
-    parser.add_argument("--quiet", action="store_true", help="print no progress")
     return parser
 
 

@@ -1,21 +1,28 @@
-"""The commands ``plot``, ``render``, ``view`` and ``doctor``."""
+"""The commands ``plot``, ``render``, ``view``, ``export`` and ``doctor``."""
 
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from fem_snh.cli.options import Parser, output, value
-from fem_snh.cli.progress_bar import progress_bar
 from fem_snh.errors import BadInput
 
 
 def plot_parser() -> Parser:
     """Return the parser of ``fem-snh plot``."""
     parser = Parser("plot", "Draw curves from run folders (one line each) or from a study's table.")
-    parser.add_argument("paths", metavar="DIR|TABLE.csv", nargs="+", type=Path, help="what to draw")
-    parser.add_argument("--out", metavar="PNG", type=output, help="file of the picture")
-    parser.add_argument("--newton", action="store_true", help="also draw the Newton iterations")
+    parser.add(
+        """
+        paths DIR|TABLE.csv  what to draw
+        --out PNG  file of the picture
+        --newton  also draw the Newton iterations
+        """,
+        paths={"nargs": "+", "type": Path},
+        out=output,
+    )
     return parser
 
 
@@ -33,34 +40,25 @@ def plot(argv: list[str]) -> int:
 def render_parser() -> Parser:
     """Return the parser of ``fem-snh render``."""
     parser = Parser("render", "Draw the deformed body of a run folder, one panel per load.")
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("--out", metavar="PNG", type=output, help="file of the picture")
-    parser.add_argument(
-        "--loads",
-        metavar="T,T",
-        help="loads to draw, between 0 and 1, e.g. 0.5,1; times [s] of a run in time",
-    )
-    parser.add_argument(
-        "--modes", metavar="N,N", nargs="?", const="", help="draw eigenmodes: these numbers, or all"
-    )
-    parser.add_argument(
-        "--field",
-        metavar="NAME",
-        default="J",
-        help="field of the run that the colours show, or a component: cauchy_stress.xy; default: J",
-    )
-    parser.add_argument(
-        "--opacity",
-        metavar="A",
-        type=float,
-        default=1.0,
-        help="opacity of the body, e.g. 0.4 to show its bones; default: 1",
-    )
-    parser.add_argument(
-        "--movie", metavar="FILE", type=output, help="draw a movie instead: a file .mp4 or .gif"
-    )
-    parser.add_argument(
-        "--seconds", metavar="S", type=float, default=4.0, help="length of the movie; default: 4"
+    parser.add(
+        """
+        folder DIR  folder of a run
+        --out PNG  file of the picture
+        --loads T,T  loads to draw, between 0 and 1, e.g. 0.5,1; times [s] of a run in time
+        --modes N,N  draw eigenmodes: these numbers, or all
+        --field NAME  field of the run that the colours show, or a component: cauchy_stress.xy;
+            default: J
+        --opacity A  opacity of the body, e.g. 0.4 to show its bones; default: 1
+        --movie FILE  draw a movie instead: a file .mp4 or .gif
+        --seconds S  length of the movie; default: 4
+        """,
+        folder=Path,
+        out=output,
+        modes={"nargs": "?", "const": ""},
+        field={"default": "J"},
+        opacity={"type": float, "default": 1.0},
+        movie=output,
+        seconds={"type": float, "default": 4.0},
     )
     return parser
 
@@ -92,7 +90,7 @@ def _movie(args: Namespace) -> int:
 
     from fem_snh.viewing.render.movie import main
 
-    with progress_bar("drawing") as report:
+    with _progress_bar("drawing") as report:
         path = main(args.folder, args.movie, args.field, args.seconds, report, args.opacity)
     print(path)
     return 0
@@ -105,12 +103,15 @@ def view_parser() -> Parser:
         "Write a run as one HTML page that needs no other file and no network: the body in three "
         "dimensions, curves, steps, settings and versions.",
     )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument(
-        "--out", metavar="HTML", type=output, help="the page; default: DIR/view.html"
-    )
-    parser.add_argument(
-        "--field", metavar="NAME", default="J", help="field that the colours show; default: J"
+    parser.add(
+        """
+        folder DIR  folder of a run
+        --out HTML  the page; default: DIR/view.html
+        --field NAME  field that the colours show; default: J
+        """,
+        folder=Path,
+        out=output,
+        field={"default": "J"},
     )
     return parser
 
@@ -122,6 +123,41 @@ def view(argv: list[str]) -> int:
     from fem_snh.viewing.view import main
 
     print(main(args.folder, args.out, args.field))
+    return 0
+
+
+def export_parser() -> Parser:
+    """Return the parser of ``fem-snh export``."""
+    parser = Parser(
+        "export",
+        "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
+        "or the deformed surface as a sequence of OBJ files or as one USD file.",
+    )
+    parser.add(
+        """
+        folder DIR  folder of a run
+        out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...;
+            NAME.usd: one file (needs fem_snh[usd])
+        --frames N  number of OBJ files, interpolated evenly over the load; default: the stored
+            loads
+        --field NAME  field that colours the vertices of OBJ and USD files
+        """,
+        folder=Path,
+        out=output,
+        frames=int,
+    )
+    return parser
+
+
+def export(argv: list[str]) -> int:
+    """Write a run's states in another format, with a progress bar. Return 0."""
+    args = export_parser().parse(argv)
+
+    from fem_snh.viewing.export import main
+
+    with _progress_bar("writing") as report:
+        paths = main(args.folder, args.out, args.frames, report, args.field)
+    print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
     return 0
 
 
@@ -147,3 +183,34 @@ def doctor(argv: list[str]) -> int:
     from fem_snh.cli.doctor import main
 
     return main() or 0
+
+
+@contextmanager
+def _progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on standard error for the duration of a ``with`` block.
+
+    Parameters
+    ----------
+    description : str
+        What is being done, beside the bar.
+
+    Yields
+    ------
+    callable
+        Takes the number of items that are done and that of all.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    bar = Progress(console=Console(stderr=True), transient=True)
+    task = bar.add_task(description)
+
+    def show(done: int, total: int) -> None:
+        bar.start()  # not before: an empty bar leaves a blank line before the message of an error
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield show
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -1,0 +1,277 @@
+"""The commands ``sweep``, ``tradeoff`` and ``extremes``: many runs, in processes of their own."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+from fem_snh.cli.options import (
+    REPEATED,
+    SCENE_OPTIONS,
+    Parser,
+    assignments,
+    output,
+    split_petsc,
+    value,
+)
+from fem_snh.cli.run import scene_list
+from fem_snh.errors import BadInput
+
+_SCENE = "scene SCENE  a name, FILE.toml or FILE.py:FUNCTION"
+#: The defaults that ``tradeoff`` varies.
+_DEFAULTS = {
+    "hessian": "automatic, or exact, clamp, abs or adaptive with a line search",
+    "solver": "automatic, cg+ssor, +jacobi, +icc, +gamg, direct; Q1P0, P2P0: mixed+fgmres, "
+    "+direct; Taylor-Hood: fgmres+ssor, minres+hypre, +gamg, +icc, direct",
+    "forcing": "largest relative tolerance of a linear solve",
+    "tolerance": "of the residual, relative to E V^(2/3)",
+    "steps": "load steps",
+}
+
+
+def sweep_parser() -> Parser:
+    """Return the parser of ``fem-snh sweep``."""
+    parser = Parser(
+        "sweep",
+        "Solve a scene for every combination of values, --jobs of them at a time.\n"
+        "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
+        scene_list,
+    )
+    parser.add(_SCENE)
+    for key, placeholder, help in SCENE_OPTIONS:
+        parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
+    parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
+    _add_limits(parser)
+    parser.add(
+        """
+        --out DIR  the sweep's folder
+        --render FIELD  also draw the bodies of all points in one picture, bodies.png, with the
+            colours of a field; default: J
+        """,
+        out={"type": output, "required": True},
+        render={"nargs": "?", "const": "J"},
+    )
+    return parser
+
+
+def sweep(argv: list[str]) -> int:
+    """Solve every point; return 0 if all converged, else 1."""
+    parser = sweep_parser()
+    words, petsc = split_petsc(argv)
+    args = parser.parse(words)
+    _prepare_process("sweep")
+    axes = _axes(args)
+
+    from fem_snh.studies.sweep import sweep as study
+    from fem_snh.studies.table import NO_NOTES
+
+    limits = _limits(args)
+    table = study(args.scene, args.out, axes, petsc=petsc, render=args.render, **limits)
+    good = int(table["converged"].sum())
+    noted = int(table["notes"].ne(NO_NOTES).sum())
+    remark = f", {noted} with notes" if noted else ""
+    print(f"{good} of {len(table)} points converged{remark}: {args.out / 'sweep.csv'}")
+    return 0 if good == len(table) else 1
+
+
+def tradeoff_parser() -> Parser:
+    """Return the parser of ``fem-snh tradeoff``."""
+    parser = Parser(
+        "tradeoff",
+        "Run an accuracy-cost study of a scene: elements by meshes, then one setting at a time\n"
+        "(Hessian policy, linear solver, forcing, tolerance), each in its own\n"
+        "process. Errors are relative to a reference solution computed from the finest meshes. An\n"
+        "interrupted study continues; with more --nu, --elements or --cells only new points run.",
+        scene_list,
+    )
+    parser.add(
+        f"""
+        {_SCENE}
+        --out DIR  the study's folder
+        --nu X,..  Poisson's ratios; default: the scene's
+        --elements E,..  elements to compare; default: all that fit the scene
+        --cells N,..  resolutions for every element, from coarse to fine
+        --meshes FILE,..  gmsh files of one body, from coarse to fine
+        """,
+        out={"type": output, "required": True},
+    )
+    for knob, help in _DEFAULTS.items():
+        parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
+    parser.add(
+        """
+        --vary KNOB,..  settings to vary, or none; default: all
+        --vary-at X,..  values of nu at which settings are varied
+        --full  run every combination of settings on every mesh
+        --set KEY=VALUE  other values of the scene
+        """,
+        set=REPEATED,
+    )
+    _add_limits(parser, timeout=120.0, memory=4.0)
+    return parser
+
+
+def tradeoff(argv: list[str]) -> int:
+    """Study a scene; return 0 if there is a recommendation, else 1."""
+    parser = tradeoff_parser()
+    words, petsc = split_petsc(argv)
+    args = parser.parse(words)
+    _prepare_process("tradeoff")
+
+    from fem_snh.studies.tradeoff import advice
+    from fem_snh.studies.tradeoff.knobs import KNOBS
+    from fem_snh.studies.tradeoff.study import tradeoff as study
+
+    if args.cells and args.meshes:
+        raise BadInput("--cells and --meshes: expected one of the two")
+    vary = [] if args.vary == "none" else _list("vary", args.vary) or list(KNOBS)
+    table = study(
+        args.scene,
+        args.out,
+        nus=_numbers("nu", args.nu),
+        elements=_list("elements", args.elements),
+        meshes=_cells(args.cells) or [str(mesh) for mesh in _list("meshes", args.meshes)],
+        base={knob: v for knob in _DEFAULTS if (v := getattr(args, knob)) is not None},
+        vary=vary,
+        vary_at=_numbers("vary-at", args.vary_at) if args.vary_at is not None else None,
+        full=args.full,
+        overrides={key: value(word) for key, word in assignments(args.set).items()},
+        petsc=petsc,
+        **_limits(args),
+    )
+    for sentence in advice.sentences(table):
+        print(sentence)
+    print(f"{args.out}: tradeoff.csv, tradeoff.png, advice.csv, advice.md")
+    return 0 if len(advice.advice(table)) else 1
+
+
+def _list(key: str, text: str | None) -> list[Any]:
+    return comma_list(key, text) if text is not None else []
+
+
+def _numbers(key: str, text: str | None) -> list[float]:
+    numbers = _list(key, text)
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
+        raise BadInput(f"--{key} {text}: expected numbers with commas between, e.g. 0.3,0.49")
+    return [float(number) for number in numbers]
+
+
+def _cells(text: str | None) -> list[int]:
+    cells = _list("cells", text)
+    whole = all(isinstance(v, int) and not isinstance(v, bool) and v > 0 for v in cells)
+    if not whole or cells != sorted(set(cells)):
+        raise BadInput(f"--cells {text}: expected whole numbers from coarse to fine, e.g. 4,8,16")
+    return cells
+
+
+def extremes_parser() -> Parser:
+    """Return the parser of ``fem-snh extremes``."""
+    from fem_snh.studies.extremes import FAMILIES
+
+    parser = Parser(
+        "extremes",
+        "Run scrambled, crushed and overloaded bodies, each case in its own process, and write a\n"
+        "table and a page with pictures. An interrupted study continues.\n"
+        f"Families: {', '.join(FAMILIES)}.",
+    )
+    parser.add(
+        """
+        --only FAMILY,..  families of cases; default: all
+        --quick  run a few small cases only, in minutes
+        --seeds N  random scrambles of each small cube; default: 100
+        --material NAME|FILE.py:NAME  test this material, e.g. one of your own; default: all
+            pointwise, Stable Neo-Hookean
+        --out DIR  the study's folder
+        """,
+        seeds={"type": value, "default": 100},
+        material={"default": ""},
+        out={"type": output, "default": Path("out/extremes")},
+    )
+    _add_limits(parser, jobs=2, timeout=900.0, memory=3.0)
+    return parser
+
+
+def extremes(argv: list[str]) -> int:
+    """Run the cases; return 0 if all required criteria are met, else 1."""
+    parser = extremes_parser()
+    args = parser.parse(argv)
+    _prepare_process("extremes")
+
+    from fem_snh.studies.extremes.study import extremes as study
+
+    only = comma_list("only", args.only) if args.only is not None else []
+    outcome = study(
+        args.out,
+        only=only,
+        quick=args.quick,
+        seeds=args.seeds,
+        material=args.material,
+        **_limits(args),
+    )
+    failures = outcome.failures
+    for criterion, reason in failures.items():
+        print(f"failed: {criterion}: {reason}")
+    passed = outcome.required - len(failures)
+    print(f"{passed} of {outcome.required} that are expected to pass do: {args.out}")
+    return 1 if failures else 0
+
+
+def _add_limits(
+    parser: Parser, jobs: int = 1, timeout: float | None = None, memory: float | None = None
+) -> None:
+    """Add the options for processes and limits, with these defaults [points, s, GiB]."""
+    seconds, most = (f"; default: {limit:g}" if limit else "" for limit in (timeout, memory))
+    parser.add(
+        f"""
+        --jobs J  number of points that run at a time; default: {jobs}
+        --ranks R  number of MPI ranks of each point; default: 1
+        --timeout S  seconds after which a point is terminated{seconds}
+        --memory GIB  memory above which a point is terminated{most}
+        --retry  run failed points again
+        --overwrite  discard the points in the folder
+        """,
+        jobs={"type": value, "default": jobs},
+        ranks={"type": value, "default": 1},
+        timeout={"type": value, "default": timeout},
+        memory={"type": value, "default": memory},
+    )
+
+
+def _prepare_process(command: str) -> None:
+    """Refuse to run under mpirun; turn SIGTERM, which batch systems send, into an interrupt."""
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", 1))) > 1:
+        raise BadInput(f"{command} under mpirun: it starts the ranks itself; use --ranks R instead")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
+    """Return the list of values of each scene key on the command line."""
+    given = {key: getattr(args, key) for key, _, _ in SCENE_OPTIONS}
+    given = {key: text for key, text in given.items() if text is not None}
+    return {key: comma_list(key, text) for key, text in (given | assignments(args.set)).items()}
+
+
+def _limits(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `_add_limits` as keyword arguments of a study."""
+    names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
+    return {name: getattr(args, name) for name in names}
+
+
+def comma_list(key: str, text: str) -> list[Any]:
+    """Return the values of a comma list; commas inside brackets and quotes belong to a value."""
+    parts, depth, quoted = [""], 0, ""
+    for letter in text:
+        if quoted:
+            quoted = "" if letter == quoted else quoted
+        elif letter in "\"'":
+            quoted = letter
+        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
+        if letter == "," and not depth and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    if not all(part.strip() for part in parts):
+        raise BadInput(f"{key} = '{text}': expected values with commas between, e.g. 0.3,0.45")
+    return [value(part.strip()) for part in parts]
