@@ -84,6 +84,7 @@ THIRD_PARTY = {
     "pxr": {"viewing.export"},
     "matplotlib": {"viewing"},
     "pydantic": {
+        "materials.parameters",
         "tables",
         "terms",
         "contact.contact",

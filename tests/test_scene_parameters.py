@@ -27,6 +27,7 @@ def parametrised() -> Any:
         volume: str = "J",
         n: float = 2.0,
         terms: int | None = None,
+        pairs: list[float] = [],
     ) -> Any:
         """Many."""
 
@@ -35,9 +36,16 @@ def parametrised() -> Any:
 
 def test_parameters_of_every_kind(parametrised: Any) -> None:
     table = {"name": parametrised, "powers": [1, 2.5], "volume": "log", "n": 3, "C2": 0, "terms": 2}
-    table |= {"E": 1.0, "nu": 0.3}
+    table |= {"E": 1.0, "nu": 0.3, "pairs": (1, 2)}
     given = scenes.load("twist", material=table).material.parameters
-    assert given == {"powers": (1.0, 2.5), "volume": "log", "n": 3.0, "C2": 0.0, "terms": 2}
+    assert given == {
+        "powers": (1.0, 2.5),
+        "volume": "log",
+        "n": 3.0,
+        "C2": 0.0,
+        "terms": 2,
+        "pairs": [1, 2],
+    }
     also = scenes.load("twist", material=table | {"powers": np.array([1.5])})
     assert also.material.parameters["powers"] == (1.5,)
     assert Scene.model_validate(also.model_dump()) == also

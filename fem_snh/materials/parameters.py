@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from inspect import formatannotation, signature
 from numbers import Real
-from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_origin, get_type_hints
 
 from fem_snh.errors import bad_value
 from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING
@@ -94,42 +91,16 @@ def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _checked(key: str, value: Any, kind: Any) -> Any:
-    """Return ``value`` if it is of type ``kind``, otherwise raise BadInput."""
+    """Return ``value`` as type ``kind``, a whole number as a float; otherwise raise BadInput."""
     if kind is Any:
         return value
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    strict = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    given = plain(value)
     try:
-        return _converted(plain(value), kind)
-    except TypeError:
+        given = list(given) if get_origin(kind) is list and isinstance(given, tuple) else given
+        return TypeAdapter(kind, config=strict).validate_python(given)
+    except ValidationError:
         accepted = re.sub(r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind))
         raise bad_value(key, value, accepted.replace(" | ", " or ")) from None
-
-
-def _converted(value: Any, kind: Any) -> Any:
-    """Return a value of type ``kind``, a whole number as a float; raise TypeError if it is none.
-
-    Types other than numbers, truth values, texts, tuples and unions of them accept every value.
-    """
-    if get_origin(kind) in (Union, UnionType):
-        for option in get_args(kind):
-            with suppress(TypeError):
-                return _converted(value, option)
-        raise TypeError
-    if get_origin(kind) is tuple and get_args(kind)[-1:] == (...,):
-        if not isinstance(value, tuple):
-            raise TypeError
-        return tuple(_converted(entry, get_args(kind)[0]) for entry in value)
-    if kind is float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TypeError
-        try:
-            number = float(value)
-        except OverflowError:  # a whole number of more than 308 digits
-            raise TypeError from None
-        if not math.isfinite(number):
-            raise TypeError
-        return number
-    if kind in (int, bool, str, NoneType) and not isinstance(value, kind):
-        raise TypeError
-    if kind is int and isinstance(value, bool):
-        raise TypeError
-    return value

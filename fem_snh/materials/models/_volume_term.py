@@ -1,9 +1,5 @@
 """Volume terms for the families whose energy has nu = 0 (Chen & Barbic, section 6)."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 from fem_snh.errors import choose
@@ -14,7 +10,7 @@ _TERMS = {
 }
 
 
-def volume(J: Any, lam: Any, kind: str) -> Any:
+def volume(J, lam, kind: str):
     """Return the volume term ``kind``: "J" is lam/2 (J - 1)^2, "log" is lam/2 (log J)^2.
 
     Raises BadInput for another kind.

@@ -1,13 +1,9 @@
 """The material ``arap``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.models._volume_term import volume as volume_term
 
 
-def arap(I1: Any, I_C: Any, J: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
+def arap(I1, I_C, J, mu, lam, *, volume: str = "J"):
     """As rigid as possible (Chen & Barbic, Table 1), with a volume term.
 
     ::

@@ -1,16 +1,12 @@
 """The material ``c2_neo_hookean``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 from fem_snh.errors import bad_value
 from fem_snh.materials.functions import where
 
 
-def c2_neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any, *, threshold: float = 0.4) -> Any:
+def c2_neo_hookean(I_C, J, mu, lam, *, threshold: float = 0.4):
     """Neo-Hookean energy, extrapolated below a threshold of J; finite for every F.
 
     ::

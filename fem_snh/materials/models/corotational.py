@@ -1,11 +1,7 @@
 """The material ``corotational``."""
 
-from __future__ import annotations
 
-from typing import Any
-
-
-def corotational(I1: Any, I_C: Any, mu: Any, lam: Any) -> Any:
+def corotational(I1, I_C, mu, lam):
     """Corotational linear elasticity (Smith et al. 2018, eq. 3).
 
     ::

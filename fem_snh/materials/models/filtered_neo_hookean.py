@@ -1,7 +1,5 @@
 """The material ``filtered_neo_hookean``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -11,9 +9,7 @@ from fem_snh.errors import bad_value, choose
 from fem_snh.materials.functions import PrincipalStress, where
 
 
-def filtered_neo_hookean(
-    s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, sigma_f: float = 0.25, bound: str = "stretch"
-) -> Any:
+def filtered_neo_hookean(s0, s1, s2, mu, lam, *, sigma_f: float = 0.25, bound: str = "stretch"):
     """Neo-Hookean stress, filtered below a stretch; it is not the gradient of an energy.
 
     ::
@@ -57,13 +53,13 @@ def filtered_neo_hookean(
     return PrincipalStress(*stress((s0, s1, s2), mu, lam, Float(sigma_f)))
 
 
-def _by_stretch(s: tuple[Any, ...], mu: Any, lam: Any, limit: Any) -> list[Any]:
+def _by_stretch(s, mu, lam, limit):
     kept = [where(x - limit, x, limit) for x in s]
     p = mu - lam * sum(log(k) for k in kept)
     return [mu * x - p / k for x, k in zip(s, kept, strict=True)]
 
 
-def _by_volume(s: tuple[Any, ...], mu: Any, lam: Any, limit: Any) -> list[Any]:
+def _by_volume(s, mu, lam, limit):
     J = s[0] * s[1] * s[2]
     # t raises the smallest stretch, then the two smallest, then all, until their product is limit.
     larger, smaller = where(s[0] - s[1], s[0], s[1]), where(s[0] - s[1], s[1], s[0])

@@ -1,11 +1,7 @@
 """The material ``fixed_corotational``."""
 
-from __future__ import annotations
 
-from typing import Any
-
-
-def fixed_corotational(I1: Any, I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def fixed_corotational(I1, I_C, J, mu, lam):
     """ "Fixed" corotational energy (Smith et al. 2018, eq. 49).
 
     ::

@@ -1,21 +1,9 @@
 """The material ``gamma_model``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.parsing import parse
 
 
-def gamma_model(
-    I_C: Any,
-    J: Any,
-    mu: Any,
-    lam: Any,
-    *,
-    length: str = "(I_C - 3) / 2",
-    volume: str = "(J - 1)**2 / 2",
-) -> Any:
+def gamma_model(I_C, J, mu, lam, *, length: str = "(I_C - 3) / 2", volume: str = "(J - 1)**2 / 2"):
     """Any energy of I_C and J, made stable at rest (Smith et al. 2018, eq. 52).
 
     ::

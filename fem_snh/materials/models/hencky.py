@@ -1,15 +1,11 @@
 """The material ``hencky``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 
-def hencky(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
+def hencky(s0, s1, s2, mu, lam):
     """Hencky energy: quadratic in the logarithmic strain (Chen & Barbic, Table 1).
 
     ::

@@ -1,9 +1,5 @@
 """The material ``hill``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import Symbol, simplify
 
 from fem_snh.errors import BadInput
@@ -12,7 +8,7 @@ from fem_snh.materials.models._quadratic_strain import quadratic
 from fem_snh.materials.parsing import parse
 
 
-def hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, strain: str = "log(s)") -> Any:
+def hill(s0, s1, s2, mu, lam, *, strain: str = "log(s)"):
     """Hill's family: quadratic in any strain function (Chen & Barbic, Table 1).
 
     ::

@@ -1,11 +1,7 @@
 """The material ``mooney_length``."""
 
-from __future__ import annotations
 
-from typing import Any
-
-
-def mooney_length(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def mooney_length(I_C, J, mu, lam):
     """Mooney's length term and a volume term, stressed at rest (Smith et al. 2018, eq. 8).
 
     ::

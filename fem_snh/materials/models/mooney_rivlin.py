@@ -1,15 +1,11 @@
 """The material ``mooney_rivlin``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sympy import Rational
 
 
-def mooney_rivlin(
-    I_C: Any, II_C: Any, J: Any, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 1.0
-) -> Any:
+def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 1.0):
     """Mooney-Rivlin energy (Chen & Barbic, Table 1), with a volume term.
 
     ::

@@ -1,13 +1,9 @@
 """The material ``neo_hookean``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 
-def neo_hookean(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean(I_C, J, mu, lam):
     """Neo-Hookean energy of the textbooks (Smith et al. 2018, eq. 5).
 
     ::

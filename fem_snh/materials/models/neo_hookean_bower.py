@@ -1,13 +1,9 @@
 """The material ``neo_hookean_bower``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import Rational
 
 
-def neo_hookean_bower(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean_bower(I_C, J, mu, lam):
     """Neo-Hookean energy with an isochoric length term (Psi_B of Smith et al. 2018).
 
     ::

@@ -1,13 +1,9 @@
 """The material ``neo_hookean_ciarlet``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 
-def neo_hookean_ciarlet(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean_ciarlet(I_C, J, mu, lam):
     """Neo-Hookean energy with Ciarlet's volume term (psi_1 of Schröder et al. 2021).
 
     ::

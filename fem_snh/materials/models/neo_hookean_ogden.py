@@ -1,13 +1,9 @@
 """The material ``neo_hookean_ogden``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 
-def neo_hookean_ogden(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean_ogden(I_C, J, mu, lam):
     """Neo-Hookean energy with a quadratic volume term (Psi_A of Smith et al. 2018).
 
     ::

@@ -1,13 +1,9 @@
 """The material ``neo_hookean_simo``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import Rational, log
 
 
-def neo_hookean_simo(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean_simo(I_C, J, mu, lam):
     """Isochoric Neo-Hookean energy with the volume term of Simo, Taylor & Pister 1985.
 
     ::

@@ -1,13 +1,9 @@
 """The material ``neo_hookean_wang``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import Rational
 
 
-def neo_hookean_wang(I_C: Any, J: Any, mu: Any, lam: Any) -> Any:
+def neo_hookean_wang(I_C, J, mu, lam):
     """Neo-Hookean energy with a linear volume term (Psi_C of Smith et al. 2018), as printed.
 
     ::

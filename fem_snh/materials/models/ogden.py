@@ -1,9 +1,5 @@
 """The material ``ogden``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 from fem_snh.errors import BadInput
@@ -12,16 +8,16 @@ from fem_snh.materials.models._volume_term import volume as volume_term
 
 
 def ogden(
-    s0: Any,
-    s1: Any,
-    s2: Any,
-    mu: Any,
-    lam: Any,
+    s0,
+    s1,
+    s2,
+    mu,
+    lam,
     *,
     exponents: tuple[float, ...] = (1.3, 5.0, -2.0),
     weights: tuple[float, ...] = (6.3, 0.012, -0.1),
     volume: str = "J",
-) -> Any:
+):
     """Ogden energy (Chen & Barbic, Table 1), made free of stress at rest, with a volume term.
 
     ::

@@ -1,15 +1,11 @@
 """The material ``peng_landel``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 from fem_snh.materials.models._volume_term import volume as volume_term
 
 
-def peng_landel(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
+def peng_landel(s0, s1, s2, mu, lam, *, volume: str = "J"):
     """Peng-Landel energy (Chen & Barbic, Table 1), with a volume term.
 
     ::

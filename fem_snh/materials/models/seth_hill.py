@@ -1,16 +1,12 @@
 """The material ``seth_hill``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.errors import bad_value
 from fem_snh.materials.functions import exact, positive
 from fem_snh.materials.keywords import MAX_EXPONENT
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 
-def seth_hill(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, n: float = 0.5) -> Any:
+def seth_hill(s0, s1, s2, mu, lam, *, n: float = 0.5):
     """Seth-Hill family: quadratic in a power strain (Chen & Barbic, Table 1).
 
     ::

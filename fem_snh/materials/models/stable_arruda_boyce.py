@@ -1,15 +1,9 @@
 """The material ``stable_arruda_boyce``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.functions import exact
 
 
-def stable_arruda_boyce(
-    I_C: Any, J: Any, mu: Any, lam: Any, *, betas: tuple[float, ...] = (0.025, 11 / 11200)
-) -> Any:
+def stable_arruda_boyce(I_C, J, mu, lam, *, betas: tuple[float, ...] = (0.025, 11 / 11200)):
     """Stable Neo-Hookean energy with polynomial hardening (Smith et al. 2018, eq. 57, 58).
 
     ::

@@ -1,17 +1,11 @@
 """The material ``stable_fung``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import exp
 
 from fem_snh.materials.functions import exact
 
 
-def stable_fung(
-    I_C: Any, J: Any, mu: Any, lam: Any, *, gamma: float = 0.1, mu_1: float = 1.0
-) -> Any:
+def stable_fung(I_C, J, mu, lam, *, gamma: float = 0.1, mu_1: float = 1.0):
     """Stable Neo-Hookean energy with exponential hardening (Smith et al. 2018, eq. 53).
 
     ::

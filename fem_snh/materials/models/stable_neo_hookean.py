@@ -1,15 +1,9 @@
 """The material ``stable_neo_hookean``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import Rational, log
 
 
-def stable_neo_hookean(
-    I_C: Any, J: Any, mu: Any, lam: Any, *, nu: float, barrier: bool | None = None
-) -> Any:
+def stable_neo_hookean(I_C, J, mu, lam, *, nu: float, barrier: bool | None = None):
     """Stable Neo-Hookean energy (Smith et al. 2018, eq. 13 and 14); finite and smooth for every F.
 
     ::

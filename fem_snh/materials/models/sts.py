@@ -1,13 +1,9 @@
 """The material ``sts``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.models.neo_hookean import neo_hookean
 
 
-def sts(I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, mu_4: float = 1.0) -> Any:
+def sts(I_C, II_C, J, mu, lam, *, mu_4: float = 1.0):
     """STS energy for soft tissue (Chen & Barbic, Table 1).
 
     ::

@@ -1,11 +1,7 @@
 """The material ``stvk``."""
 
-from __future__ import annotations
 
-from typing import Any
-
-
-def stvk(I_C: Any, II_C: Any, mu: Any, lam: Any) -> Any:
+def stvk(I_C, II_C, mu, lam):
     """St. Venant-Kirchhoff energy (Smith et al. 2018, eq. 50).
 
     ::

@@ -1,14 +1,10 @@
 """The material ``stvk_kikuuwe``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.functions import where
 from fem_snh.materials.models.stvk import stvk
 
 
-def stvk_kikuuwe(I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, kappa: float = 400.0) -> Any:
+def stvk_kikuuwe(I_C, II_C, J, mu, lam, *, kappa: float = 400.0):
     """St. Venant-Kirchhoff energy with a resistance to compression (Smith et al. 2018, eq. 51).
 
     ::

@@ -1,14 +1,10 @@
 """The material ``symmetric_arap``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.functions import positive
 from fem_snh.materials.models._volume_term import volume as volume_term
 
 
-def symmetric_arap(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, volume: str = "J") -> Any:
+def symmetric_arap(s0, s1, s2, mu, lam, *, volume: str = "J"):
     """Symmetric as-rigid-as-possible energy (Chen & Barbic, Table 1), with a volume term.
 
     ::

@@ -1,16 +1,10 @@
 """The material ``symmetric_dirichlet``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.functions import positive
 from fem_snh.materials.models._volume_term import volume as volume_term
 
 
-def symmetric_dirichlet(
-    I_C: Any, II_C: Any, J: Any, mu: Any, lam: Any, *, volume: str = "J"
-) -> Any:
+def symmetric_dirichlet(I_C, II_C, J, mu, lam, *, volume: str = "J"):
     """Symmetric Dirichlet energy (Chen & Barbic, Table 1), with a volume term.
 
     ::

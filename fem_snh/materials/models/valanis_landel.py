@@ -1,13 +1,9 @@
 """The material ``valanis_landel``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log
 
 
-def valanis_landel(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any) -> Any:
+def valanis_landel(s0, s1, s2, mu, lam):
     """Valanis-Landel energy (Chen & Barbic, Table 1).
 
     ::

@@ -1,22 +1,11 @@
 """The material ``valanis_landel_new``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from fem_snh.materials.models.valanis_landel_xu import valanis_landel_xu
 
 
 def valanis_landel_new(
-    s0: Any,
-    s1: Any,
-    s2: Any,
-    mu: Any,
-    lam: Any,
-    *,
-    length: str = "s * (log(s) - 1)",
-    volume: str = "(J - 1)**2 / 2",
-) -> Any:
+    s0, s1, s2, mu, lam, *, length: str = "s * (log(s) - 1)", volume: str = "(J - 1)**2 / 2"
+):
     """Valanis-Landel energy of any functions of length and volume (Chen & Barbic, Table 1).
 
     ::

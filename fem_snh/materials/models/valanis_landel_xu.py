@@ -1,9 +1,5 @@
 """The material ``valanis_landel_xu``."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from sympy import log, symbols
 
 from fem_snh.materials.functions import positive
@@ -11,16 +7,16 @@ from fem_snh.materials.parsing import parse
 
 
 def valanis_landel_xu(
-    s0: Any,
-    s1: Any,
-    s2: Any,
-    mu: Any,
-    lam: Any,
+    s0,
+    s1,
+    s2,
+    mu,
+    lam,
     *,
     length: str = "s * (log(s) - 1)",
     area: str = "a * (log(a) - 1) / 4",
     volume: str = "(J - 1)**2 / 2",
-) -> Any:
+):
     """Valanis-Landel energy of any functions of length, area and volume (Chen & Barbic, Table 1).
 
     ::
