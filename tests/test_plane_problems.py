@@ -252,6 +252,73 @@ def test_incompressible_tube_under_pressure(element):
     assert coarse[0] > 6 * fine[0]
 
 
+def marked(domain, axis, at):
+    """The measure of a side."""
+    facets = mesh.locate_entities_boundary(domain, 1, lambda x: np.isclose(x[axis], at))
+    tags = mesh.meshtags(domain, 1, facets, np.ones(len(facets), np.int32))
+    return ufl.Measure("ds", domain, subdomain_data=tags)(1)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kinematics", ["axisymmetric", "axisymmetric_torsion"])
+def test_follower_pressure_inflates_a_tube(comm, kinematics):
+    """The pressure of the exact solution gives its radius; with an energy, as its ends are held."""
+    inner, outer, a, height = 1.0, 2.0, 1.2, 0.25
+    material = fem_snh.material("neo_hookean_simo", E=1.0, nu=0.5)
+    domain = rectangle(comm, "Q2Q1", (inner, 0.0), (outer, height), (12, 1))
+    u = displacement(domain, "Q2Q1", kinematics)
+    V = u.function_space
+    held = [1] if kinematics == "axisymmetric" else [1, 2]
+    bcs = [c for z in (0.0, height) for c in prescribe(V, 1, z, zero, held)]
+    r = np.linspace(a, np.sqrt(outer**2 + a**2 - inner**2), 20001)
+    hoop = r / np.sqrt(r**2 - a**2 + inner**2)
+    f = material.lame[0] * (hoop**2 - hoop**-2.0) / r
+    pressure = float(((f[1:] + f[:-1]) / 2 * np.diff(r)).sum())
+    term = fem_snh.Pressure(group=marked(domain, 0, inner), value=pressure)
+    made = fem_snh.NonlinearProblem(
+        u, {material: ufl.dx}, bcs=bcs, terms=[term], element="Q2Q1", kinematics=kinematics
+    )
+    *_, last = made.steps(4)
+    assert last["converged"] and made._problem.has_energy
+    values = u.x.array.reshape(-1, COMPONENTS[kinematics])[:, 0]
+    radii = V.tabulate_dof_coordinates()[:, 0]
+    exact = np.sqrt(radii**2 + a**2 - inner**2) - radii
+    assert abs(values - exact).max(initial=0) < 1e-4
+
+
+@pytest.mark.mpi
+def test_follower_pressure_on_a_plane(comm):
+    """On all sides of a square: a uniform dilation, P = -p cof F, and conservative."""
+    stretch, domain = 0.9, rectangle(comm, "Q1", (0.0, 0.0), (1.0, 1.0), (3, 3))
+    u = displacement(domain, "Q1", "plane_strain")
+    V = u.function_space
+    P = SNH.pk1(np.diag([stretch, stretch, 1.0]))
+    term = fem_snh.Pressure(group=ufl.ds(domain), value=float(-P[0, 0] / stretch))
+    bcs = prescribe(V, 0, 0.0, zero, [0]) + prescribe(V, 1, 0.0, zero, [1])
+    made = solve(u, SNH, bcs, terms=[term], kinematics="plane_strain")
+    assert made._problem.has_energy
+    expected = (stretch - 1) * V.tabulate_dof_coordinates()[:, :2]
+    assert abs(u.x.array.reshape(-1, 2) - expected).max(initial=0) < 1e-9
+
+
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_energy_of_a_follower_pressure(kinematics):
+    """A free end costs it its energy; on a body of revolution an end on the axis does not."""
+    found = []
+    for low in (0.0, 0.5):
+        domain = rectangle(MPI.COMM_SELF, "Q1", (low, 0.0), (low + 1, 1.0), (2, 2))
+        u = displacement(domain, "Q1", kinematics)
+        bcs = prescribe(u.function_space, 1, 0.0, zero)
+        sides_ = mesh.locate_entities_boundary(
+            domain, 1, lambda x, low=low: np.isclose(x[1], 1) | np.isclose(x[0], low + 1)
+        )
+        tags = mesh.meshtags(domain, 1, np.sort(sides_), np.ones(len(sides_), np.int32))
+        ds = ufl.Measure("ds", domain, subdomain_data=tags)(1)
+        term = fem_snh.Pressure(group=ds, value=1.0)
+        found.append(problem("Q1", kinematics, u, bcs=bcs, terms=[term]).has_energy)
+    assert found == [kinematics != "plane_strain", False]
+
+
 @pytest.mark.parametrize("element", ["Q2Q1", "P2P1"])
 def test_torsion_of_a_cylinder(element):
     """Rivlin's solution: torque mu pi a^4 t/2 and axial force -mu pi a^4 t^2/4 at a twist t."""

@@ -194,8 +194,8 @@ def test_a_run_resumes(tmp_path):
         ('kinematics = "plane_strain"\nself_contact = { method = "ipc" }', "self_contact"),
         ('kinematics = "plane_strain"\nerror = true', "error = True: expected no value, with kine"),
         (
-            'kinematics = "plane_strain"\n[[pressure]]\ngroup = "top"\nvalue = 1.0',
-            "pressure = 'given'",
+            'kinematics = "plane_strain"\n[[cavity]]\ngroup = "top"\nvolume = 1.0',
+            "cavity = 'given'",
         ),
         ('kinematics = "plane_strain"\n[time]\nduration = 1.0\nsteps = 2', "time = 'given'"),
         (

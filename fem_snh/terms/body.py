@@ -100,8 +100,12 @@ class Body:
 
     def measure(self, key: str, surface: Any) -> Any:
         """Return the UFL measure of a surface: see `facets`. Collective."""
-        ds = _dolfinx.surface_measure(self.domain, self.facets(key, surface))
+        ds = self.surface(key, surface)
         return self._turned(ds(metadata=surface.metadata()) if hasattr(surface, "metadata") else ds)
+
+    def surface(self, key: str, surface: Any) -> Any:
+        """Return the UFL measure of a surface of the mesh itself, not revolved. Collective."""
+        return _dolfinx.surface_measure(self.domain, self.facets(key, surface))
 
     @property
     def cells(self) -> Any:

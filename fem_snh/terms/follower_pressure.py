@@ -58,7 +58,8 @@ class FollowerPressure(UFLTerms):
         self._values = [load.value for load in pressures]
         self._present = [body.constant(0.0) for _ in pressures]
         self._volumes = [
-            SweptVolume(body.V, body.measure("pressure.group", load.group)) for load in pressures
+            SweptVolume(body.V, body.surface("pressure.group", load.group), body.kinematics)
+            for load in pressures
         ]
         both = list(zip(self._present, self._volumes, strict=True))
         self._terms = [UFLTerm(p * v.residual(u), u, self.name) for p, v in both]

@@ -22,7 +22,7 @@ class Pressure(Feature):
     .. math:: R(u; v) = a(\lambda)\, p \int_{\Gamma} \mathrm{cof}(F) N \cdot v \, \mathrm{d}A
     """
 
-    key, stateless = "pressure", True
+    key, stateless, planar = "pressure", True, True
     group: Surface = Field(description=SURFACE)
     value: Number = Field(
         description="Pressure at amplitude 1 [Pa]; a positive one pushes into the body."

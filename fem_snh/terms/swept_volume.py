@@ -12,6 +12,11 @@ has the derivative R/p but for an integral over the surface's edge, which is lin
 integral vanishes where the surface is closed, where its edge is constrained, and where each part of
 the edge stays in a plane through c that is a plane of symmetry. Only then is the pressure
 conservative, with the energy p S. `fit_points` finds out.
+
+In the plane S is an area, with 1/2 in place of 1/3. On a body of revolution it is the volume
+between the surface and the axis, :math:`\int \pi r^2 \, \mathrm{d}z` along the deformed curve, and
+needs no point; the pressure is conservative where the curve's ends are on the axis or do not move
+along it.
 """
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import copy_to_function, update_ghosts
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.mesh.mesh import volume as body_volume
 
 Array = npt.NDArray[Any]
@@ -54,6 +60,8 @@ class SweptVolume:
         The displacement's space.
     ds : UFL measure
         The surface.
+    kinematics : Kinematics, optional
+        How the displacement becomes a deformation gradient.
 
     Attributes
     ----------
@@ -61,20 +69,28 @@ class SweptVolume:
         S(0) [m^3] with the point that was set last.
     """
 
-    def __init__(self, V: Any, ds: Any) -> None:
+    def __init__(self, V: Any, ds: Any, kinematics: Kinematics = SOLID) -> None:
         # The integrands are polynomials of this degree in each direction of a facet.
         degree = 3 * max(_dolfinx.degree(V), _dolfinx.geometry_degree(V.mesh)) - 1
         self._ds, self.V = ds(metadata={"quadrature_degree": degree}), V
         self._u = _dolfinx.function(V, "displacement")
-        self._point = _dolfinx.constant(V.mesh, np.zeros(3))
-        x = ufl.SpatialCoordinate(V.mesh) + self._u
-        self._form = ufl.inner(x - self._point, self._normal(self._u)) / 3 * self._ds
+        self._kinematics, self._X = kinematics, ufl.SpatialCoordinate(V.mesh)
+        self._point = _dolfinx.constant(V.mesh, np.zeros(kinematics.dim))
+        if kinematics.revolved:
+            self._form = self._around_axis(self._u) * self._ds
+        else:
+            x = self._X + self._u
+            normal = self._normal(self._u)
+            self._form = ufl.inner(x - self._point, normal) / kinematics.dim * self._ds
         self._compiled = _dolfinx.form(self._form)
         self.at_rest = 0.0
 
     def residual(self, u: Any) -> Any:
         """Return the UFL form of the integral of cof(F) N . v [m^2], v a test function."""
-        return ufl.inner(self._normal(u), ufl.TestFunction(self.V)) * self._ds
+        density = ufl.inner(self._normal(u), ufl.TestFunction(self.V))
+        if self._kinematics.revolved:
+            density *= 2 * ufl.pi * self._X[0]
+        return density * self._ds
 
     def set_point(self, point: Array) -> None:
         """Set the point c [m]. Collective."""
@@ -103,7 +119,7 @@ class SweptVolume:
             The residual.
         missing : (n,)
             The residual minus the derivative for c = 0.
-        change : (n, 3)
+        change : (n, dim)
             Change of the derivative with each component of c.
         """
         derivative = _dolfinx.form(ufl.derivative(self._form, self._u, ufl.TestFunction(self.V)))
@@ -119,24 +135,39 @@ class SweptVolume:
         rows = []
         for u in states:
             copy_to_function(u, self._u)
-            wanted, origin = assemble(residual, np.zeros(3)), assemble(derivative, np.zeros(3))
-            change = [assemble(derivative, unit) - origin for unit in np.eye(3)]
+            zero = np.zeros(self._kinematics.dim)
+            wanted, origin = assemble(residual, zero), assemble(derivative, zero)
+            change = [assemble(derivative, unit) - origin for unit in np.eye(len(zero))]
             rows.append(np.stack([wanted, wanted - origin, *change], axis=1))
         table = np.concatenate(rows)
         return table[:, 0], table[:, 1], table[:, 2:]
 
     def _normal(self, u: Any) -> Any:
         """cof(F) N, without a division by det F."""
-        F = ufl.Identity(3) + ufl.grad(u)
+        kinematics, H = self._kinematics, ufl.grad(u)
+        if kinematics.dim == 2:
+            H = ufl.as_matrix(kinematics.gradient(u, H, self._X[0]))
+        F = ufl.Identity(3) + H
         a, b, c = (ufl.as_vector([F[i, k] for i in range(3)]) for k in range(3))
         N = ufl.FacetNormal(self.V.mesh)
-        return N[0] * ufl.cross(b, c) + N[1] * ufl.cross(c, a) + N[2] * ufl.cross(a, b)
+        if kinematics.dim == 3:
+            return N[0] * ufl.cross(b, c) + N[1] * ufl.cross(c, a) + N[2] * ufl.cross(a, b)
+        normal = N[0] * ufl.cross(b, c) + N[1] * ufl.cross(c, a)
+        return ufl.as_vector([normal[i] for i in range(kinematics.components)])
+
+    def _around_axis(self, u: Any) -> Any:
+        """pi r^2 dz/ds of a deformed curve, r the distance from the axis."""
+        squares = (self._X[0] + u[0]) ** 2
+        if self._kinematics.components == 3:
+            squares += u[2] ** 2
+        N, H = ufl.FacetNormal(self.V.mesh), ufl.grad(u)
+        return ufl.pi * squares * ((1 + H[1, 1]) * N[0] - H[1, 0] * N[1])
 
 
 def fit_points(
     volumes: Sequence[SweptVolume], pressures: Sequence[float], dirichlet: Dirichlet
 ) -> Array | None:
-    """Return points with which pressures are conservative, (n, 3) [m]. Collective.
+    """Return points with which pressures are conservative, (n, dim) [m]. Collective.
 
     The least-squares fit of the derivatives to the residuals at several displacements.
 
@@ -151,11 +182,12 @@ def fit_points(
 
     Returns
     -------
-    (n, 3) array or None
+    (n, dim) array or None
         None if no points make the pressures conservative.
     """
     V = volumes[0].V
-    length = body_volume(V.mesh) ** (1 / 3)
+    dim = _dolfinx.mesh_dimension(V.mesh)[0]
+    length = body_volume(V.mesh) ** (1 / dim)
     states, fixed = _states(V, dirichlet, length), dirichlet.dofs
     found = [(p, *v.compare(states, fixed)) for p, v in zip(pressures, volumes, strict=True)]
     columns = [length * p * change for p, _, _, change in found]
@@ -165,15 +197,15 @@ def fit_points(
     table = np.concatenate([*columns, missing[:, None], sizes], axis=1)
     factors = V.mesh.comm.allgather(np.linalg.qr(table, mode="r"))
     R = np.concatenate(factors)
-    A, b, size = R[:, : 3 * len(found)], R[:, 3 * len(found)], np.abs(R[:, -len(found) :])
+    A, b, size = R[:, : dim * len(found)], R[:, dim * len(found)], np.abs(R[:, -len(found) :])
     scale = np.sqrt((size**2).sum())
     if scale == 0.0:
-        return np.zeros((len(found), 3))
+        return np.zeros((len(found), dim))
     U, values, W = np.linalg.svd(A, full_matrices=False)
     kept = values > _ROUNDING * scale
     points = (W[kept].T / values[kept]) @ (U[:, kept].T @ b)
     fits = np.linalg.norm(A @ points - b) <= _ROUNDING * scale
-    return length * points.reshape(-1, 3) if fits else None
+    return length * points.reshape(-1, dim) if fits else None
 
 
 def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> float | None:
@@ -222,6 +254,7 @@ def _states(V: Any, dirichlet: Dirichlet, length: float) -> list[PETSc.Vec]:
     for number, load in enumerate(_LOADS):
         u = _dolfinx.create_vector(V)
         waves = _AMPLITUDE * length * np.sin(X @ _WAVES + _PHASES + _SHIFT * number)
+        waves = waves[:, : _dolfinx.num_components(V)]
         u.array[:] = waves.ravel()[: u.getLocalSize()]
         dirichlet.set_values(u, load)
         update_ghosts(u)
