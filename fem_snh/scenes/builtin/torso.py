@@ -88,12 +88,11 @@ def torso(cells: int = 144, noise: float = 0.0, seed: int = 1, contact: bool = T
     tables: dict[str, Any] = {
         "name": "torso",
         "mesh": {"lattice": flesh(), "cell": cell, "weighting": "full"},
-        "element": "Q1",
+        "element": "Q1P0",
         "steps": FRAMES,
         "material": {"name": "stable_neo_hookean", "E": 5e4, "nu": 0.488},
         "bone": skeleton.tables(bones, cell),
         **SOLUTION,
-        "globalization": "linesearch",  # as in the paper
         "load_name": "swing",
     }
     if contact:
