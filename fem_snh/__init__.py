@@ -8,11 +8,11 @@
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
 
-Each subpackage uses those before it: `materials` (symbolic energies), `viewing` (plots and
-pictures), `kernels` (compiled energies, a material at a point), `mesh`, `linalg` (linear solvers),
-`solver` (projected Newton, a PETSc SNES), `assembly`, `terms` (energies and loads), `scenes`
-(experiments), `contact`, `studies` (many runs), `problem`, `steps` (the driver),
-`runs` (a scene in, a result out), `cli` (the program fem-snh).
+Each subpackage uses those before it: `materials` (symbolic energies), `geometry` (shapes, motions),
+`tables` (what scenes and programs share), `viewing` (pictures), `kernels` (compiled energies, a
+material at a point), `mesh`, `linalg` (linear solvers), `solver` (projected Newton, a PETSc SNES),
+`assembly`, `terms` (energies and loads), `contact`, `scenes` (experiments), `studies` (many runs),
+`problem`, `accuracy`, `steps` (the driver), `runs` (a scene in, a result out), `cli`.
 """
 
 from __future__ import annotations
