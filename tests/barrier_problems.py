@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from mpi4py import MPI
@@ -81,9 +81,12 @@ def steps(
     predictor: str = "extrapolate",
     tolerance: float = 1e-10,
     globalization: str | None = None,
+    update: Callable[[Any, int], None] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Take load steps; yield their rows."""
+    """Take load steps; yield their rows. ``update(snes, iteration)`` is SNESSetUpdate's."""
     snes = solver.create(problem, globalization=globalization)
+    if update is not None:
+        snes.setUpdate(update)
     snes.getPythonContext().options["snes_scaled_tol"] = tolerance
     yield from Stepper(StepSolver(problem, snes, predictor), number)
 
