@@ -19,7 +19,13 @@ from fem_snh.errors import BadInput
 from fem_snh.mesh import gmsh_input
 from fem_snh.studies.processes import environment
 from fem_snh.studies.tradeoff import advice
-from fem_snh.studies.tradeoff.grid import Plan, changed_knobs, middle_resolution, resolutions
+from fem_snh.studies.tradeoff.grid import (
+    Plan,
+    changed_knobs,
+    middle_resolution,
+    point_name,
+    resolutions,
+)
 from fem_snh.studies.tradeoff.knobs import SOLVERS, Choice, knob_values
 from fem_snh.studies.tradeoff.study import tradeoff
 from fem_snh.viewing import plots
@@ -62,6 +68,13 @@ def test_one_knob_at_a_time_or_all_of_them() -> None:
         assert all(len(changed_knobs(choice, default)) == 1 for choice in mine)
     full = plan(elements=["Q1"], nus=[0.3], vary=["hessian", "solver"], full=True).choices(0.3)
     assert len(full) == len(tried.resolutions["Q1"]) * 5 * len(SOLVERS["pointwise"])
+
+
+def test_values_that_differ_in_the_seventh_digit_have_folders_of_their_own() -> None:
+    close = (0.4999999, 0.49999991, 0.5)
+    choices = [Choice("P2P1", 4, tolerance=t) for t in (1.0000001e-7, 1.0000002e-7, 1e-7)]
+    names = {point_name(nu, choice) for nu in close for choice in choices}
+    assert len(names) == 9 and point_name(0.5, choices[-1]).startswith("nu=0.5__P2P1__4__")
 
 
 def test_forcing_is_turned_with_an_iterative_solver() -> None:

@@ -13,7 +13,7 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
 from fem_snh.studies.scene_points import ScenePoint
 from fem_snh.studies.sweep import folder_name
-from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice, knob_values
+from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice, knob_values, number_text
 
 #: Cells of the built-in scenes, from coarse to fine, up to runs of about a minute.
 _PANEL = {
@@ -153,7 +153,7 @@ class Plan:
 
 def point_name(nu: float, choice: Choice) -> str:
     """Return the name of the folder of a point."""
-    return folder_name([f"nu={nu:g}", choice.name()])
+    return folder_name([f"nu={number_text(nu)}", choice.name()])
 
 
 def middle_resolution(resolutions: Sequence[int | str]) -> int | str:

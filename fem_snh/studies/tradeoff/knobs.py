@@ -130,7 +130,7 @@ class Choice:
     def name(self) -> str:
         """Return the name of the folder, which is unique for these settings."""
         numbers: dict[str, Any] = {
-            key: f"{getattr(self, key):g}" for key in ("forcing", "tolerance")
+            key: number_text(getattr(self, key)) for key in ("forcing", "tolerance")
         }
         numbers |= {"mesh": Path(self.mesh).stem, "steps": self.steps and f"steps={self.steps}"}
         return "__".join(str(v) for v in (self.row() | numbers).values() if v not in ("", None))
@@ -147,6 +147,11 @@ class Choice:
             for value in knob_values(self.element)[knob]:
                 if getattr(base, knob) != value or base != self:
                     yield replace(base, **{knob: value})
+
+
+def number_text(number: float) -> str:
+    """Return a number in six digits, or in all if it has more: no two have the same text."""
+    return text if float(text := f"{number:g}") == number else repr(number)
 
 
 def solvers(element: str) -> Mapping[str, dict[str, Any]]:
