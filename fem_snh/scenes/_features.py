@@ -22,12 +22,12 @@ _OWN = frozenset(Scene.model_fields)
 def register_feature(feature: type[Feature]) -> type[Feature]:
     """Make a feature a list of tables of scenes, ``[[key]]`` in TOML. It is a decorator, too.
 
-    Packages declare it as an entry point of the group `FEATURES` instead, under its key.
+    Packages declare it as an entry point of the group ``fem_snh.features`` instead, under its key.
 
     Parameters
     ----------
     feature : type
-        A subclass of `Feature` with a ``key`` that scenes do not have yet.
+        A subclass of `fem_snh.terms.feature.Feature` with a ``key`` that scenes do not have yet.
 
     Raises
     ------
