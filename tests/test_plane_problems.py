@@ -170,6 +170,7 @@ def test_plane_strain_is_a_layer_of_hexahedra(element):
         bcs = [fem.dirichletbc(np.zeros(components), nodes(V, 0.0), V)]
         bcs.append(fem.dirichletbc(top, nodes(V, 1.0)))
         if components == 3:
+            domain.topology.create_connectivity(3, 3)
             cells = np.arange(n * n, dtype=np.int32)
             third = fem.locate_dofs_topological(V.sub(2), 3, cells)
             bcs.append(fem.dirichletbc(0.0, third, V.sub(2)))
