@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from itertools import count
 from typing import Any
 
@@ -161,9 +161,7 @@ class NonlinearProblem(EstimatesErrors):
         with self._petsc_options():
             self.solver = solver.create(self._problem, hessian, globalization, petsc_options_prefix)
             choices = {"hessian": hessian, "globalization": globalization}
-            pressures = program_pressures(
-                static_condensation, self._problem, choices, petsc_options_prefix
-            )
+            pressures = program_pressures(static_condensation, self._problem, choices, self._prefix)
         motion = self._motion()
         self._steps = {
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
@@ -329,8 +327,6 @@ class NonlinearProblem(EstimatesErrors):
         self._problem.prescribe(prescribed)
         return not bool(prescribed.equal(self.x))
 
-    @contextmanager
-    def _petsc_options(self) -> Iterator[None]:
-        """The options in PETSc's database: parts of the solver are set up when it solves."""
-        with default_options(self._prefix, self._options):
-            yield
+    def _petsc_options(self) -> AbstractContextManager[list[str]]:
+        """Put the options into PETSc's database: parts of the solver are set up when it solves."""
+        return default_options(self._prefix, self._options)
