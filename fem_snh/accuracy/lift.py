@@ -41,10 +41,11 @@ _DEGREE_2 = {"tetrahedron": ELEMENTS["P2P1"], "hexahedron": ELEMENTS["Q2Q1"]}
 _NO_LOCKING = 4.0
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
 #: tetrahedra; and what a pair of nodes needs in bytes: nine numbers in double precision for the
-#: matrix, nine in single precision for the linear solver, and indices.
+#: matrix, nine in single precision for the linear solver, and indices; and as much again for the
+#: couplings of the pressure, their copies and temporary arrays (a run of twist, 16 cells, Q1P0).
 _COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron", 2): 64,
                   ("hexahedron", 3): 125}  # fmt: skip
-_BYTES_PER_PAIR = 9 * (8 + 4) + 8
+_BYTES_PER_PAIR = 2 * (9 * (8 + 4) + 8)
 #: Reduction of the residual by the first solve and by each further one.
 _FIRST, _FURTHER = 1e-2, 1e-1
 #: Newton iterations of one solve: a state that needs more is far from the run's.
