@@ -17,7 +17,6 @@ import numpy as np
 
 from benchmarks import Row, split_list
 from benchmarks.pressed_ball import force_ratio
-from fem_snh.contact.fields import ContactFields
 from fem_snh.errors import choose
 from fem_snh.runs import run
 from fem_snh.scenes import load
@@ -122,7 +121,7 @@ def contact_area(problem: Any) -> tuple[float, float]:
     """Return the reference area in contact [mm^2] and the largest nodal pressure [MPa]."""
     term = next(term for term in problem.terms if term.name == "obstacle")
     u = problem.split(problem.x)[0]
-    pressure = ContactFields(problem.V, problem.terms).evaluate("contact_pressure", u)
+    pressure = term.nodal_field("contact_pressure", u)
     at = term.pairs[0].points(u.array_r.reshape(-1, 3))
     area = term.surface.weights[at.which][at.pressure > 0].sum()
     sums = problem.comm.allreduce(float(area))

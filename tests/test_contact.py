@@ -12,7 +12,6 @@ from contact_problems import contact_problem, plane, press, translation
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.ghosted_vectors import add_ghosts, update_ghosts
-from fem_snh.contact.fields import ContactFields
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.obstacle_pair import NearFacets
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
@@ -189,17 +188,16 @@ def test_multipliers_that_do_not_settle_fail_the_step(comm):
 @mpi
 def test_fields_at_the_nodes(comm):
     """A uniform pressure on a face is that of the nodes inside of it; gaps are distances."""
-    p, _, _ = contact_problem(
+    p, contact, _ = contact_problem(
         cube(comm, "tetrahedron", 4), "P2", [RigidContact("floor", plane((0, 0, 0.01)), 0, 100.0)]
     )
     u = p.split(p.x)[0]
-    fields = ContactFields(p.V, p.terms)
-    pressure = fields.evaluate("contact_pressure", u)
+    pressure = contact.nodal_field("contact_pressure", u)
     X = p.V.tabulate_dof_coordinates()
     inside = ((X[:, :2] > 0.3) & (X[:, :2] < 0.7)).all(axis=1) & (X[:, 2] == 0)
     np.testing.assert_allclose(pressure[inside], 1.0, rtol=1e-10)
     np.testing.assert_allclose(pressure[X[:, 2] > 0.3], 0.0, atol=1e-14)
-    np.testing.assert_allclose(fields.evaluate("gap", u), X[:, 2] - 0.01, atol=1e-15)
+    np.testing.assert_allclose(contact.nodal_field("gap", u), X[:, 2] - 0.01, atol=1e-15)
 
 
 @mpi

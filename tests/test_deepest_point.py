@@ -20,9 +20,9 @@ from fem_snh.accuracy.state_notes import penetration_note
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.ghosted_vectors import nodal_vectors
 from fem_snh.contact.body_contact import BodyContact
-from fem_snh.contact.deepest_point import DeepestPoint
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.surface_pair import BodyPair
+from fem_snh.contact.surface_quadrature import DeepestPoint
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Sphere
 from fem_snh.kernels.material import material

@@ -14,7 +14,6 @@ from bodies import Condition, Hold, dense
 import fem_snh
 from fem_snh import scenes, solver
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.contact.fields import SelfContactPressure
 from fem_snh.contact.reference.reference import ReferenceContact
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
@@ -219,7 +218,7 @@ def test_what_approaches_is_stopped_in_the_first_solve(element: str, gap: float)
 def test_pressure_is_the_force_over_the_area() -> None:
     """Two blocks of the same width, 1, are compressed as one; far from the gap there is none."""
     p, row = blocks(shift=0.0, upper_cells=2, upper_width=1.0, k=20.0)
-    found = SelfContactPressure(p.V, p.terms[1]).evaluate(p.split(p.x)[0])
+    found = p.terms[1].nodal_field("contact_pressure", p.split(p.x)[0])
     X = p.V.tabulate_dof_coordinates()
     middle = np.linalg.norm(X - [0.5, 0.5, 1.0], axis=1) < 1e-9
     pressure = COMM.allreduce(float(found[middle].max(initial=0.0)), op=MPI.MAX)

@@ -21,6 +21,7 @@ from fem_snh.contact.embedded_surface import (
     SurfaceMatrix,
     embedded_surface,
 )
+from fem_snh.contact.fields import SelfContactPressure
 from fem_snh.errors import NotSettled, choose
 from fem_snh.mesh.skin import Skin
 from fem_snh.terms.settling import LaggedChange
@@ -91,6 +92,8 @@ class IPC:
         self.distance = surface.default_distance(points) if distance is None else distance
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
         self._matrix = SurfaceMatrix(self.surface)
+        self._V = V
+        self._pressure: SelfContactPressure | None = None
         self._checked, self._ended, self._slides = False, False, friction > 0
         # Forces of friction at the end of the last step, and where the next one starts.
         self._old: Array = np.zeros(self.surface.support.X.shape)
@@ -167,6 +170,14 @@ class IPC:
         if self._energy.friction.acts:
             row["friction"] = self.collision_surface.sums(-self._energy.friction.gradient(x))
         return {"self_contact": row}
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
+        if name != "contact_pressure":
+            return np.zeros(1)
+        if self._pressure is None:
+            self._pressure = SelfContactPressure(self._V, self.surface)
+        return self._pressure.evaluate(self, u)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Start a step from a state; the first one must not intersect itself. Collective.

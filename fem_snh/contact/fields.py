@@ -1,11 +1,10 @@
-"""What contact adds to a run's output: a row for each obstacle, and fields at the nodes."""
+"""Fields of contact at the nodes, for output."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -19,62 +18,15 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.contact.deepest_point import DeepestPoint
 from fem_snh.contact.embedded_surface import EmbeddedSurface
-from fem_snh.contact.law import surface_mean
-from fem_snh.contact.obstacle_contact import ObstacleContact
+from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
 
 
-def obstacle_rows(term: ObstacleContact, u: Array) -> dict[str, dict[str, Any]]:
-    """Return what run.json has of each obstacle, by name. Collective.
-
-    Parameters
-    ----------
-    term : ObstacleContact
-        The contact.
-    u : (local nodes, 3)
-        Nodal displacements [m], ghosts included.
-
-    Returns
-    -------
-    dict
-        ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
-        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
-        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
-        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
-        one. With friction ``sliding``, how many of the points slide.
-    """
-    rows, comm = {}, term.comm
-    for contact, pair in zip(term.contacts, term.pairs, strict=True):
-        at, friction = pair.points(u), pair.friction
-        weighted = term.surface.weights[at.which] * at.pressure
-        force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
-        if friction:
-            force = force - friction.force(u)
-        slides = friction.sliding(u) if friction else 0
-        counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
-        depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
-        penetration = float(comm.allreduce(depth, op=MPI.MAX))
-        deepest = DeepestPoint.deepest(comm.allgather(pair.deepest(u)))
-        row: dict[str, Any] = {
-            "force": counts[:3].tolist(),
-            "contacts": int(counts[3]),
-            "penetration": penetration,
-            **deepest.row(penetration),
-            "pose": np.column_stack(contact.obstacle.pose(pair.load)).tolist(),
-            "stiffness": surface_mean(term.surface, pair.law.stiffness[:, 0], comm),
-        }
-        if friction:
-            row["sliding"] = int(counts[4])
-        rows[contact.name] = row
-    return rows
-
-
-class ContactFields:
+class ObstacleFields:
     """The fields of `fem_snh.output_fields.AT_OBSTACLES` at the nodes. Collective.
 
     ``gap`` is the signed distance of each node from the closest obstacle [m]. ``contact_pressure``
@@ -85,14 +37,14 @@ class ContactFields:
     ----------
     V : dolfinx function space
         The displacement's space.
-    terms : sequence of Term
-        A problem's terms, of which one is an `ObstacleContact`.
+    pairs : sequence of ObstaclePair
+        The contact with each obstacle.
     """
 
-    def __init__(self, V: Any, terms: Sequence[Term]) -> None:
-        self._term = next(term for term in terms if isinstance(term, ObstacleContact))
+    def __init__(self, V: Any, pairs: Sequence[ObstaclePair]) -> None:
+        self._pairs, self._X = pairs, V.tabulate_dof_coordinates()
         self._space = Q = _dolfinx.function_space(V.mesh, 1)
-        self._surface = SurfaceQuadrature(Q, degree=self._term.surface.degree)
+        self._surface = SurfaceQuadrature(Q, degree=pairs[0].surface.degree)
         nodes = _dolfinx.reference_nodes(_dolfinx.cell_name(V.mesh), _dolfinx.degree(V))
         self._table = _dolfinx.tabulate_values(Q, nodes)
         self._nodes, self._num_nodes = _dolfinx.node_dofs(V), sum(_dolfinx.num_nodes(V))
@@ -104,13 +56,13 @@ class ContactFields:
         values = nodal_vectors(u)
         if name == "contact_pressure":
             return self._pressure(values)
-        x = self._term.X + values
-        return np.asarray(np.min([pair.distance(x) for pair in self._term.pairs], axis=0))
+        x = self._X + values
+        return np.asarray(np.min([pair.distance(x) for pair in self._pairs], axis=0))
 
     def _pressure(self, values: Array) -> Array:
         """Return the contact pressure at nodal displacements (nodes, 3)."""
         found = np.zeros_like(self._areas)
-        for pair in self._term.pairs:
+        for pair in self._pairs:
             points = pair.points(values)
             found += self._sums(points.which, points.pressure)
         found = np.divide(found, self._areas, out=found, where=self._areas > 0)
@@ -144,13 +96,12 @@ class SelfContactPressure:
     ----------
     V : dolfinx function space
         The displacement's space.
-    term : ReferenceContact or IPC
-        The contact.
+    surface : EmbeddedSurface
+        The surface.
     """
 
-    def __init__(self, V: Any, term: Any) -> None:
-        self._V, self._term = V, term
-        surface: EmbeddedSurface = term.surface
+    def __init__(self, V: Any, surface: EmbeddedSurface) -> None:
+        self._V = V
         a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
         thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
         points = np.bincount(surface.triangles.ravel(), np.repeat(thirds, 3), len(surface.points))
@@ -161,12 +112,15 @@ class SelfContactPressure:
         self._areas = np.zeros((sum(_dolfinx.num_nodes(V)), 3))
         surface.support.add_own(np.repeat(areas[:, None], 3, axis=1), self._areas)
 
-    def evaluate(self, u: PETSc.Vec) -> Array:
-        """Return the pressure [Pa] at this rank's nodes, ghosts included, (nodes,). Collective."""
+    def evaluate(self, term: Term, u: PETSc.Vec) -> Array:
+        """Return the pressure [Pa] at this rank's nodes, ghosts included, (nodes,). Collective.
+
+        ``term`` is the contact, whose only forces are those on the surface.
+        """
         forces = _dolfinx.create_vector(self._V)
         values = writable_values(forces)
         values[:] = 0
-        self._term.add_residual(u, None, forces, None)
+        term.add_residual(u, None, forces, None)
         nodal = values.reshape(-1, 3)
         size = np.linalg.norm(nodal, axis=1)
         area = self._areas[:, 0]

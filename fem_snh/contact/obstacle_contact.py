@@ -16,10 +16,11 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import nodal_vectors, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
+from fem_snh.contact.fields import ObstacleFields
 from fem_snh.contact.friction import Friction
-from fem_snh.contact.law import TOLERANCE, ContactLaw, cell_heights, default_stiffness
+from fem_snh.contact.law import TOLERANCE, ContactLaw, cell_heights, default_stiffness, surface_mean
 from fem_snh.contact.obstacle_pair import ObstaclePair
-from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.surface_quadrature import DeepestPoint, SurfaceQuadrature
 from fem_snh.errors import choose
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.terms.settling import LaggedChange, largest_change
@@ -102,7 +103,8 @@ class ObstacleContact:
     name, has_energy = "obstacle", True
 
     def __init__(self, V: Any, regions: Sequence[Region], contacts: Sequence[RigidContact]) -> None:
-        self.comm, self.contacts = V.mesh.comm, list(contacts)
+        self.comm, self.contacts, self._V = V.mesh.comm, list(contacts), V
+        self._fields: ObstacleFields | None = None
         tetrahedra = _dolfinx.cell_name(V.mesh) == "tetrahedron"
         self.surface = surface = SurfaceQuadrature(V, degree=_DEGREE[tetrahedra])
         self.X = V.tabulate_dof_coordinates()
@@ -163,10 +165,44 @@ class ObstacleContact:
         return count
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, dict[str, Any]]]:
-        """Return the rows of the obstacles for run.json: see `obstacle_rows`. Collective."""
-        from fem_snh.contact.fields import obstacle_rows
+        """Return the rows of the obstacles for run.json, by name. Collective.
 
-        return {"obstacles": obstacle_rows(self, nodal_vectors(u))}
+        ``force`` [N], which the obstacle exerts on the body; ``contacts``, the number of quadrature
+        points in contact; ``penetration`` [m], their largest; ``deepest`` and ``deepest_at`` of
+        `DeepestPoint.row`; ``stiffness`` [Pa/m], the penalty's, as a mean over the surface;
+        ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
+        one. With friction ``sliding``, how many of the points slide.
+        """
+        rows, comm, values = dict[str, dict[str, Any]](), self.comm, nodal_vectors(u)
+        for contact, pair in zip(self.contacts, self.pairs, strict=True):
+            at, friction = pair.points(values), pair.friction
+            weighted = self.surface.weights[at.which] * at.pressure
+            force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
+            if friction:
+                force = force - friction.force(values)
+            slides = friction.sliding(values) if friction else 0
+            counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
+            depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
+            penetration = float(comm.allreduce(depth, op=MPI.MAX))
+            deepest = DeepestPoint.deepest(comm.allgather(pair.deepest(values)))
+            row: dict[str, Any] = {
+                "force": counts[:3].tolist(),
+                "contacts": int(counts[3]),
+                "penetration": penetration,
+                **deepest.row(penetration),
+                "pose": np.column_stack(contact.obstacle.pose(pair.load)).tolist(),
+                "stiffness": surface_mean(self.surface, pair.law.stiffness[:, 0], comm),
+            }
+            if friction:
+                row["sliding"] = int(counts[4])
+            rows[contact.name] = row
+        return {"obstacles": rows}
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a field of `ObstacleFields`: see `FieldTerm`. Collective."""
+        if self._fields is None:
+            self._fields = ObstacleFields(self._V, self.pairs)
+        return self._fields.evaluate(name, u)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset multipliers and friction to those of the last accepted step."""

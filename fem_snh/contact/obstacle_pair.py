@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
 from fem_snh.contact.friction import ContactPoints, Friction
 from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.surface_quadrature import DeepestPoint, SurfaceQuadrature, facet_grid
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.form_cells import filter_matrices
 

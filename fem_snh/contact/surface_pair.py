@@ -9,7 +9,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.contact.deepest_point import DeepestPoint, facet_grid
 from fem_snh.contact.gaps import (
     ClosestFacets,
     Gaps,
@@ -19,6 +18,7 @@ from fem_snh.contact.gaps import (
 )
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.contact.law import ContactLaw
+from fem_snh.contact.surface_quadrature import DeepestPoint, facet_grid
 from fem_snh.errors import bad_value
 from fem_snh.kernels.form_cells import filter_matrices
 from fem_snh.terms.settling import LaggedChange, largest_change, relative

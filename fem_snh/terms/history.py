@@ -90,7 +90,8 @@ class FieldTerm(Protocol):
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
         """Return a field of its feature, (nodes of this rank, components). Collective.
 
-        Of a scalar it is (nodes,). Values of several terms with one field are added.
+        Of a scalar it is (nodes,). Values of several terms are added; it is 0 of a field that the
+        term does not have.
         """
 
 

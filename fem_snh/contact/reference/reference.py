@@ -15,6 +15,7 @@ from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.embedded_surface import SurfaceMatrix, embedded_surface
+from fem_snh.contact.fields import SelfContactPressure
 from fem_snh.contact.reference.pairs import ContactPairs
 from fem_snh.contact.reference.target_search import TargetSearch
 from fem_snh.errors import choose
@@ -73,6 +74,8 @@ class ReferenceContact:
         self.surface = embedded_surface(V, skin)
         self._search = TargetSearch(V, self.surface, regions, stiffness, skin is not None)
         self._matrix = SurfaceMatrix(self.surface)
+        self._V = V
+        self._pressure: SelfContactPressure | None = None
         self.pairs, self._searches = ContactPairs.none(), 0
         self._penetration, self._coupled, self._stale = 0.0, False, True
 
@@ -147,6 +150,14 @@ class ReferenceContact:
         forces = pairs.forces(x)
         samples, targets = pairs.ends(self.surface.points)
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
+        if name != "contact_pressure":
+            return np.zeros(1)
+        if self._pressure is None:
+            self._pressure = SelfContactPressure(self._V, self.surface)
+        return self._pressure.evaluate(self, u)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Search again at the next evaluation, that of the forces at the start of a time step.

@@ -16,7 +16,7 @@ from fem_snh import _dolfinx
 from fem_snh._dolfinx import DataArray
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
 from fem_snh.errors import choose
-from fem_snh.output_fields import AT_OBSTACLES, LOCATIONS, NAMED, NODAL, ON_REQUEST
+from fem_snh.output_fields import LOCATIONS, NAMED, NODAL, ON_REQUEST
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.output.point_fields import POINT_FIELDS
 from fem_snh.runs.output.stress_fields import PointState, StressFields
@@ -125,19 +125,6 @@ class RequestedFields:
         self._functions = functions
         self._values = FieldValues(problem)
         self._values.prepare(self._computed)
-        self._contact: Any = None
-        self._self_contact: Any = None
-        if set(names) & set(AT_OBSTACLES):
-            kinds = [term.name for term in problem.terms]
-            if "obstacle" in kinds:
-                from fem_snh.contact.fields import ContactFields
-
-                self._contact = ContactFields(problem.V, problem.terms)
-            if "self_contact" in kinds:
-                from fem_snh.contact.fields import SelfContactPressure
-
-                term = problem.terms[kinds.index("self_contact")]
-                self._self_contact = SelfContactPressure(problem.V, term)
 
     def arrays(self) -> tuple[list[DataArray], list[DataArray]]:
         """Return the arrays at the cells and at the nodes of the present state. Collective."""
@@ -145,9 +132,7 @@ class RequestedFields:
         found = self._values.evaluate(self._computed, self._at)
         self._problem.seconds["assemble"] = seconds  # a reaction is output, not part of the solve
         for name in self._names:
-            if name in AT_OBSTACLES:
-                found[name] = self._at_contact(name)
-            elif name in self._functions:
+            if name in self._functions:
                 found[name] = self._functions[name].x.array.reshape(-1, 3).copy()
             elif name not in found:
                 found[name] = self._of_terms(name)
@@ -160,11 +145,3 @@ class RequestedFields:
         u = self._problem.split(self._problem.x)[0]
         terms = [term for term in self._problem.terms if isinstance(term, FieldTerm)]
         return sum(term.nodal_field(name, u) for term in terms)
-
-    def _at_contact(self, name: str) -> Any:
-        """Return a field of `fem_snh.output_fields.AT_OBSTACLES`, (local nodes,). Collective."""
-        u = self._problem.split(self._problem.x)[0]
-        found: Any = self._contact.evaluate(name, u) if self._contact else 0.0
-        if self._self_contact and name == "contact_pressure":
-            found = found + self._self_contact.evaluate(u)
-        return found
