@@ -79,11 +79,9 @@ def inclusion(
         )
         for at, value in ((0.0, [0.0, 0.0, 0.0]), (1.0, [0.3, 0.2, 0.0]))
     ]
-    cell_map = body.topology.index_map(3)
-    count = cell_map.size_local + cell_map.num_ghosts
-    nodes = _dolfinx.node_dofs(V)[:count]
+    nodes = _dolfinx.node_dofs(V)
     inside = shape(V.tabulate_dof_coordinates()[nodes].mean(axis=1) - 0.5)
-    tags = mesh.meshtags(body, 3, np.arange(count, dtype=np.int32), inside.astype(np.int32))
+    tags = mesh.meshtags(body, 3, np.arange(len(nodes), dtype=np.int32), inside.astype(np.int32))
     dx = ufl.Measure("dx", domain=body, subdomain_data=tags)
     name = "stable_neo_hookean"
     materials = {fem_snh.material(name, E=1.0, nu=0.49): dx(0)}

@@ -30,6 +30,7 @@ from fem_snh.mesh.skin import Skin
 from fem_snh.problem.measures import Reactions, body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
 from fem_snh.problem.regime import regime_of
+from fem_snh.problem.stiff_parts import StiffParts
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term
@@ -187,6 +188,12 @@ class Problem:
         body = self.coordinates, self.element, self.elastic.parts
         fixed = self.dirichlet.constrained[: len(self.coordinates)].any(axis=1)
         return regime_of(self.comm, *body, self.terms, fixed)
+
+    @cached_property
+    def retraction(self) -> StiffParts | None:
+        """The path of a step, along which stiff parts turn; None without any. Collective."""
+        fixed = self.dirichlet.constrained[: len(self.coordinates)].any(axis=1)
+        return StiffParts.of(self.V, self.regions, fixed)
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:

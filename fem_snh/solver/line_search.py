@@ -11,6 +11,8 @@ from fem_snh.solver.step import State, Step
 
 #: ``largest_step(x, d)`` returns the part of the step d from x that is admissible, in [0, 1].
 LargestStep = Callable[[PETSc.Vec, PETSc.Vec], float]
+#: ``retraction(x, d, step, end)`` sets ``end`` to a point of a path from x along d.
+Retraction = Callable[[PETSc.Vec, PETSc.Vec, float, PETSc.Vec], None]
 
 #: A change of the energy below these fractions of the energy or of E V is a rounding error. The
 #: second is about 20 roundings: an energy density is a difference of numbers of size E.
@@ -60,6 +62,8 @@ class LineSearch:
         The constant c, and the shortest step.
     largest_step : callable, optional
         See `LargestStep`. Default: every step is admissible.
+    retraction : callable, optional
+        See `Retraction`. Default: a straight line.
     """
 
     def __init__(
@@ -70,10 +74,11 @@ class LineSearch:
         armijo: float = 1e-4,
         min_step: float = 1e-10,
         largest_step: LargestStep | None = None,
+        retraction: Retraction | None = None,
     ) -> None:
         self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
         self.armijo, self.min_step = armijo, min_step
-        self._largest_step = largest_step
+        self._largest_step, self._retraction = largest_step, retraction
         self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
@@ -121,8 +126,10 @@ class LineSearch:
 
     def evaluate_energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float, trial: State) -> float:
         """Set ``trial``'s unknowns to x + step d and its energy; return the energy."""
-        d.copy(trial.x)
-        trial.x.aypx(step, x)
+        if self._retraction:
+            self._retraction(x, d, step, trial.x)
+        else:
+            trial.x.waxpy(step, d, x)
         trial.energy = float(self.snes.computeObjective(trial.x)) if self.has_energy else 0.0
         return trial.energy
 

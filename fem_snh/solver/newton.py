@@ -18,7 +18,7 @@ from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
-from fem_snh.solver.line_search import LargestStep, LineSearch
+from fem_snh.solver.line_search import LargestStep, LineSearch, Retraction
 from fem_snh.solver.linear_choice import LinearChoice
 from fem_snh.solver.protocol import SaddlePoint
 from fem_snh.solver.quasi_newton import QuasiNewton
@@ -27,6 +27,10 @@ from fem_snh.solver.search_direction import SearchDirection
 from fem_snh.solver.stability import EquilibriumStability
 from fem_snh.solver.step import Iteration, State, Step
 from fem_snh.solver.trust_region import TrustRegion
+
+#: The part of ``rounding_force`` that no residual comes below: 1e-15 (lambda + 2 mu) V^(2/3). It
+#: exceeds the tolerance where the stiffest material is 1e7 times as stiff as the others.
+_LEAST_ROUNDING = 4e-3
 
 Reason = PETSc.SNES.ConvergedReason
 
@@ -70,6 +74,8 @@ class ProjectedNewton:
         The pressure of a saddle-point problem.
     largest_step : callable, optional
         The part of a step that is admissible: see `fem_snh.solver.protocol.SolvableProblem`.
+    retraction : callable, optional
+        The path of a step: see `fem_snh.solver.line_search.Retraction`.
     acting_force : callable, optional
         ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
         tolerance depends on ``force_scale`` alone.
@@ -104,11 +110,12 @@ class ProjectedNewton:
         has_energy: bool = True,
         saddle_point: SaddlePoint | None = None,
         largest_step: LargestStep | None = None,
+        retraction: Retraction | None = None,
         acting_force: Callable[[PETSc.Vec], float] | None = None,
         rounding_force: float = 0.0,
         stability: EquilibriumStability | None = None,
     ) -> None:
-        self.largest_step = largest_step
+        self.largest_step, self.retraction = largest_step, retraction
         self._acting_force, self._rounding_force = acting_force, rounding_force
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
@@ -251,6 +258,7 @@ class ProjectedNewton:
         armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
         common = (
             snes, self.energy_scale, self.has_energy, armijo, shortest, self.largest_step,
+            self.retraction,
         )  # fmt: skip
         if self.saddle_point is not None:
             return MeritLineSearch(self.saddle_point, *common)
@@ -259,7 +267,8 @@ class ProjectedNewton:
     @property
     def scaled_tolerance(self) -> float:
         """Return the largest norm of the residual [N] at which a solve may converge."""
-        return float(self.options["snes_scaled_tol"]) * self.force_scale
+        wanted = float(self.options["snes_scaled_tol"]) * self.force_scale
+        return max(wanted, _LEAST_ROUNDING * self._rounding_force)
 
     def tolerance_at(self, x: PETSc.Vec) -> float:
         """Return the norm of the residual [N] at which the state ``x`` is a solution. Collective.

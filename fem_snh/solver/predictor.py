@@ -102,6 +102,8 @@ class Predictor:
         elif self.kind != "none":
             linear = (self._response or self.tangent)()
         problem.prescribe(x)
+        if problem.retraction:
+            problem.retraction.move_rigidly(present, x)
         linear += self._admit(present)
         self._last = (old, present)
         return linear

@@ -77,6 +77,16 @@ class SaddlePoint(Protocol):
         """Adapt `schur_approximation` to the matrix ``A``. Collective."""
 
 
+class CurvedPaths(Protocol):
+    """Paths of steps: see `fem_snh.problem.stiff_parts.StiffParts`. Collective."""
+
+    def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
+        """Set ``end`` to the end of a path from x along step d."""
+
+    def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Replace the motion of stiff parts from ``start`` to ``x`` by the nearest rigid one."""
+
+
 class SolvableProblem(Protocol):
     """A minimisation problem, a saddle-point problem, or one of forces without an energy.
 
@@ -123,6 +133,10 @@ class SolvableProblem(Protocol):
         ``largest_step(x, d)`` returns a length in [0, 1] up to which all of the step x + s d is
         admissible. Collective.
         """
+
+    @property
+    def retraction(self) -> CurvedPaths | None:
+        """Return the paths of steps, or None if they are straight."""
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:

@@ -91,6 +91,7 @@ def create(
         problem.has_energy,
         saddle,
         problem.largest_step,
+        problem.retraction,
         problem.acting_force,
         problem.rounding_force,
         EquilibriumStability(problem) if is_conservative(problem) else None,

@@ -1,0 +1,151 @@
+r"""Steps along which stiff parts of a body turn, instead of growing.
+
+A step d of Newton's method turns a stiff part by a linearised rotation, :math:`\omega \times r`,
+which lengthens it by :math:`|\omega|^2 / 2`. Where the part is c times as stiff as its
+surroundings, that costs an energy in proportion to :math:`c\, |\omega|^4`, and shortens every step.
+So the nodes of each connected stiff part move along
+
+.. math:: y(s) = \bar y + s \bar d + \exp(s [\omega]_\times) (r + s d_\mathrm{def}), \qquad
+          d = \bar d + \omega \times r + d_\mathrm{def},
+
+with the mean :math:`\bar y`, :math:`r = y - \bar y` and the :math:`\omega` of the smallest
+:math:`d_\mathrm{def}`. The slope at s = 0 is that of x + s d (a retraction; Absil, Mahony &
+Sepulchre 2008, section 4.1). A first guess moves each part as a rigid body (Kabsch 1976).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.regions import Region
+
+Array = npt.NDArray[Any]
+
+#: A part is stiff from this shear modulus on, relative to the smallest one: below, its linearised
+#: rotation costs no iterations (measured: python -m benchmarks contrast).
+_STIFF = 1e3
+
+
+class StiffParts:
+    """The connected stiff parts of a body, without those that are constrained. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    X : (n, 3)
+        Coordinates [m] of this rank's own nodes.
+    labels : (n,) int
+        The part of each of these nodes; -1 without one.
+    count : int
+        The number of parts.
+    """
+
+    def __init__(self, comm: MPI.Comm, X: Array, labels: Array, count: int) -> None:
+        self._comm, self._count = comm, count
+        self._nodes = np.flatnonzero(labels >= 0)
+        self._labels, self._X = labels[self._nodes], X[self._nodes]
+        self._size = self._sum(np.ones((len(self._nodes), 1)))
+
+    @classmethod
+    def of(cls, V: Any, regions: Sequence[Region], constrained: Array) -> StiffParts | None:
+        """Return the stiff parts of a body of three dimensions; None if there is none. Collective.
+
+        Parameters
+        ----------
+        V : dolfinx function space
+            The displacement's space.
+        regions : sequence of Region
+            The materials and their cells.
+        constrained : (n,) bool
+            Which of this rank's own nodes have a constrained component.
+        """
+        comm = V.mesh.comm
+        shear = [float(region.material.lame[0]) for region in regions]
+        stiff = [r for r, mu in zip(regions, shear, strict=True) if mu >= _STIFF * min(shear)]
+        if not stiff or _dolfinx.num_components(V) != 3:
+            return None
+        cells = np.concatenate([region.cells for region in stiff])
+        to_global = _dolfinx.local_to_global(V)
+        nodes = to_global[_dolfinx.node_dofs(V)[cells]]
+        owned = to_global[: len(constrained)]
+        every, of = np.unique(np.concatenate(comm.allgather(nodes)), return_inverse=True)
+        roots = _components(of.reshape(-1, nodes.shape[1]), len(every))
+        fixed = np.concatenate(comm.allgather(owned[constrained]))
+        free = np.setdiff1d(roots, roots[np.isin(every, fixed)])
+        labels = np.full(len(constrained), -1)
+        at = np.minimum(np.searchsorted(every, owned), len(every) - 1)
+        part = np.minimum(np.searchsorted(free, roots[at]), max(0, len(free) - 1))
+        if not len(free):
+            return None
+        inside = (every[at] == owned) & (free[part] == roots[at])
+        labels[inside] = part[inside]
+        X = V.tabulate_dof_coordinates()[: len(constrained)]
+        return cls(comm, X, labels, len(free))
+
+    def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
+        """Set ``end`` to x + step d, with stiff parts that turn. Collective."""
+        end.waxpy(step, d, x)
+        nodes, labels, shape = self._nodes, self._labels, (-1, 3)
+        y = self._X + x.array_r[: 3 * self._total(x)].reshape(shape)[nodes]
+        v = step * d.array_r[: 3 * self._total(x)].reshape(shape)[nodes]
+        means = self._sum(np.hstack([y, v])) / self._size
+        r, v = y - means[labels, :3], v - means[labels, 3:]
+        squares = (r**2).sum(axis=1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
+        sums = self._sum(np.hstack([squares.reshape(-1, 9), np.cross(r, v)]))
+        omega = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:, None])[:, :, 0]
+        turned = _rotate(omega[labels], r + v - np.cross(omega[labels], r))
+        values = end.array
+        moved = values[: 3 * self._total(x)].reshape(shape)
+        moved[nodes] = means[labels, :3] + means[labels, 3:] + turned - self._X
+
+    def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Make each part's motion from ``start`` to ``x`` the nearest rigid one. Collective."""
+        total = 3 * self._total(x)
+        y, z = (self._X + v.array_r[:total].reshape(-1, 3)[self._nodes] for v in (start, x))
+        means = self._sum(np.hstack([y, z])) / self._size
+        r, s = y - means[self._labels, :3], z - means[self._labels, 3:]
+        H = self._sum((s[:, :, None] * r[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
+        U, _, Vt = np.linalg.svd(H)
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+        turned = np.einsum("nij,nj->ni", (U @ Vt)[self._labels], r)
+        moved = x.array[:total].reshape(-1, 3)
+        moved[self._nodes] = means[self._labels, 3:] + turned - self._X
+
+    def _total(self, x: PETSc.Vec) -> int:
+        """Return a number of nodes that contains those of all parts."""
+        return int(self._nodes[-1]) + 1 if len(self._nodes) else 0
+
+    def _sum(self, values: Array) -> Array:
+        """Return the sums over each part's nodes, (parts, columns), of (nodes, columns)."""
+        sums = np.zeros((self._count, values.shape[1]))
+        np.add.at(sums, self._labels, values)
+        return np.asarray(self._comm.allreduce(sums))
+
+
+def _rotate(omega: Array, r: Array) -> Array:
+    """Return the vectors r, (n, 3), rotated by the rotation vectors omega (Rodrigues' formula)."""
+    angle = np.linalg.norm(omega, axis=1, keepdims=True)
+    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    once = np.cross(omega, r)
+    return np.asarray(r + first * once + second * np.cross(omega, once))
+
+
+def _components(cells: Array, count: int) -> Array:
+    """Return the smallest node of the connected part of each of ``count`` nodes of ``cells``."""
+    roots = np.arange(count)
+    while True:
+        smallest = roots[cells].min(axis=1)
+        before = roots.copy()
+        np.minimum.at(roots, cells, smallest[:, None])
+        roots = roots[roots]
+        if np.array_equal(roots, before):
+            return roots
