@@ -186,6 +186,9 @@ def estimate_error(
         Called before the lifted problem is created, with its unknowns and memory.
     """
     start, found = perf_counter(), Estimate()
+    if problem.kinematics.name != "solid":
+        found.reason = f"there is none for kinematics = {problem.kinematics.name!r}"
+        return found
     vectors = [goal.bind(problem)() for goal in goals]
     for goal, vector in zip(goals, vectors, strict=True):
         scale = max(map(abs, vector))
