@@ -135,7 +135,7 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         point = np.empty(0)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise bad_value(key, goal, _ACCEPTED)
-    return PointGoal(name or f"({', '.join(f'{x:g}' for x in point)})", point.tolist())
+    return PointGoal(name or f"({', '.join(f'{x:g}' for x in point)})", [float(x) for x in point])
 
 
 def _owned_mask(problem: Problem, number: int) -> Any:

@@ -62,11 +62,11 @@ def _parts(lifted: Problem) -> tuple[Array, Array]:
     nodes = _dolfinx.node_dofs(lifted.V)
     geometry = _dolfinx.geometry_dofs(lifted.domain)
     X = _dolfinx.geometry_x(lifted.domain)
-    found = [np.empty((0, 2))]
+    batches: list[Array] = [np.empty((0, 2))]
     for first in range(0, len(nodes), _BATCH):
         batch = slice(first, first + _BATCH)
-        found.append(_parts_of(lifted, u[nodes[batch]], X[geometry[batch]]))
-    second, third = np.concatenate(found).T
+        batches.append(_parts_of(lifted, u[nodes[batch]], X[geometry[batch]]))
+    second, third = np.concatenate(batches).T
     return second, third
 
 

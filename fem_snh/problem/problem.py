@@ -186,13 +186,13 @@ class Problem:
     def regime(self) -> Regime:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element, self.elastic.parts
-        fixed = self.dirichlet.constrained[: len(self.coordinates)].any(axis=1)
+        fixed = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
         return regime_of(self.comm, *body, self.terms, fixed)
 
     @cached_property
     def retraction(self) -> StiffParts | None:
         """The path of a step, along which stiff parts turn; None without any. Collective."""
-        fixed = self.dirichlet.constrained[: len(self.coordinates)].any(axis=1)
+        fixed = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
         return StiffParts.of(self.V, self.regions, fixed)
 
     @property
