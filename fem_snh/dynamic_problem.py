@@ -202,13 +202,15 @@ class DynamicProblem(NonlinearProblem):
             self.dynamics = Dynamics(u, regions, conditions, self._integrator, **settings)
             return self.dynamics
 
+        set_time, duration = self._set_time, self._duration
+
         def on_load(load: float) -> None:
-            if self._set_time is not None:
-                self._set_time(load * self._duration)
+            if set_time is not None:
+                set_time(load * duration)
 
         return create_dolfinx_problem(
             *arguments,
-            on_load=on_load if self._set_time else None,
+            on_load=on_load if set_time else None,
             motion=motion,
-            duration=self._duration,
+            duration=duration,
         )

@@ -17,7 +17,11 @@ from fem_snh.accuracy.state_notes import state_notes
 from fem_snh.errors import ResultNote, check_whole, choose
 from fem_snh.kernels.material import Material
 from fem_snh.notes import Note
-from fem_snh.problem.dolfinx_problem import DolfinxConditions, create_dolfinx_problem
+from fem_snh.problem.dolfinx_problem import (
+    DolfinxConditions,
+    LoadFunction,
+    create_dolfinx_problem,
+)
 from fem_snh.problem.problem import Problem
 from fem_snh.solver.options import check_given_options
 from fem_snh.steps.condensation import program_pressures
@@ -152,8 +156,7 @@ class NonlinearProblem(EstimatesErrors):
     ) -> None:
         choose("predictor", predictor, PREDICTORS)
         check_given_options(petsc_options_prefix, petsc_options)
-        self._set_load: Callable[[float], None] | None = None
-        self._kinematics = kinematics
+        self._load, self._kinematics = LoadFunction(), kinematics
         self._problem = self._create(u, materials, bcs, terms, element, densities)
         self._prefix, self._options = petsc_options_prefix, dict(petsc_options or {})
         self.u, self.x, self.A, self.reason = u, self._problem.x, self._problem.A, ""
@@ -178,14 +181,7 @@ class NonlinearProblem(EstimatesErrors):
 
     def _create(self, *arguments: Any) -> Problem:
         """Return the problem, from the arguments of `create_dolfinx_problem`."""
-        return create_dolfinx_problem(
-            *arguments, on_load=self._on_load, kinematics=self._kinematics
-        )
-
-    def _on_load(self, load: float) -> None:
-        """Set what the function given to `steps` sets for a load."""
-        if self._set_load is not None:
-            self._set_load(load)
+        return create_dolfinx_problem(*arguments, on_load=self._load, kinematics=self._kinematics)
 
     def _motion(self) -> TimeSteps | None:
         """Return the steps in time."""
@@ -248,7 +244,7 @@ class NonlinearProblem(EstimatesErrors):
         problem, conditions = self._problem, self._problem.dirichlet
         assert isinstance(conditions, DolfinxConditions)
         self._read_displacement()
-        self._set_load = set_load
+        self._load.function = set_load
         if set_load is None:
             conditions.start = self.x.array_r[conditions.dofs]
         problem.set_load(0.0)
@@ -258,7 +254,7 @@ class NonlinearProblem(EstimatesErrors):
         try:
             yield from self._rows(number)
         finally:
-            self._set_load = conditions.start = None
+            self._load.function = conditions.start = None
 
     def _rows(self, number: int) -> Iterator[dict[str, Any]]:
         """Yield the rows of the steps from the present load to 1."""

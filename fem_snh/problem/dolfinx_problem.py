@@ -49,6 +49,21 @@ _RULE_KEYS = ("quadrature_rule", "quadrature_scheme")
 _DEFAULT_RULES = (None, "", "default")
 
 
+class LoadFunction:
+    """A function of the load that conditions and terms call, if it is set.
+
+    It is an object without a reference to the program's problem: PETSc's SNES refers to the
+    conditions, and Python's collector does not find a cycle that leads through PETSc.
+    """
+
+    def __init__(self) -> None:
+        self.function: Callable[[float], None] | None = None
+
+    def __call__(self, load: float) -> None:
+        if self.function is not None:
+            self.function(load)
+
+
 class DolfinxConditions:
     """Dirichlet conditions of dolfinx: see `fem_snh.assembly.boundary_conditions.Dirichlet`.
     Collective.
