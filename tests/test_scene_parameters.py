@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 from fem_snh import scenes
 from fem_snh.errors import BadInput
+from fem_snh.materials.parameters import check_keywords
 from fem_snh.scenes import Scene
 
 
@@ -54,14 +55,14 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("powers", 2.0, r"powers = 2.0: expected a list of float"),
-        ("powers", ["a"], r"powers = \['a'\]: expected a list of float"),
-        ("powers", [float("nan")], r"powers = \[nan\]: expected a list of float"),
-        ("volume", 1, "volume = 1: expected str"),
-        ("n", "x", "n = 'x': expected float"),
-        ("n", True, "n = True: expected float"),
-        ("terms", 2.5, "terms = 2.5: expected int or None"),
-        ("C2", "x", "C2 = 'x': expected float or None"),
+        ("powers", 2.0, r"powers = 2.0: expected a list of finite numbers"),
+        ("powers", ["a"], r"powers = \['a'\]: expected a list of finite numbers"),
+        ("powers", [float("nan")], r"powers = \[nan\]: expected a list of finite numbers"),
+        ("volume", 1, "volume = 1: expected a text"),
+        ("n", "x", "n = 'x': expected a finite number"),
+        ("n", True, "n = True: expected a finite number"),
+        ("terms", 2.5, "terms = 2.5: expected a whole number"),
+        ("C2", "x", "C2 = 'x': expected a finite number"),
         (
             "C3",
             1.0,
@@ -72,3 +73,22 @@ def test_parameters_of_every_kind(parametrised: Any) -> None:
 def test_mistakes_in_parameters(parametrised: Any, key: str, value: Any, message: str) -> None:
     with pytest.raises(BadInput, match=f"^twist: material[.:].*{message}"):
         scenes.load("twist", material={"name": parametrised, key: value})
+
+
+def test_types_in_messages_are_in_words() -> None:
+    def own(
+        J: Any,
+        *,
+        kind: Literal["a", "b"] = "a",
+        some: float | str | None = None,
+        is_on: bool = True,
+    ) -> Any:
+        """Of types that the built-in materials do not have."""
+
+    for key, accepted in (
+        ("kind", "one of a, b"),
+        ("some", "a finite number or a text"),
+        ("is_on", "true or false"),
+    ):
+        with pytest.raises(BadInput, match=rf"{key} = \[3\]: expected {accepted}$"):
+            check_keywords(own, {key: [3]})

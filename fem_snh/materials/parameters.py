@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from inspect import formatannotation, signature
 from numbers import Real
-from typing import Any, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from fem_snh.errors import bad_value
 from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING
@@ -19,6 +19,13 @@ _CONSTANTS = {
         f"a number from {1 / LARGEST_MODULUS:g} to {LARGEST_MODULUS:g} (Young's modulus [Pa])",
     ),
     "nu": (-1.0, 0.5, "a number in (-1, 0.5] (Poisson's ratio)"),
+}
+#: The types of keywords in words: of one value, and of those of a list.
+_WORDS = {
+    float: ("a finite number", "finite numbers"),
+    int: ("a whole number", "whole numbers"),
+    str: ("a text", "texts"),
+    bool: ("true or false", "true or false"),
 }
 
 
@@ -102,5 +109,19 @@ def _checked(key: str, value: Any, kind: Any) -> Any:
         given = list(given) if get_origin(kind) is list and isinstance(given, tuple) else given
         return TypeAdapter(kind, config=strict).validate_python(given)
     except ValidationError:
-        accepted = re.sub(r"tuple\[(\w+), \.\.\.\]", r"a list of \1", formatannotation(kind))
-        raise bad_value(key, value, accepted.replace(" | ", " or ")) from None
+        raise bad_value(key, value, _described(kind)) from None
+
+
+def _described(kind: Any) -> str:
+    """Return a type in words. None, which stands for the default, is not mentioned."""
+    if kind in _WORDS:
+        return _WORDS[kind][0]
+    origin, kinds = get_origin(kind), [part for part in get_args(kind) if part is not NoneType]
+    if origin is Literal:
+        return f"one of {', '.join(map(str, kinds))}"
+    is_list = (origin is list and len(kinds) == 1) or (origin is tuple and kinds[1:] == [...])
+    if is_list and kinds[0] in _WORDS:
+        return f"a list of {_WORDS[kinds[0]][1]}"
+    if origin in (Union, UnionType):
+        return " or ".join(map(_described, kinds))
+    return formatannotation(kind)
