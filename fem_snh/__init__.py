@@ -76,5 +76,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names of the module, those that are not imported yet included."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, those that are not imported yet included."""
+    return list(__all__)

@@ -20,6 +20,7 @@ QUICK = {
     f"{BENCH} dolfinx_program": "--parts scene --scene_cells 3 --repeat 1",
     f"{BENCH} eigensolvers": "--samples 1 --points 16",
     f"{BENCH} bones": "--scene torso --cells 30 --steps 2",
+    f"{BENCH} error_estimates": "--scenes bar --elements Q1 --nus 0.3 --cells 2",
     f"{BENCH} elbow": "--cells 12 --nus 0.3 --angles 90 --cells_of_biceps 0",
     f"{BENCH} fields": "--elements Q1 --cells 2 --fields von_mises --repeat 1",
     f"{BENCH} fuzz": "--only skeleton --count 5",

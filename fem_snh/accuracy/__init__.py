@@ -1,1 +1,1 @@
-"""What a result is worth: indicators of locking and inversion, and their notes."""
+"""What a result is worth: estimated errors of goals; locking, inversion, and notes."""

@@ -221,7 +221,7 @@ class Lift:
 
     @property
     def stable(self) -> bool:
-        """Whether the exact Hessian was positive definite in the last Newton iteration."""
+        """Whether the last Newton step needed no filter; a pressure may hide instability."""
         return self._last_filter not in ("clamp", "abs")
 
     def destroy(self) -> None:

@@ -69,8 +69,8 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names of the module, those that are not imported yet included."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, those that are not imported yet included."""
+    return list(__all__)
 
 
 class _CallableModule(ModuleType):
