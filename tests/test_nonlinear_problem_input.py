@@ -169,6 +169,22 @@ def test_terms(body):
         assert "expected a list of terms, each a UFL form" in message(u, {SNH: ufl.dx}, terms=terms)
 
 
+def test_forms_that_do_not_compile(body):
+    """Mistakes that UFL finds, FFCx when it generates code, and its C compiler."""
+    u, v = body.u, ufl.TestFunction(body.V)
+    dx = ufl.dx(body.domain)
+    good = ufl.inner(u, u) * ufl.dx
+    for form in (
+        ufl.FacetNormal(body.domain)[0] * u[0] * dx,
+        ufl.inner(v, v) * dx,
+        ufl.bessel_I(1, u[0]) * dx,
+        float("inf") * good,
+    ):
+        found = message(u, {SNH: ufl.dx}, terms=[good, form])
+        assert found.startswith("terms[1] = a form: expected one that UFL and FFCx compile: ")
+        assert len(found) < 250
+
+
 def test_choices(body):
     arguments = body.u, {SNH: ufl.dx}
     assert "element = 'P2': expected one of Q1, Q1P0, for" in message(*arguments, element="P2")

@@ -7,7 +7,8 @@ positive semidefinite, as with the closed-form filter of the materials.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import isnan
 from time import perf_counter
 from typing import Any
@@ -26,6 +27,7 @@ from fem_snh.choices import FILTERS
 from fem_snh.errors import BadInput, bad_value, choose, on_root
 from fem_snh.kernels import build
 from fem_snh.kernels.form_cells import FormCells, Integral, form_cells_source
+from fem_snh.references import describe_error
 
 #: Relative asymmetry of element matrices up to which a residual has an energy: far above rounding.
 _SYMMETRIC = 1e-10
@@ -36,6 +38,9 @@ TERM = (
 )
 #: Integrals that have one element matrix per cell or facet.
 _KINDS = ("cell", "exterior_facet")
+#: Characters that a message shows of an error of FFCx's: two lines of a terminal. One of its C
+#: compiler's has the whole command.
+_SHOWN = 160
 
 
 class UFLTerm:
@@ -72,8 +77,8 @@ class UFLTerm:
     Raises
     ------
     BadInput
-        On every rank, for a form that is neither, that does not contain the displacement, or that
-        has other integrals.
+        On every rank, for a form that is neither, that does not contain the displacement, that
+        has other integrals, or that UFL or FFCx cannot compile.
 
     Notes
     -----
@@ -99,21 +104,22 @@ class UFLTerm:
         V = u.function_space
         # A copy: vectors beside the solution's are evaluated, too.
         self._u = _dolfinx.function(V, "displacement")
-        form = ufl.replace(expand_derivatives(form), {u: self._u})
         v, w = ufl.TestFunction(V), ufl.TrialFunction(V)
-        energy = None if form.arguments() else form
-        residual = _derivative(form, self._u, v) if energy is not None else form
-        hessian = _derivative(residual, self._u, w)
+        with _compiling(name):
+            form = ufl.replace(expand_derivatives(form), {u: self._u})
+            energy = None if form.arguments() else form
+            residual = _derivative(form, self._u, v) if energy is not None else form
+            hessian = _derivative(residual, self._u, w)
         self._force = _dolfinx.create_vector(V) if hessian.empty() else None
         self._is_current = False
-        self._hessian = None if hessian.empty() else _dolfinx.form(hessian)
+        self._hessian = None if hessian.empty() else _compile_form(hessian, name)
         self._cells = None if self._hessian is None else self._form_cells()
         if energy is None and self._cells and self._is_linear_and_symmetric(hessian):
             # u . R(u) has the quadratic part twice and the linear part once.
             energy = _at_u(residual, self._u) - 0.5 * _at_u(hessian, self._u)
         self.has_energy = energy is not None or self._hessian is None
-        self._residual = _dolfinx.form(residual)
-        self._energy = None if energy is None or self._force else _dolfinx.form(energy)
+        self._residual = _compile_form(residual, name)
+        self._energy = None if energy is None or self._force else _compile_form(energy, name)
         self.seconds = perf_counter() - start
 
     @property
@@ -222,6 +228,26 @@ def check_form(form: Any, u: Any, name: str) -> None:
     kinds = sorted({integral.integral_type() for integral in form.integrals()} - set(_KINDS))
     if kinds:
         raise bad_value(name, kinds[0], "integrals over cells (dx) or exterior facets (ds)")
+
+
+def _compile_form(form: Any, name: str) -> Any:
+    """Return a compiled form; raise BadInput, with key ``name``, for an error. Collective."""
+    with _compiling(name):
+        return _dolfinx.form(form)
+
+
+@contextmanager
+def _compiling(name: str) -> Iterator[None]:
+    """Turn errors of UFL, FFCx and its C compiler into BadInput with key ``name``."""
+    try:
+        yield
+    except MemoryError:
+        raise
+    except Exception as error:  # they raise exceptions of many classes for a bad form
+        text = describe_error(error)
+        text = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+        message = f"{name} = a form: expected one that UFL and FFCx compile: {text}"
+        raise BadInput(message) from error
 
 
 def _derivative(form: Any, u: Any, direction: Any) -> Any:
