@@ -166,9 +166,9 @@ class Friction:
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""
         slip, k = self._trial(u), self._stiffness[self._which, None]
-        length, limit = np.linalg.norm(slip, axis=2), self._limit
-        sticks = k * length <= limit
-        energies = np.where(sticks, 0.5 * k * length**2, limit * (length - 0.5 * limit / k))
+        length = np.linalg.norm(slip, axis=2)
+        stress = np.minimum(k * length, self._limit)
+        energies = stress * (length - 0.5 * stress / k)
         return float((self._weights * energies).sum())
 
     def add_gradient(self, u: Array, r: Array) -> None:
@@ -242,5 +242,6 @@ class Friction:
         """Return the derivative of the energy density by s, (m, points, 3) [Pa]."""
         k = self._stiffness[self._which, None]
         length = np.linalg.norm(slip, axis=2)
-        factor = np.where(k * length <= self._limit, k, self._limit / np.maximum(length, 1e-300))
+        sticks = k * length <= self._limit
+        factor = np.where(sticks, k, self._limit / np.where(sticks, np.inf, length))
         return np.asarray(factor[..., None] * slip)
