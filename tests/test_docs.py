@@ -162,6 +162,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 STUDIES = {"sweep", "tradeoff", "extremes"}
 #: Examples that need a mesh, and the test that runs the same lines.
 EXAMPLES_ELSEWHERE = {
+    "fem_snh/accuracy/program_goals.py": "tests/test_error_of_programs.py",
     "fem_snh/problem/bone_conditions.py": "tests/test_bones.py",
     "fem_snh/dynamic_problem.py": "tests/test_dynamic_problem.py",
     "fem_snh/nonlinear_problem.py": "tests/test_nonlinear_problem.py",
