@@ -24,6 +24,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.assembly.kinematics import PLANAR, SOLID
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root, shown
 from fem_snh.files import open_file
@@ -277,10 +278,11 @@ def _problem(about: Any, arrays: dict[str, Array]) -> str:
             return f"{key} = {shown(about[key])}: expected a number > 0"
     if reason := _motion_problem(about["motion"], arrays):
         return reason
-    components = np.shape(arrays.get("u", np.empty(0)))[1:] or (3,)
-    if components[0] not in (2, 3):
-        return f"u: expected 2 or 3 columns, found shape {np.shape(arrays['u'])}"
-    for name, columns in (("u", components[0]), ("p", 1)):
+    kinematics = about["scene"].get("kinematics")
+    if kinematics is not None and kinematics not in list(PLANAR):
+        return f"kinematics = {shown(kinematics)}: expected one of {', '.join(PLANAR)}"
+    components = (PLANAR[kinematics] if kinematics else SOLID).components
+    for name, columns in (("u", components), ("p", 1)):
         if name == "p" and not {"p", "p_nodes", "p_before"} & arrays.keys():
             continue
         nodes = len(arrays.get(f"{name}_nodes", ()))
