@@ -129,7 +129,11 @@ class Predictor:
             linear = (self._response or self.tangent)()
             problem.prescribe(x)
         if self.kind == "tangent" or largest_step(present, x - present) < 1:
-            raise NotSettled("the prescribed motion of the step passes through the body")
+            raise NotSettled(
+                "the prescribed motion of the step is too large: it takes a surface through the "
+                "body, or farther than collision detection resolves; expected more 'steps', or a "
+                "smaller 'move' or 'bone'"
+            )
         return linear
 
     def accept(self) -> None:
