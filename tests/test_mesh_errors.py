@@ -32,7 +32,12 @@ def test_groups_are_named_by_name_number_or_dimension(comm, folder):
     ("source", "cell", "parameters", "message"),
     [
         ("cylindre", "hexahedron", {}, "geometry = 'cylindre': .*cube, cylinder.*'cylinder'"),
-        ("cube", "prism", {}, "cell = 'prism': .* hexahedron, tetrahedron"),
+        (
+            "cube",
+            "prism",
+            {},
+            "cell = 'prism': .* hexahedron, quadrilateral, tetrahedron, triangle",
+        ),
         ("cube", "hexahedron", {"cels": 3}, "unknown parameter 'cels': .*'cells'"),
         ("cube", "hexahedron", {"tets": 1}, "unknown parameter 'tets'"),
         ("cube", "hexahedron", {"cells": 0}, "'cube'.*cells = 0: expected a whole number"),

@@ -108,7 +108,7 @@ class Problem:
         The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
         [N], of a plane E times `length` [N/m].
     stiffest_modulus : float
-        The largest lambda + 2 mu of the materials [Pa].
+        The largest lambda + 2 mu of the materials [Pa]; 3 mu at nu = 0.5.
     given_terms : list
         Of a program: the forms, features and terms from which it was made.
     nonfinite : int
@@ -144,7 +144,11 @@ class Problem:
         self.length = volume(self.domain, revolved) ** (1 / dim)
         self.modulus = reference_modulus(self.domain, regions, revolved)
         self.force_scale = self.modulus * self.length ** (dim - 1)
-        moduli = [float(lam + 2 * mu) for mu, lam in (r.material.lame for r in regions)]
+        # At nu = 0.5 stresses are of the size of E = 3 mu: lambda is infinite.
+        moduli = [
+            float(lam + 2 * mu if isfinite(lam) else 3 * mu)
+            for mu, lam in (r.material.lame for r in regions)
+        ]
         self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
         self.load, self.nonfinite = 0.0, 0
