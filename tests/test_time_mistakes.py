@@ -113,11 +113,11 @@ def test_amplitudes_are_in_time() -> None:
     }
     scene = scenes.validate(CUBE | tables, "cube")
     assert scene.gravity is not None and scene.duration == 2.0
-    (gravity,) = scene.amplitudes([scene.gravity])
-    (pressure,) = scene.amplitudes(scene.pressure)
-    (fluid,) = scene.amplitudes(scene.cavity)
+    gravity = scene.amplitudes.force(scene.gravity.table)
+    pressure = scene.amplitudes.force(scene.pressure[0].table)
+    fluid = scene.amplitudes.motion(scene.cavity[0].table)
     assert [gravity(load) for load in (0.0, 0.5)] == [1.0, 1.0]
     assert [pressure(load) for load in (0.0, 0.5, 1.0)] == [0.0, 2.0, 4.0]
     assert fluid(0.25) == 0.25
     assert [m.amplitude(0.25) for m in scene.motions] == [0.25, 1.0]
-    assert scene.amplitudes(scene.pressure) == [pressure]
+    assert scene.amplitudes.force("t") == pressure

@@ -17,7 +17,6 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
-from fem_snh.problem import modes
 from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
@@ -182,6 +181,8 @@ def _solve(
                 recorder.add_step(step)
         if scene.modes and setup.stepper.done:
             prefix = f"{solver.PREFIX}modes_"
+            from fem_snh.problem import modes
+
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():
                 recorder.add_modes(found)

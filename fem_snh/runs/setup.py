@@ -19,8 +19,6 @@ from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
-from fem_snh.problem import modes
-from fem_snh.problem.bone_records import BoneRecords
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
@@ -30,7 +28,6 @@ from fem_snh.steps.condensation import Condensation, choose_condensation, chosen
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
-from fem_snh.steps.time_steps import create_dynamics, start_motion
 
 if TYPE_CHECKING:
     from fem_snh.problem.bone_nodes import BoneNodes
@@ -107,14 +104,23 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
+        from fem_snh.problem import modes
+
         modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
-    motion = start_motion(problem, scene.time, scene.start) if scene.time else None
+    motion = bones = None
+    if scene.time:
+        from fem_snh.steps.time_steps import start_motion
+
+        motion = start_motion(problem, scene.time, scene.start)
+    if scene.bone:
+        from fem_snh.problem.bone_records import BoneRecords
+
+        bones = BoneRecords(problem)
     steps = scene.time.steps if scene.time else scene.steps
-    bones = BoneRecords(problem) if scene.bone else None
     mixed = elements.with_cell_pressures(element)
     condensation = choose_condensation(
         scene.static_condensation, problem, lambda: make(element=mixed), _why_condensed(scene)
@@ -187,6 +193,11 @@ def make_problem(
 
         return scene_bones(scene, V, mesh)
 
+    motion = None
+    if scene.time:
+        from fem_snh.steps.time_steps import create_dynamics
+
+        motion = partial(create_dynamics, scene.time)
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
@@ -203,7 +214,7 @@ def make_problem(
         bones=place if scene.bone else None,
         features=scene.features,
         amplitudes=scene.amplitudes,
-        motion=partial(create_dynamics, scene.time) if scene.time else None,
+        motion=motion,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,
