@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -111,16 +110,16 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation
     continuation = PoissonContinuation(ratios, make, *choices) if ratios else None
-    motion = bones = None
+    steps, every, motion, bones = scene.steps, 1, None, None
     if scene.time:
         from fem_snh.steps.time_steps import start_motion
 
+        steps, every = scene.time.steps, scene.time.output_every
         motion = start_motion(problem, scene.time, scene.start)
     if scene.bone:
         from fem_snh.problem.bone_records import BoneRecords
 
         bones = BoneRecords(problem)
-    steps = scene.time.steps if scene.time else scene.steps
     mixed = elements.with_cell_pressures(element)
     condensation = choose_condensation(
         scene.static_condensation, problem, lambda: make(element=mixed), _why_condensed(scene)
@@ -128,7 +127,6 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     pressures = condensation.pressures
     blend = bones.blend() if bones and scene.predictor == "bones" else None
     step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
-    every = scene.time.output_every if scene.time else 1
     stability = (
         solver.EquilibriumStability(problem, "stability = true") if scene.stability else None
     )
@@ -193,11 +191,12 @@ def make_problem(
 
         return scene_bones(scene, V, mesh)
 
-    motion = None
-    if scene.time:
+    def dynamics(*body: Any) -> Any:
         from fem_snh.steps.time_steps import create_dynamics
 
-        motion = partial(create_dynamics, scene.time)
+        assert scene.time
+        return create_dynamics(scene.time, *body)
+
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
@@ -214,7 +213,7 @@ def make_problem(
         bones=place if scene.bone else None,
         features=scene.features,
         amplitudes=scene.amplitudes,
-        motion=motion,
+        motion=dynamics if scene.time else None,
         reactions=scene.reactions,
         volumes=scene.volumes,
         assembly=scene.assembly,

@@ -11,11 +11,11 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._consistency import group_references, why_condensed
 from fem_snh.scenes._features import FEATURES, register_feature
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
+from fem_snh.scenes._outputs import read_goal
 from fem_snh.scenes.schema import (
     Accuracy,
     Amplitude,

@@ -11,11 +11,10 @@ from fem_snh.assembly.kinematics import PLANAR, SOLID
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import IN_TIME
-from fem_snh.scenes._accuracy import read_goal
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._outputs import Geometry
+from fem_snh.scenes._outputs import Geometry, read_goal
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
 from fem_snh.terms.feature import feature_classes, grouped

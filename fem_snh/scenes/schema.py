@@ -23,13 +23,13 @@ from fem_snh.contact.obstacle import FILES as OBSTACLE_FILES
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
-from fem_snh.scenes._accuracy import Accuracy
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
 from fem_snh.scenes._material import MaterialChoice, Materials, common_ratio
 from fem_snh.scenes._outputs import (
+    Accuracy,
     Geometry,
     Location,
     Mesh,

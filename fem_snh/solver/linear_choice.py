@@ -33,6 +33,8 @@ _MIN_LAYER = 1.5
 #: A bar that is constrained along more than this part of its axis does not bend, nor does a layer
 #: of whose nodes more than this part are.
 _CONSTRAINED = 0.5
+#: Mean aspect of the cells from which a body counts as thin: meshes of solid bodies have 1 to 3.
+_MIN_ASPECT = 4.0
 #: Contrast of the shear moduli from which a body has factors (measured:
 #: python -m benchmarks contrast; docs/results/linear_solver.md).
 _CONTRAST = 1e4
@@ -99,7 +101,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         return LinearChoice(False, f"{bar} that is constrained along its axis: few iterations")
     value *= sqrt(max(0.0, 1 - 2 * regime.poisson_ratio))
     name += " sqrt(1 - 2 nu)"
-    if regime.constrained <= _CONSTRAINED:
+    if regime.constrained <= _CONSTRAINED and regime.cell_aspect >= _MIN_ASPECT:
         value, name = value / regime.cell_aspect, f"{name} / a"
     measured = f"{name} = {value:.2g} {'<=' if value <= _MAX else '>'} {_MAX:g}"
     if value <= _MAX:

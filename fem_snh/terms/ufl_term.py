@@ -241,9 +241,9 @@ def _compiling(name: str) -> Iterator[None]:
     """Turn errors of UFL, FFCx and its C compiler into BadInput with key ``name``."""
     try:
         yield
-    except MemoryError:
+    except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except Exception as error:  # they raise exceptions of many classes for a bad form
+    except BaseException as error:  # of many classes; UFL's ArityMismatch is no Exception
         text = describe_error(error)
         text = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
         message = f"{name} = a form: expected one that UFL and FFCx compile: {text}"
