@@ -200,8 +200,7 @@ def make_problem(
     fillings = []
     for chosen in scene.materials:
         ratio = chosen.nu if nu is None else nu
-        if len(scene.materials) > 1:
-            ratio = min(ratio, chosen.nu)
+        ratio = min(ratio, chosen.nu) if len(scene.materials) > 1 else ratio
         made = material(chosen.name, chosen.E, ratio, **chosen.parameters)
         fillings.append(Filling(made, chosen.group, chosen.density))
     return create_problem(
