@@ -133,6 +133,10 @@ def test_shape_parameters_without_a_type() -> None:
         return mu / 2 * (I_C - 3) - mu * (J - 1) + lam / 2 * (J - 1) ** 2
 
     fem_snh.material(own, nu=NU, n=3, word="b", flag=True)
-    for key, value, kind in (("n", True, "a finite number"), ("word", 1, "a text"), ("flag", 1, "true or false")):
+    for key, value, kind in (
+        ("n", True, "a finite number"),
+        ("word", 1, "a text"),
+        ("flag", 1, "true or false"),
+    ):
         with pytest.raises(BadInput, match=f"^{key} = {value}: expected {kind}"):
             fem_snh.material(own, nu=NU, **{key: value})
