@@ -97,7 +97,8 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     """Set a solver's operator A and the matrix P of its preconditioner. Collective.
 
     Where the pattern of P is another one (`set_pattern`), PETSc sets up the preconditioner for it.
-    PETSc itself compares nonzero states; it forgets that of a matrix that is replaced.
+    PETSc itself compares nonzero states; it forgets that of a matrix that is replaced. Factors
+    L D L^T by MUMPS count their negative pivots on several ranks, too.
     """
     pattern = P.handle, nonzero_state(P)
     if (former := ksp.getAttr(_SEEN)) is not None and former != pattern:
@@ -106,6 +107,10 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
         other.destroy()
     ksp.setAttr(_SEEN, pattern)
     ksp.setOperators(A, P)
+    pc = ksp.getPC()
+    if _is_symmetric_mumps(pc):  # before the analysis, at which alone the control counts
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
 
 
 #: PETSC_ERR_MEM, the error code of an allocation that failed.
@@ -132,7 +137,14 @@ def mumps_out_of_memory(pc: PETSc.PC) -> bool:
 
 #: ICNTL(13) of MUMPS: 1 keeps the root of the elimination tree on one rank, as ScaLAPACK, which
 #: shares it, counts no negative pivots (MUMPS user guide, sec. 5.3 and 8).
-ROOT_ON_ONE_RANK = 13
+_ROOT_ON_ONE_RANK = 13
+
+
+def _is_symmetric_mumps(pc: PETSc.PC) -> bool:
+    """Return whether a PC has factors L D L^T by MUMPS."""
+    if pc.getType() != PETSc.PC.Type.CHOLESKY:
+        return False
+    return bool(pc.getFactorSolverType() == PETSc.Mat.SolverType.MUMPS)
 
 
 def negative_pivots(pc: PETSc.PC) -> int | None:
@@ -140,14 +152,12 @@ def negative_pivots(pc: PETSc.PC) -> int | None:
 
     MatGetInertia wants MUMPS to look for zero pivots, too.
     """
-    if pc.getType() != PETSc.PC.Type.CHOLESKY:
-        return None
-    if pc.getFactorSolverType() != PETSc.Mat.SolverType.MUMPS:
+    if not _is_symmetric_mumps(pc):
         return None
     factors = pc.getFactorMatrix()
     if factors.getMumpsInfog(1) < 0:
         return None
-    if pc.comm.size > 1 and factors.getMumpsIcntl(ROOT_ON_ONE_RANK) != 1:
+    if pc.comm.size > 1 and factors.getMumpsIcntl(_ROOT_ON_ONE_RANK) != 1:
         return None
     return int(factors.getMumpsInfog(12))
 

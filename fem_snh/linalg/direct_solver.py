@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import ROOT_ON_ONE_RANK
-
 #: The PETSc options. MUMPS' "cholesky" is LDL^T, for symmetric indefinite matrices too.
 DIRECT_SOLVER = {
     "ksp_type": "preonly",
@@ -27,12 +25,6 @@ def set_direct_factors(pc: PETSc.PC) -> None:
     """Configure an existing PC as `DIRECT_SOLVER`."""
     pc.setType(DIRECT_SOLVER["pc_type"])
     pc.setFactorSolverType(DIRECT_SOLVER["pc_factor_mat_solver_type"])
-
-
-def count_all_pivots(pc: PETSc.PC) -> None:
-    """Let the factors of a PC with operators count their negative pivots on several ranks, too."""
-    pc.setFactorSetUpSolverType()
-    pc.getFactorMatrix().setMumpsIcntl(ROOT_ON_ONE_RANK, 1)
 
 
 def is_direct(ksp: PETSc.KSP) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from fem_snh._petsc import factors_out_of_memory, negative_pivots, set_operators
 from fem_snh.errors import Failed
-from fem_snh.linalg.direct_solver import count_all_pivots, set_direct_solver
+from fem_snh.linalg.direct_solver import set_direct_solver
 
 #: Lanczos iterations: so many, and twice the number of negative eigenvalues up to a limit. Those of
 #: largest magnitude of the inverse converge first (Saad 2011, section 6.6).
@@ -44,7 +44,6 @@ class SymmetricFactors:
         """
         set_operators(self._ksp, self._A, self._A)
         pc = self._ksp.getPC()
-        count_all_pivots(pc)
         self._ksp.setUp()
         if factors_out_of_memory(pc):
             raise Failed("out of memory (the factors of the Hessian)")

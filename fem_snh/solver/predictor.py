@@ -12,7 +12,6 @@ from petsc4py import PETSc
 from fem_snh._petsc import set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
-from fem_snh.linalg.direct_solver import count_all_pivots, is_direct
 from fem_snh.solver.forcing import relative_tolerance
 from fem_snh.solver.linearised import linearised_residual
 from fem_snh.solver.protocol import SolvableProblem
@@ -156,8 +155,6 @@ class Predictor:
         smallest = _SADDLE_RTOL if problem.saddle_point else _RTOL
         with relative_tolerance(ksp, max(ksp.getTolerances()[0], smallest)):
             set_operators(ksp, outer_operator(ksp, problem.operator, problem.A), problem.A)
-            if is_direct(ksp):
-                count_all_pivots(ksp.getPC())  # before the first analysis of MUMPS
             ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:

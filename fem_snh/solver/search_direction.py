@@ -12,7 +12,6 @@ from functools import cached_property, partial
 from petsc4py import PETSc
 
 from fem_snh._petsc import NEGATIVE_CURVATURE, negative_pivots, set_operators
-from fem_snh.linalg.direct_solver import count_all_pivots, is_direct
 from fem_snh.solver.block_triangular import BlockTriangular
 from fem_snh.solver.forcing import ForcingTerm, relative_tolerance
 from fem_snh.solver.line_search import SHORT, LineSearch
@@ -244,8 +243,6 @@ class SearchDirection:
         d.set(0.0)
         with self.forcing.applied(ksp) if rtol is None else relative_tolerance(ksp, rtol):
             set_operators(ksp, outer_operator(ksp, A, P), P)
-            if is_direct(ksp):
-                count_all_pivots(ksp.getPC())
             ksp.solve(f, d)
         d.scale(-1.0)
         direction.linear += ksp.getIterationNumber()
