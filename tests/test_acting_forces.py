@@ -97,6 +97,19 @@ def test_a_small_load_is_not_ignored(E: float) -> None:
     assert row["residual"] <= row["tolerance"]
 
 
+@pytest.mark.parametrize("nu", [0.49, 0.4999999999, 0.5])
+def test_an_unknown_pressure_has_one_tolerance_for_every_nu(nu: float) -> None:
+    """No force has the factor lambda, whose rounding would exceed that of the load."""
+    material = {"name": "stable_neo_hookean", "E": 1.0, "nu": nu}
+    found = loaded(1.0, 1e-6, element="Q2Q1", material=material)
+    row = found.steps[0]
+    assert row["residual"] <= row["tolerance"] < ACTING * 1e-6
+    # Taylor-Hood contains the exact solution, a homogeneous state of J = 1 at nu = 0.5.
+    assert found.problem.measures(found.problem.x)["max_u"] == pytest.approx(
+        1e-6 * np.sqrt(1 + 2 * nu**2), rel=1e-3
+    )
+
+
 def test_large_forces_keep_the_tolerance_of_the_body() -> None:
     row = loaded(2.0, 0.1).steps[0]
     assert row["tolerance"] == pytest.approx(SCALED * 2.0, rel=1e-12)

@@ -108,7 +108,7 @@ class Problem:
         The scale E of the moduli [Pa] (`fem_snh.assembly.regions.reference_modulus`); E V^(2/3)
         [N], of a plane E times `length` [N/m].
     stiffest_modulus : float
-        The largest lambda + 2 mu of the materials [Pa]; 3 mu at nu = 0.5.
+        The largest lambda + 2 mu of the materials [Pa]; 3 mu with an unknown pressure.
     given_terms : list
         Of a program: the forms, features and terms from which it was made.
     nonfinite : int
@@ -144,9 +144,9 @@ class Problem:
         self.length = volume(self.domain, revolved) ** (1 / dim)
         self.modulus = reference_modulus(self.domain, regions, revolved)
         self.force_scale = self.modulus * self.length ** (dim - 1)
-        # At nu = 0.5 stresses are of the size of E = 3 mu: lambda is infinite.
+        # With an unknown pressure no force has the factor lambda, which may be infinite.
         moduli = [
-            float(lam + 2 * mu if isfinite(lam) else 3 * mu)
+            float(3 * mu if element.has_pressure else lam + 2 * mu)
             for mu, lam in (r.material.lame for r in regions)
         ]
         self.stiffest_modulus = max(moduli, default=self.modulus)
