@@ -87,8 +87,6 @@ def _locks(problem: Problem) -> bool:
 
 def check_problem(problem: Problem) -> None:
     """Raise NoEstimate for a problem whose state depends on its path. Collective."""
-    if problem.kinematics.dim == 2:
-        raise NoEstimate("there is none on a mesh of 2 dimensions")
     for name, term in problem.history.by_name.items():
         if problem.comm.allreduce(term.history()[1].size):
             raise NoEstimate(

@@ -186,18 +186,21 @@ class Problem:
         """Whether all terms are energies: their residual is a gradient."""
         return all(term.has_energy for term in self.terms)
 
+    @property
+    def constrained_nodes(self) -> Array:
+        """(n,) bool: which of this rank's own nodes have a constrained component."""
+        return np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
+
     @cached_property
     def regime(self) -> Regime:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element, self.elastic.parts
-        fixed = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
-        return regime_of(self.comm, *body, self.terms, fixed)
+        return regime_of(self.comm, *body, self.terms, self.constrained_nodes)
 
     @cached_property
     def retraction(self) -> StiffParts | None:
         """The path of a step, along which stiff parts turn; None without any. Collective."""
-        fixed = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
-        return StiffParts.of(self.V, self.regions, fixed)
+        return StiffParts.of(self.V, self.regions, self.constrained_nodes)
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
