@@ -15,13 +15,8 @@ from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.choices import FILTERS
 from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
-from fem_snh.contact.embedded_surface import (
-    Blocks,
-    EmbeddedSurface,
-    SurfaceMatrix,
-    embedded_surface,
-)
-from fem_snh.contact.fields import SelfContactPressure
+from fem_snh.contact.embedded_surface import Blocks
+from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.errors import NotSettled, choose
 from fem_snh.mesh.skin import Skin
 from fem_snh.terms.settling import LaggedChange
@@ -33,7 +28,7 @@ Array = npt.NDArray[Any]
 _STIFFNESS = 0.1
 
 
-class IPC:
+class IPC(SelfContactTerm):
     """Self-contact by a barrier, with friction: the term of `BarrierEnergy`. Collective.
 
     The energy is infinite where surfaces touch. `largest_step` keeps every step shorter than its
@@ -58,8 +53,6 @@ class IPC:
 
     Attributes
     ----------
-    surface : EmbeddedSurface
-        The surface, on every rank.
     collision_surface : CollisionSurface
         Its geometry.
     stiffness, distance : float
@@ -71,8 +64,6 @@ class IPC:
         On every rank, if ipctk is missing, or if the mesh intersects or touches itself.
     """
 
-    name, has_energy, depends_on_load = "self_contact", True, False
-
     def __init__(
         self,
         V: Any,
@@ -82,7 +73,7 @@ class IPC:
         distance: float | None = None,
         friction: float = 0.0,
     ) -> None:
-        self.surface: EmbeddedSurface = embedded_surface(V, skin)
+        super().__init__(V, skin)
         points = self.surface.points
         surface = CollisionSurface(points, self.surface.triangles)
         self.collision_surface, self._rank = surface, V.mesh.comm.rank
@@ -91,9 +82,6 @@ class IPC:
         self.stiffness = _STIFFNESS * modulus if stiffness is None else stiffness
         self.distance = surface.default_distance(points) if distance is None else distance
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
-        self._matrix = SurfaceMatrix(self.surface)
-        self._V = V
-        self._pressure: SelfContactPressure | None = None
         self._checked, self._ended, self._slides = False, False, friction > 0
         # Forces of friction at the end of the last step, and where the next one starts.
         self._old: Array = np.zeros(self.surface.support.X.shape)
@@ -170,14 +158,6 @@ class IPC:
         if self._energy.friction.acts:
             row["friction"] = self.collision_surface.sums(-self._energy.friction.gradient(x))
         return {"self_contact": row}
-
-    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
-        if name != "contact_pressure":
-            return np.zeros(1)
-        if self._pressure is None:
-            self._pressure = SelfContactPressure(self._V, self.surface)
-        return self._pressure.evaluate(self, u)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Start a step from a state; the first one must not intersect itself. Collective.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -18,10 +20,10 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
-from fem_snh.contact.embedded_surface import EmbeddedSurface
+from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix, embedded_surface
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
-from fem_snh.terms.term import Term
+from fem_snh.mesh.skin import Skin
 
 Array = npt.NDArray[Any]
 
@@ -82,11 +84,12 @@ class ObstacleFields:
         return np.array(local_values(vector))
 
 
-class SelfContactPressure:
-    r"""The force of self-contact per reference area of the surface, at the nodes. Collective.
+class SelfContactTerm(ABC):
+    r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
 
-    With the weights :math:`W` of the surface's points :math:`i` (`EmbeddedSurface`) and a third of
-    their triangles' areas :math:`A_i`,
+    The pressure is the force per reference area at the nodes. With the weights :math:`W` of the
+    surface's points :math:`i` (`EmbeddedSurface`) and a third of their triangles' areas
+    :math:`A_i`,
 
     .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
 
@@ -96,12 +99,47 @@ class SelfContactPressure:
     ----------
     V : dolfinx function space
         The displacement's space.
+    skin : Skin or None
+        The surface, if a lattice carries it; None for the boundary of the mesh.
+
+    Attributes
+    ----------
     surface : EmbeddedSurface
-        The surface.
+        The surface, on every rank.
     """
 
-    def __init__(self, V: Any, surface: EmbeddedSurface) -> None:
-        self._V = V
+    name, has_energy, depends_on_load = "self_contact", True, False
+
+    def __init__(self, V: Any, skin: Skin | None) -> None:
+        self.surface: EmbeddedSurface = embedded_surface(V, skin)
+        self._V, self._matrix = V, SurfaceMatrix(self.surface)
+
+    @abstractmethod
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
+
+    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
+        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
+        if name != "contact_pressure":
+            return np.zeros(1)
+        forces = _dolfinx.create_vector(self._V)
+        values = writable_values(forces)
+        values[:] = 0
+        self.add_residual(u, None, forces, None)
+        nodal = values.reshape(-1, 3)
+        size = np.linalg.norm(nodal, axis=1)
+        nodal[:] = np.divide(size, self._areas, out=np.zeros_like(size), where=self._areas > 0)[
+            :, None
+        ]
+        update_ghosts(forces)
+        return np.array(local_values(forces).reshape(-1, 3)[:, 0])
+
+    @cached_property
+    def _areas(self) -> Array:
+        """The areas of this rank's nodes, ghosts included, (nodes,) [m^2]."""
+        surface = self.surface
         a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
         thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
         points = np.bincount(surface.triangles.ravel(), np.repeat(thirds, 3), len(surface.points))
@@ -109,21 +147,6 @@ class SelfContactPressure:
         areas = np.bincount(
             surface.columns.ravel(), weighted.ravel(), minlength=len(surface.support.nodes)
         )
-        self._areas = np.zeros((sum(_dolfinx.num_nodes(V)), 3))
-        surface.support.add_own(np.repeat(areas[:, None], 3, axis=1), self._areas)
-
-    def evaluate(self, term: Term, u: PETSc.Vec) -> Array:
-        """Return the pressure [Pa] at this rank's nodes, ghosts included, (nodes,). Collective.
-
-        ``term`` is the contact, whose only forces are those on the surface.
-        """
-        forces = _dolfinx.create_vector(self._V)
-        values = writable_values(forces)
-        values[:] = 0
-        term.add_residual(u, None, forces, None)
-        nodal = values.reshape(-1, 3)
-        size = np.linalg.norm(nodal, axis=1)
-        area = self._areas[:, 0]
-        nodal[:] = np.divide(size, area, out=np.zeros_like(size), where=area > 0)[:, None]
-        update_ghosts(forces)
-        return np.array(local_values(forces).reshape(-1, 3)[:, 0])
+        nodal = np.zeros((sum(_dolfinx.num_nodes(self._V)), 3))
+        surface.support.add_own(np.repeat(areas[:, None], 3, axis=1), nodal)
+        return nodal[:, 0]

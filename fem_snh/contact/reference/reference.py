@@ -14,8 +14,7 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
-from fem_snh.contact.embedded_surface import SurfaceMatrix, embedded_surface
-from fem_snh.contact.fields import SelfContactPressure
+from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.contact.reference.pairs import ContactPairs
 from fem_snh.contact.reference.target_search import TargetSearch
 from fem_snh.errors import choose
@@ -33,7 +32,7 @@ _SETTLED = 1e-2
 _FREE_SEARCHES, _SEARCHES_TO_MOVE, _MOVED = 1, 2, 0.25
 
 
-class ReferenceContact:
+class ReferenceContact(SelfContactTerm):
     """The energy of contact of a body with itself, and of the bodies of a mesh. Collective.
 
     Samples of the surface, its corners among them, that are inside of deformed cells are mapped to
@@ -56,13 +55,9 @@ class ReferenceContact:
 
     Attributes
     ----------
-    surface : EmbeddedSurface
-        The surface, on every rank.
     pairs : ContactPairs
         The present pairs of samples and targets, the same on all ranks.
     """
-
-    name, has_energy, depends_on_load = "self_contact", True, False
 
     def __init__(
         self,
@@ -71,11 +66,8 @@ class ReferenceContact:
         regions: Sequence[Region],
         stiffness: float | None = None,
     ) -> None:
-        self.surface = embedded_surface(V, skin)
+        super().__init__(V, skin)
         self._search = TargetSearch(V, self.surface, regions, stiffness, skin is not None)
-        self._matrix = SurfaceMatrix(self.surface)
-        self._V = V
-        self._pressure: SelfContactPressure | None = None
         self.pairs, self._searches = ContactPairs.none(), 0
         self._penetration, self._coupled, self._stale = 0.0, False, True
 
@@ -150,14 +142,6 @@ class ReferenceContact:
         forces = pairs.forces(x)
         samples, targets = pairs.ends(self.surface.points)
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
-
-    def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
-        """Return the contact pressure, 0 of another field: see `FieldTerm`. Collective."""
-        if name != "contact_pressure":
-            return np.zeros(1)
-        if self._pressure is None:
-            self._pressure = SelfContactPressure(self._V, self.surface)
-        return self._pressure.evaluate(self, u)
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Search again at the next evaluation, that of the forces at the start of a time step.
