@@ -39,14 +39,14 @@ class Scalar:
         f.array[0] = self.slope(x.array[0])
 
 
-def search(energy, slope, x, d, scale=0.0):
+def search(energy, slope, x, d, scale=0.0, **paths):
     """Return step and energy (None without), trial point, residual there, energy evaluations."""
     vectors = [PETSc.Vec().createSeq(1, comm=PETSc.COMM_SELF) for _ in range(5)]
     at, residual, along, trial, f_trial = vectors
     at.set(x)
     along.set(d)
     snes, end = Scalar(energy, slope), State(trial, f_trial)
-    line = LineSearch(snes, energy_scale=scale)
+    line = LineSearch(snes, energy_scale=scale, **paths)
     step = line.search(State(at, residual, energy(x)), along, slope(x) * d, end)
     found = step.end and (step.length, step.end.energy)
     return found, trial.array[0], f_trial.array[0], snes.calls
@@ -60,6 +60,21 @@ def test_full_step_where_newton_is_right():
 def test_backtracks_to_the_minimum_of_the_parabola():
     found, at, _, calls = search(lambda x: x**2, lambda x: 2 * x, 1.0, -4.0)
     assert found == pytest.approx((0.25, 0.0), abs=1e-15) and at == pytest.approx(0) and calls == 2
+
+
+@pytest.mark.parametrize(("wall", "reached"), [(-0.3, -0.25), (-0.2, 0.0)])
+def test_a_curved_path_ends_where_the_step_is_admissible(wall, reached):
+    """Behind a wall on the way to its end, as for a barrier of contact, the step is straight."""
+
+    def curve(x, d, step, end):
+        end.set(x.array_r[0] + 1.25 * step * d.array_r[0])
+
+    def to_the_wall(x, d):
+        return 1.0 if x.array_r[0] + d.array_r[0] >= wall else 0.5
+
+    paths = {"retraction": curve, "largest_step": to_the_wall}
+    found, at, _, _ = search(lambda x: x**2, lambda x: 2 * x, 1.0, -1.0, **paths)
+    assert found == (1.0, reached**2) and at == reached
 
 
 def test_infinite_energy_backtracks():

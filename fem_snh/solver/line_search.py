@@ -125,10 +125,15 @@ class LineSearch:
         return abs(change) <= rounding
 
     def evaluate_energy(self, x: PETSc.Vec, d: PETSc.Vec, step: float, trial: State) -> float:
-        """Set ``trial``'s unknowns to x + step d and its energy; return the energy."""
+        """Set ``trial``'s unknowns to the end of a step and its energy; return the energy.
+
+        The step is straight, x + step d, of an admissible length, unless there is a curved path
+        to an end that is admissible, too.
+        """
         if self._retraction:
             self._retraction(x, d, step, trial.x)
-        else:
+        limit = self._largest_step
+        if not self._retraction or (limit and limit(x, trial.x - x) < 1):
             trial.x.waxpy(step, d, x)
         trial.energy = float(self.snes.computeObjective(trial.x)) if self.has_energy else 0.0
         return trial.energy
