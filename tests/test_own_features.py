@@ -107,13 +107,14 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 domain = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1, mesh.CellType.hexahedron)
 made = hasattr(fem, "functionspace")
-V = fem.functionspace(domain, ("Lagrange", 1, (3,))) if made else fem.VectorFunctionSpace(domain, ("Lagrange", 1))
+kind = "Lagrange", 1
+V = fem.functionspace(domain, (*kind, (3,))) if made else fem.VectorFunctionSpace(domain, kind)
 u, m = fem.Function(V), fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
 terms = [Bed(4), fem_snh.Gravity([0, 0, -1]), Bed(6)]
 problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=terms, densities={m: 2.0})
 problem.solve()
 assert np.allclose(u.x.array.reshape(-1, 3), [0, 0, -2 / 10], atol=1e-9), u.x.array
-"""  # noqa: E501
+"""
 
 
 def test_an_entry_point_in_a_scene_and_a_program(package: Path) -> None:

@@ -40,14 +40,14 @@ def register_feature(feature: type[Feature]) -> type[Feature]:
     if not isinstance(key, str) or not key.isidentifier() or key in _OWN:
         raise bad_value(f"{feature.__name__}.key", key, "the key of a table that no scene has yet")
     summary = (feature.__doc__ or key).strip().partition("\n")[0]
-    _add(key, FieldInfo(annotation=list[feature], default=[], description=summary))  # type: ignore[valid-type]
+    _add(key, list[feature], summary)  # type: ignore[valid-type]  # a type of the run time
     add_nodal_fields(feature.nodal_fields)
     return feature
 
 
-def _add(key: str, field: FieldInfo) -> None:
-    """Add a key to scenes."""
-    Scene.model_fields[key] = field
+def _add(key: str, annotation: Any, description: str | None = None) -> None:
+    """Add a key of an annotated type to scenes, by default an empty list."""
+    Scene.model_fields[key] = FieldInfo(annotation=annotation, default=[], description=description)
     Scene.model_rebuild(force=True)
 
 
@@ -62,7 +62,7 @@ def _register_entry_points() -> None:
         except BadInput as error:
             if key in _OWN:
                 continue
-            _add(key, FieldInfo(annotation=Annotated[Any, _refuse(error)], default=[]))  # type: ignore[arg-type]
+            _add(key, Annotated[Any, _refuse(error)])
 
 
 def _refuse(error: BadInput) -> BeforeValidator:

@@ -125,7 +125,8 @@ class Table(BaseModel):
         except ValidationError as error:
             raise BadInput(one_line(error)) from None
 
-    # Otherwise pydantic calls it for tables in tables, too, and their errors lose their keys.
+    # Otherwise pydantic calls it for tables in tables, too, and their errors lose their keys. Type
+    # checkers know no attributes of functions.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="before")
