@@ -25,6 +25,29 @@ from fem_snh.files import check_regular
 Function = Callable[..., Any]
 
 
+class FileText(str):
+    """A text of a scene file: a path in it, or the file of a reference, starts from ``folder``.
+
+    It is a string, equal to the text as the user wrote it. A path in a plain string is relative to
+    the working directory.
+    """
+
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path) -> FileText:
+        made = super().__new__(cls, text)
+        made.folder = folder
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:  # sent from rank to rank
+        return FileText, (str(self), self.folder)
+
+
+def folder_of(text: str) -> Path:
+    """Return the folder that a relative path in a text starts from."""
+    return text.folder if isinstance(text, FileText) else Path()
+
+
 def is_reference(text: str) -> bool:
     """Return whether a text refers to a Python file: ``FILE.py:NAME``, or ``FILE.py`` alone."""
     return re.search(r"\.py(:|$)", text) is not None
@@ -35,7 +58,7 @@ def file_of(text: str) -> Path:
     return Path(text.rpartition(":")[0] if is_reference(text) and ":" in text else text)
 
 
-def load_reference(reference: str, folder: Path | None = None) -> Function:
+def load_reference(reference: str) -> Function:
     """Return the function that ``FILE.py:NAME`` refers to.
 
     The file is executed once, and again only after it has changed. Meanwhile its folder is the
@@ -44,9 +67,8 @@ def load_reference(reference: str, folder: Path | None = None) -> Function:
     Parameters
     ----------
     reference : str
-        ``FILE.py:NAME``, the path of a Python file and the name of a function in it.
-    folder : Path, optional
-        The folder that a relative path starts from; default: the working directory.
+        ``FILE.py:NAME``, the path of a Python file and the name of a function in it; a relative
+        path starts from `folder_of` the text.
 
     Returns
     -------
@@ -62,7 +84,7 @@ def load_reference(reference: str, folder: Path | None = None) -> Function:
     file, _, name = reference.rpartition(":")
     if not file.endswith(".py") or not name.isidentifier():
         raise BadInput(f"'{reference}': expected FILE.py:NAME, a function in a Python file")
-    path = (folder or Path()) / file
+    path = folder_of(reference) / file
     try:
         check_regular(path)
         state = path.stat()

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from fem_snh.output_fields import VECTOR, OutputField
 from fem_snh.terms.feature import Feature
-from fem_snh.tables.types import Positive
+from fem_snh.tables.types import FilePath, Positive
 
 
 class Bed(Feature):
@@ -28,6 +28,7 @@ class Bed(Feature):
     key = "bed"
     nodal_fields: ClassVar = {"bed_force": OutputField("force of the bed", "Pa", VECTOR)}
     stiffness: Positive
+    data: FilePath | None = None
 
     @classmethod
     def describe(cls, features, terms):
@@ -72,7 +73,7 @@ def package(tmp_path: Path) -> Path:
     info = tmp_path / "beds-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: beds\nVersion: 1.0\n")
-    points = ["bed = beds:Bed", "broken = no_such_module:Bed", "other = beds:Bed"]
+    points = ["bed = beds:Bed", "broken = no_such_module:Bed", "other = beds:Bed", "cells = x:Bed"]
     (info / "entry_points.txt").write_text("\n".join(["[fem_snh.features]", *points, ""]))
     return tmp_path
 
@@ -92,8 +93,9 @@ import numpy as np
 import pyvista
 record = json.load(open("out/run.json"))
 assert record["terms"] == ["elastic", "gravity", "bed", "bed"] and record["beds"] == [4, 6], record
-energy = record["steps"][-1]["beds"]["body"]["energy"]
-assert abs(energy - 6 / 2 * 0.2**2) < 1e-9, energy  # each bed has its own energy; the last is here
+beds = record["steps"][-1]["beds"]  # two rows of one name
+energies = [beds[name]["energy"] for name in ("body", "body_2")]
+assert np.allclose(energies, [4 / 2 * 0.2**2, 6 / 2 * 0.2**2], atol=1e-9), beds
 last = pyvista.get_reader("out/fields.pvd")
 last.set_active_time_value(last.time_values[-1])
 force = last.read()[0]["bed_force"]
@@ -121,9 +123,24 @@ def test_an_entry_point_in_a_scene_and_a_program(package: Path) -> None:
     """A body in its bed sinks by rho g / k as a whole."""
     done = python(package, "-m", "fem_snh", "run", "sunk.toml", "--out", "out", "--quiet")
     assert done.returncode == 0, done.stderr
+    assert "entry point 'cells' of fem_snh.features is no table" in done.stderr
     for code in (CHECK, PROGRAM):
         done = python(package, "-c", code)
         assert done.returncode == 0, done.stderr
+
+
+def test_files_of_a_feature_start_from_the_folder_of_the_scene(package: Path) -> None:
+    """A resumed run compares their contents, as those of the program's own features."""
+    inner = package / "inner"
+    inner.mkdir()
+    (inner / "bed.csv").write_text("1")
+    (inner / "s.toml").write_text(SCENE.replace("stiffness = 4", 'stiffness = 4, data = "bed.csv"'))
+    run = ["-m", "fem_snh", "run", "inner/s.toml", "--out", "out", "--quiet"]
+    done = python(package, *run)
+    assert done.returncode == 0, done.stderr
+    (inner / "bed.csv").write_text("2")
+    done = python(package, *run, "--resume")
+    assert done.returncode == 2 and 'bed.0.data = "sha256' in done.stderr, done.stderr
 
 
 def test_help_and_mistakes(package: Path) -> None:

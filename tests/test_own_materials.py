@@ -165,7 +165,7 @@ def test_a_scene_keeps_what_was_given(file: Path):
     path = file.parent / "press.toml"
     path.write_text(SCENE)
     scene = scenes.load(path)
-    assert scene.material.label == "gent.py:gent" and scene.material.files == [file]
+    assert scene.material.label == "gent.py:gent" and list(scene.material.files.values()) == [file]
     again = scenes.load(scene, nu=0.3)
     assert again.material.files == [file] and again.material.parameters == {"J_m": 30.0}
     assert scenes.load(scene, material=gent).model_dump(mode="json")["material"]["name"] == "gent"

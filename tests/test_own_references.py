@@ -10,7 +10,7 @@ import pytest
 
 from fem_snh import references
 from fem_snh.errors import BadInput
-from fem_snh.references import entry_points, file_of, is_reference, load_reference
+from fem_snh.references import FileText, entry_points, file_of, is_reference, load_reference
 
 FILE = """
 import math
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_function_of_a_file_is_found(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert load_reference("press.py:press", folder)(4) == 40
+    assert load_reference(FileText("press.py:press", folder))(4) == 40
     assert load_reference(f"{folder}/press.py:press")(1) == 10
     monkeypatch.chdir(folder)
     press = load_reference("press.py:press")
@@ -38,18 +38,18 @@ def test_a_function_of_a_file_is_found(folder: Path, monkeypatch: pytest.MonkeyP
 
 def test_a_file_is_executed_again_when_it_has_changed(folder: Path) -> None:
     path = folder / "press.py"
-    before = load_reference("press.py:press", folder)
+    before = load_reference(FileText("press.py:press", folder))
     path.write_text(FILE.replace("FACTOR * cells", "cells"))
     os.utime(path, ns=(0, 0))
-    after = load_reference("press.py:press", folder)
+    after = load_reference(FileText("press.py:press", folder))
     assert (before(4), after(4)) == (40, 4)
 
 
 def test_two_files_of_one_name_are_two_modules(folder: Path) -> None:
     (folder / "b").mkdir()
     (folder / "b" / "press.py").write_text("def press(cells=2):\n    return cells\n")
-    assert load_reference("press.py:press", folder)(4) == 40
-    assert load_reference("b/press.py:press", folder)(4) == 4
+    assert load_reference(FileText("press.py:press", folder))(4) == 40
+    assert load_reference(FileText("b/press.py:press", folder))(4) == 4
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_two_files_of_one_name_are_two_modules(folder: Path) -> None:
 )
 def test_mistakes_in_a_reference(folder: Path, reference: str, message: str) -> None:
     with pytest.raises(BadInput, match=message) as caught:
-        load_reference(reference, folder)
+        load_reference(FileText(reference, folder))
     assert "\n" not in str(caught.value)
 
 
@@ -86,7 +86,7 @@ def test_mistakes_in_a_reference(folder: Path, reference: str, message: str) -> 
 def test_a_file_that_does_not_import(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.py").write_text(text)
     with pytest.raises(BadInput, match=message) as caught:
-        load_reference("bad.py:press", tmp_path)
+        load_reference(FileText("bad.py:press", tmp_path))
     assert "\n" not in str(caught.value)
 
 

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
-#: Keys of files, whose paths are relative to the scene file.
-FILES = ("surface", "motion")
-
 StlFile = Annotated[FilePath, Expect("the path of an STL file")]
 CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 

@@ -131,6 +131,11 @@ class ObstacleContact:
             )
         self.depends_on_load = any(c.obstacle.motion is not None for c in contacts)
 
+    @property
+    def surfaces(self) -> list[MovingShape]:
+        """The obstacles."""
+        return [c.obstacle for c in self.contacts]
+
     def set_load(self, load: float) -> None:
         """Move the obstacles to their positions at a load."""
         for pair in self.pairs:

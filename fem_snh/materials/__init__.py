@@ -31,7 +31,6 @@ from typing import TYPE_CHECKING, Any
 
 from fem_snh.materials.keywords import TUNING
 from fem_snh.materials.registry import (
-    Reference,
     defaults,
     describe,
     files,
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
     from fem_snh.materials.making import make_energy
 
 __all__ = [
-    "TUNING", "Energy", "PrincipalStress", "Reference", "defaults", "describe", "files",
+    "TUNING", "Energy", "PrincipalStress", "defaults", "describe", "files",
     "function", "label", "make_energy", "names", "pins", "positive", "where",
 ]  # fmt: skip
 

@@ -18,30 +18,12 @@ from fem_snh.materials.signature import (
     measures_of,
     shape_parameters,
 )
-from fem_snh.references import entry_points, is_reference, load_reference
+from fem_snh.references import entry_points, file_of, folder_of, is_reference, load_reference
 
 #: The entry point group of packages that provide materials: name -> function.
 GROUP = "fem_snh.materials"
 
 _RESERVED = {"name", "E", "group", "density", *TUNING}
-
-
-class Reference(str):
-    """A reference ``FILE.py:FUNCTION`` whose file is relative to ``folder``.
-
-    It is a string, equal to the reference as the user wrote it. In a plain string of this form the
-    file is relative to the working directory.
-    """
-
-    folder: Path
-
-    def __new__(cls, text: str, folder: Path | str = "") -> Reference:
-        made = super().__new__(cls, text)
-        made.folder = Path(folder)
-        return made
-
-    def __reduce__(self) -> tuple[Any, ...]:  # sent from rank to rank
-        return Reference, (str(self), self.folder)
 
 
 def built_in() -> list[str]:
@@ -88,7 +70,7 @@ def function(material: str | Function) -> Function:
             raise BadInput(f"material = {material!r}: expected a name or a function")
     elif is_reference(material):
         try:
-            own = load_reference(str(material), getattr(material, "folder", None))
+            own = load_reference(material)
         except BadInput as error:
             reason = str(error).removeprefix(f"'{material}': ")
             raise BadInput(f"material = '{material}': {reason}") from None
@@ -103,7 +85,7 @@ def function(material: str | Function) -> Function:
 def files(*materials: Any) -> list[Path]:
     """Return the files of those materials that are references ``FILE.py:FUNCTION``."""
     given = [m for m in materials if isinstance(m, str) and is_reference(m)]
-    return [getattr(m, "folder", Path()) / m.rpartition(":")[0] for m in given]
+    return [folder_of(m) / file_of(m) for m in given]
 
 
 def defaults(material: str | Function) -> dict[str, Any]:

@@ -196,24 +196,6 @@ class BoneChoice(Table):
             return f"function {getattr(motion, '__qualname__', type(motion).__name__)}"
         return str(motion)
 
-    @property
-    def files(self) -> dict[str, Path]:
-        """The files that it names, by key."""
-        found: dict[str, object] = {"surface": self.surface, "motion": self.motion}
-        if isinstance(self.motion, SkeletonMotion):
-            found["motion.bvh"] = self.motion.bvh
-        return {key: path for key, path in found.items() if isinstance(path, Path)}
-
-
-def files_relative_to(bone: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a bone's table, with paths of files that start from ``folder``."""
-    keys = [key for key in ("surface", "motion") if isinstance(bone.get(key), str | Path)]
-    found = {key: folder / bone[key] for key in keys}
-    motion = bone.get("motion")
-    if isinstance(motion, dict) and isinstance(motion.get("bvh"), str | Path):
-        found["motion"] = motion | {"bvh": folder / motion["bvh"]}
-    return bone | found
-
 
 def check_bones(choices: Sequence[BoneChoice], rig: Rig | None, obstacles: Sequence[str]) -> None:
     """Raise BadInput if two bones or obstacles have the same name, or for a rig without bones."""

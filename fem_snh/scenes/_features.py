@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -54,14 +55,18 @@ def _add(key: str, annotation: Any, description: str | None = None) -> None:
 def _register_entry_points() -> None:
     """Register the features of other packages; the table of a broken one raises its error."""
     for key, load in entry_points(FEATURES).items():
+        if key in _OWN:  # scenes must run as without the package
+            warnings.warn(
+                f"the entry point '{key}' of {FEATURES} is no table: that key is the program's own",
+                stacklevel=2,
+            )
+            continue
         try:
             found: Any = load()
             if getattr(found, "key", key) != key:
                 raise bad_value(f"entry point {key}", found, f"a feature with the key '{key}'")
             register_feature(found)
         except BadInput as error:
-            if key in _OWN:
-                continue
             _add(key, Annotated[Any, _refuse(error)])
 
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from fem_snh.contact.obstacle import FILES
 from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
-from fem_snh.materials import Reference
-from fem_snh.references import is_reference
-from fem_snh.scenes._bones import files_relative_to
+from fem_snh.references import FileText, is_reference
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes.schema import MaterialChoice, Scene
 from fem_snh.tables.synonyms import suggestion
@@ -23,8 +20,6 @@ from fem_snh.tables.validation import one_line
 
 #: Keys that stand for a key of the material's table.
 _SHORT = {"material": "material.name", "E": "material.E", "nu": "material.nu"}
-#: Keys of a material whose value may be a reference FILE.py:NAME.
-_REFERENCES = ("name", "lambda_part")
 
 
 def load(scene: str | Path | Scene | Callable[..., Scene], /, **overrides: Any) -> Scene:
@@ -110,7 +105,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         near = nearest_file(path)
         raise BadInput(f"cannot read the scene {path}: {error.strerror}{near}") from None
-    return {"name": path.stem} | _relative_to(data, path.parent)
+    return {"name": path.stem} | _starting_from(path.parent, data)
 
 
 def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
@@ -127,41 +122,19 @@ def _call(make: SceneFunction, label: str, given: dict[str, Any]) -> Scene:
         return made
     data = made.model_dump()
     if is_reference(label):
-        data = _relative_to(data, Path(label.rpartition(":")[0]).parent)
+        data = _starting_from(Path(label.rpartition(":")[0]).parent, data)
     return validate(data, label, given, own)
 
 
-def _relative_to(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _starting_from(folder: Path, value: Any) -> Any:
     """Return tables in which the paths of files and references start from ``folder``."""
-    if isinstance(data.get("mesh"), str | Path):
-        data = data | {"mesh": folder / data["mesh"]}
-    elif isinstance(data.get("mesh"), dict):
-        data = data | {"mesh": _files_relative_to(data["mesh"], folder, ("lattice", "surface"))}
-    if isinstance(data.get("material"), dict | list):
-        data = data | {
-            "material": _change_each(data["material"], lambda m: _material_relative_to(m, folder))
-        }
-    if isinstance(data.get("obstacle"), list):
-        change = partial(_files_relative_to, folder=folder)
-        data = data | {"obstacle": _change_each(data["obstacle"], change)}
-    if isinstance(data.get("bone"), list):
-        change = partial(files_relative_to, folder=folder)
-        data = data | {"bone": _change_each(data["bone"], change)}
-    return data
-
-
-def _files_relative_to(
-    table: dict[str, Any], folder: Path, keys: Sequence[str] = FILES
-) -> dict[str, Any]:
-    """Return a table, of an obstacle or of a lattice, whose files start from ``folder``."""
-    found = {key: table[key] for key in keys if isinstance(table.get(key), str | Path)}
-    return table | {key: folder / path for key, path in found.items()}
-
-
-def _material_relative_to(material: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a material whose references start from ``folder``."""
-    found = {key: material[key] for key in _REFERENCES if isinstance(material.get(key), str)}
-    return material | {key: Reference(text, folder) for key, text in found.items()}
+    if isinstance(value, dict):
+        return {key: _starting_from(folder, entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_starting_from(folder, entry) for entry in value]
+    if isinstance(value, str):
+        return FileText(value, folder)
+    return folder / value if isinstance(value, Path) else value
 
 
 def _change_each(materials: Any, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Any:

@@ -86,11 +86,12 @@ class MaterialChoice(Table):
         return label(self.name)
 
     @property
-    def files(self) -> list[Path]:
-        """The Python files that define the material."""
+    def files(self) -> dict[str, Path]:
+        """The Python files that define the material, by their names."""
         from fem_snh.materials import files
 
-        return files(self.name, (self.model_extra or {}).get("lambda_part"))
+        found = files(self.name, (self.model_extra or {}).get("lambda_part"))
+        return {path.name: path for path in found}
 
     @field_validator("name")
     @classmethod
@@ -100,7 +101,7 @@ class MaterialChoice(Table):
 
         if not (callable(name) or isinstance(name, str)):
             raise bad_value("name", name, "the name of a material, see `fem-snh materials`")
-        if type(name) is str and name in built_in():
+        if isinstance(name, str) and name in built_in():
             return name  # the function would import sympy
         try:
             function(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -19,7 +18,6 @@ from fem_snh.choices import (
     PREDICTORS,
 )
 from fem_snh.contact.contact import Contact
-from fem_snh.contact.obstacle import FILES as OBSTACLE_FILES
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
@@ -247,20 +245,6 @@ class Scene(Table):
     def materials(self) -> list[MaterialChoice]:
         """The materials: one, or several with their groups."""
         return self.material if isinstance(self.material, list) else [self.material]
-
-    @property
-    def files(self) -> dict[str, Path]:
-        """The files that the scene reads, by dotted keys."""
-        found: dict[str, object] = {"mesh": self.mesh}
-        found |= {f"mesh.{key}": getattr(self.mesh, key, None) for key in ("lattice", "surface")}
-        for i, material in enumerate(self.materials):
-            table = f"material.{i}" if isinstance(self.material, list) else "material"
-            found |= {f"{table}.{path.name}": path for path in material.files}
-        for i, obstacle in enumerate(self.obstacle):
-            found |= {f"obstacle.{i}.{key}": getattr(obstacle, key) for key in OBSTACLE_FILES}
-        for i, bone in enumerate(self.bone):
-            found |= {f"bone.{i}.{key}": path for key, path in bone.files.items()}
-        return {key: path for key, path in found.items() if isinstance(path, Path)}
 
     @property
     def nu(self) -> float:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from fem_snh.errors import bad_value, choose
+from fem_snh.geometry.bones.kinematics import global_pose
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -95,31 +96,34 @@ class Skeleton:
     """
 
     joints: Sequence[BallJoint]
-    _named: Mapping[str, BallJoint] = field(init=False, repr=False, compare=False)
+    _numbers: Mapping[str, int] = field(init=False, repr=False, compare=False)
+    _parents: Sequence[int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        named: dict[str, BallJoint] = {}
+        numbers: dict[str, int] = {}
+        parents = []
         for joint in self.joints:
-            if joint.name in named:
+            if joint.name in numbers:
                 raise bad_value("joint", joint.name, "a different name for each joint")
-            if joint.parent is not None:
-                choose("parent", joint.parent, tuple(named))
-            named[joint.name] = joint
-        object.__setattr__(self, "_named", named)
+            on = joint.parent
+            parents.append(-1 if on is None else numbers[choose("parent", on, tuple(numbers))])
+            numbers[joint.name] = len(numbers)
+        object.__setattr__(self, "_numbers", numbers)
+        object.__setattr__(self, "_parents", parents)
 
     def affine(self, name: str, load: float) -> Array:
         """Return the affine map (3, 4) of a joint at a load: reference to present positions."""
-        joint = self._named[name]
-        part = np.clip((load - joint.begin) / (joint.end - joint.begin), 0.0, 1.0)
-        R = Rotation.from_rotvec(part * np.asarray(joint.rotation)).as_matrix()
-        p = np.asarray(joint.position)
-        own = np.column_stack([R, p - R @ p])
-        if joint.parent is None:
-            return own
-        parent = self.affine(joint.parent, load)
-        product: Array = parent[:, :3] @ own
-        product[:, 3] += parent[:, 3]
-        return product
+
+        def turned(number: int) -> tuple[Array, Array]:
+            """Return the joint's own rotation about its reference position."""
+            joint = self.joints[number]
+            part = np.clip((load - joint.begin) / (joint.end - joint.begin), 0.0, 1.0)
+            R = Rotation.from_rotvec(part * np.asarray(joint.rotation)).as_matrix()
+            p = np.asarray(joint.position)
+            return R[None], (p - R @ p)[None]
+
+        R, d = global_pose(self._numbers[name], self._parents, turned)
+        return np.column_stack([R[0], d[0]])
 
     def motion(self, name: str) -> JointMotion:
         """Return the motion of a joint.
@@ -129,7 +133,7 @@ class Skeleton:
         BadInput
             For an unknown joint.
         """
-        return JointMotion(self, choose("joint", name, tuple(self._named)))
+        return JointMotion(self, choose("joint", name, tuple(self._numbers)))
 
     def tables(self, bones: Sequence[BoneSegment], cell: float) -> list[dict[str, Any]]:
         """Return bones as tables of a scene: capsules with the motions of their joints.

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic.json_schema import SkipJsonSchema
 
 from fem_snh.errors import bad_value
+from fem_snh.references import FileText, folder_of
 from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Finite, Whole
 
 #: Largest PetscInt of 32 bits, which also bounds the numbers of gmsh's physical groups.
@@ -48,8 +49,13 @@ def _check_path(path: Path) -> Path:
     return path
 
 
+def _from_folder(path: object) -> object:
+    """Return the path that a text of a scene file means."""
+    return folder_of(path) / path if isinstance(path, FileText) else path
+
+
 #: The path of a file, relative to the scene file.
-FilePath = Annotated[Path, AfterValidator(_check_path)]
+FilePath = Annotated[Path, AfterValidator(_check_path), BeforeValidator(_from_folder)]
 Text = Annotated[str, Field(min_length=1), Expect("a name")]
 Number = Annotated[Bounded, Expect("a finite number")]
 Positive = Annotated[BoundedPositive, Expect("a number > 0")]

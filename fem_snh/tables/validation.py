@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import (
@@ -129,6 +130,11 @@ class Table(BaseModel):
     # checkers know no attributes of functions.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it and its tables name, by dotted keys."""
+        return _files([(key, getattr(self, key)) for key in type(self).model_fields])
+
     @model_validator(mode="before")
     @classmethod
     def _check_keys(cls, data: Any) -> Any:
@@ -146,6 +152,18 @@ class Table(BaseModel):
                 what = what or [described[0].lower() + described[1:]]
                 raise BadInput(f"missing key '{key}': expected {what[0]}")
         return data
+
+
+def _files(values: Iterable[tuple[Any, Any]]) -> dict[str, Path]:
+    """Return the files among values by key, and in their tables and lists."""
+    found: dict[str, Path] = {}
+    for key, value in values:
+        if isinstance(value, Path):
+            found[str(key)] = value
+        elif isinstance(value, Table | list):
+            inner = value.files if isinstance(value, Table) else _files(enumerate(value))
+            found |= {f"{key}.{name}": path for name, path in inner.items()}
+    return found
 
 
 #: Messages for pydantic's error types, where a field has no `Expect`.

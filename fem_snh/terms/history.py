@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
+from itertools import count
 from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import NotSettled
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.terms.settling import MAX_SOLVES, LaggedChange, largest_change
 from fem_snh.terms.term import Term
 
@@ -95,6 +97,15 @@ class FieldTerm(Protocol):
         """
 
 
+@runtime_checkable
+class SurfaceTerm(Protocol):
+    """A term with surfaces of its own, which pictures show beside the body: obstacles."""
+
+    @property
+    def surfaces(self) -> Sequence[MovingShape]:
+        """The surfaces, in the order of run.json."""
+
+
 class TermHistory:
     """The history of a problem's terms. All methods are collective.
 
@@ -159,14 +170,24 @@ class TermHistory:
             term.end_step(u)
 
     def record(self, u: PETSc.Vec) -> dict[str, dict[str, Any]]:
-        """Return what the terms add to the step's row of run.json."""
+        """Return what the terms add to the step's row of run.json.
+
+        The second row of one name under a key is called ``name_2``.
+        """
         found: dict[str, dict[str, Any]] = {}
         for term in self._recorded:
             for key, rows in term.record(u).items():
-                found.setdefault(key, {}).update(rows)
+                table = found.setdefault(key, {})
+                for name, row in rows.items():
+                    table[_unused(name, table)] = row
         return found
 
     @property
     def by_name(self) -> dict[str, HistoryTerm]:
         """The terms with a history, by name, for the checkpoint."""
         return {term.name: term for term in self._terms}
+
+
+def _unused(name: str, taken: Container[str]) -> str:
+    """Return the name, or the first of name_2, name_3, ... that is not taken."""
+    return next(n for k in count(1) if (n := name if k == 1 else f"{name}_{k}") not in taken)

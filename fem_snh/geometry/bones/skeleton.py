@@ -9,6 +9,7 @@ import numpy as np
 from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bvh import AXES, Clip, Joint
+from fem_snh.geometry.bones.kinematics import global_pose
 from fem_snh.geometry.bones.motions import RigidAffine
 from fem_snh.geometry.motions.moving import PoseTable
 from fem_snh.geometry.shapes.shape import Array
@@ -118,17 +119,12 @@ def _global_pose(
 ) -> tuple[Array, Array]:
     """Return rotations (m, 3, 3) and positions (m, 3) of a joint at the frames (m, channels).
 
-    The rotation of a joint is the product of its channels' in the file's order, then its parent's:
-    R = R_parent R_1 R_2 R_3. Positions replace the offset, as in Blender's importer, unless all
+    The local rotation of a joint is the product of its channels' in the file's order,
+    R_1 R_2 R_3. Positions replace the offset, as in Blender's importer, unless all
     joints are at their offsets.
     """
-    p, R = np.zeros((len(frames), 3)), np.eye(3)[None]
-    while number >= 0:
-        turned, origin = _local_pose(joints[number], frames, at_offsets)
-        p = np.einsum("nij,nj->ni", turned, p) + origin
-        R = turned @ R
-        number = joints[number].parent
-    return R, p
+    parents = [joint.parent for joint in joints]
+    return global_pose(number, parents, lambda n: _local_pose(joints[n], frames, at_offsets))
 
 
 def _local_pose(joint: Joint, frames: Array, at_offsets: bool) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from fem_snh import _dolfinx
 from fem_snh.output_fields import SUMMED
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
+from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
@@ -81,10 +82,13 @@ class Fields:
         until = problem.load * self._duration if resumed else None
         self._series = _dolfinx.Series(problem.comm, path, until, files)
         self._obstacles: ObstacleSeries | None = None
-        if any(term.name == "obstacle" for term in problem.terms):
+        shapes = [s for t in problem.terms if isinstance(t, SurfaceTerm) for s in t.surfaces]
+        if shapes:
             from fem_snh.runs.output.obstacle_series import ObstacleSeries
 
-            self._obstacles = ObstacleSeries(path.with_name(OBSTACLES), problem, until, files)
+            self._obstacles = ObstacleSeries(
+                path.with_name(OBSTACLES), problem.comm, shapes, until, files
+            )
         self._skin: SkinSeries | None = None
         if problem.skin is not None:
             from fem_snh.runs.output.skin_series import SkinSeries

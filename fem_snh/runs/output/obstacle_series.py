@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import on_root
+from fem_snh.geometry.motions import MovingShape
 from fem_snh.geometry.shapes import Shape, SmoothUnion, Union
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.problem.initial_state import bounding_box
@@ -35,8 +38,10 @@ class ObstacleSeries(Collection):
     ----------
     path : Path
         The .pvd file.
-    problem : Problem
-        A problem with a term of obstacles.
+    comm : MPI communicator
+        The problem's.
+    obstacles : sequence of MovingShape
+        The obstacles.
     until : float, optional
         Keep the states of an existing file up to this time.
     files : RunFiles, optional
@@ -46,13 +51,13 @@ class ObstacleSeries(Collection):
     def __init__(
         self,
         path: Path,
-        problem: Problem,
+        comm: MPI.Comm,
+        obstacles: Sequence[MovingShape],
         until: float | None = None,
         files: RunFiles | None = None,
     ) -> None:
-        super().__init__(problem.comm, path, until, files)
-        term: Any = next(term for term in problem.terms if term.name == "obstacle")
-        self._obstacles = [contact.obstacle for contact in term.contacts]
+        super().__init__(comm, path, until, files)
+        self._obstacles = obstacles
         #: The triangles of surfaces with an end, at their reference position.
         self._made: dict[int, tuple[Array, Array]] = {}
 
