@@ -165,12 +165,12 @@ def test_a_scene_keeps_what_was_given(file: Path):
     path = file.parent / "press.toml"
     path.write_text(SCENE)
     scene = scenes.load(path)
-    assert scene.material.label == "gent.py:gent" and list(scene.material.files.values()) == [file]
+    assert scene.material.label == "gent.py:gent" and scene.material.files == {"name": file}
     again = scenes.load(scene, nu=0.3)
-    assert again.material.files == [file] and again.material.parameters == {"J_m": 30.0}
+    assert again.material.files == {"name": file} and again.material.parameters == {"J_m": 30.0}
     assert scenes.load(scene, material=gent).model_dump(mode="json")["material"]["name"] == "gent"
     path.write_text(SCENE.replace("J_m = 30.0", 'lambda_part = "gent.py:gent"'))
-    assert scenes.load(path).material.files == [file, file]
+    assert scenes.load(path).material.files == {"name": file, "lambda_part": file}
 
 
 # --- the command line ----------------------------------------------------------------------------

@@ -87,11 +87,11 @@ class MaterialChoice(Table):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The Python files that define the material, by their names."""
+        """The Python files that define the material, by key."""
         from fem_snh.materials import files
 
-        found = files(self.name, (self.model_extra or {}).get("lambda_part"))
-        return {path.name: path for path in found}
+        keys = {"name": self.name, "lambda_part": self.parameters.get("lambda_part")}
+        return {key: path for key, value in keys.items() for path in files(value)}
 
     @field_validator("name")
     @classmethod
