@@ -1,9 +1,10 @@
 # Targets that need packages install the missing ones first (tools/setup).
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-serial test-mpi lint docs format doctor wheel clean distclean
+.PHONY: help setup demo test test-serial test-mpi test-docker lint docs docs-zip format doctor dist clean distclean
 python := .venv/bin/python
 RANKS ?= 2
 JOBS ?= 2
+version = $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 
 # One thread per rank: MPI is the only parallelism.
 export OMP_NUM_THREADS ?= 1
@@ -44,6 +45,10 @@ test-serial: setup  ## the tests on one rank, JOBS=2 at a time
 test-mpi: setup  ## the tests marked mpi, on RANKS=2 ranks
 	tools/pytest-ranks $(RANKS) $(PYTEST)
 
+test-docker:  ## the steps of the Dockerfile, in a Debian 13 root directory; then a run on 2 ranks
+	.ci/in-root trixie -- bash -c "$$(tools/dockerfile-steps); \
+		fem-snh run stretch --cells 3 --steps 1; mpirun --oversubscribe -n 2 fem-snh run twist --cells 2 --steps 1"
+
 lint: setup  ## check with ruff and mypy
 	$(python) -m ruff check .
 	$(python) -m ruff format --check .
@@ -53,6 +58,10 @@ docs: setup  ## build the documentation site in build/docs/html
 	$(python) -m sphinx -W --keep-going -q -d build/docs/doctrees docs build/docs/html
 	@echo "open build/docs/html/index.html"
 
+docs-zip: docs  ## the site as one file, build/docs/fem_snh-VERSION-docs.zip
+	cd build/docs && ../../$(python) -c 'import shutil, sys; print(shutil.make_archive(*sys.argv[1:]))' \
+		fem_snh-$(version)-docs zip . html
+
 format: setup  ## format and fix the code with ruff
 	$(python) -m ruff check --fix .
 	$(python) -m ruff format .
@@ -60,8 +69,9 @@ format: setup  ## format and fix the code with ruff
 doctor: setup  ## check the installation
 	$(python) -m fem_snh doctor
 
-wheel: setup  ## build dist/fem_snh-*.whl
-	$(python) -m pip wheel --quiet --no-deps --wheel-dir dist .
+dist: setup  ## build the sdist and the wheel in dist/
+	$(python) -c 'from setuptools import build_meta; build_meta.build_sdist("dist")' >/dev/null
+	$(python) -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist dist/fem_snh-$(version).tar.gz
 
 clean:  ## remove results and caches
 	rm -rf out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

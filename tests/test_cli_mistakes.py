@@ -165,4 +165,4 @@ def test_missing_package_is_one_line(tmp_path: Path) -> None:
         env=environment() | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert "no pydantic here" in done.stderr and "make setup" in done.stderr
+    assert "no pydantic here" in done.stderr and "fem-snh doctor" in done.stderr

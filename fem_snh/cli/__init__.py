@@ -36,7 +36,7 @@ COMMANDS = {
     "render": ("tools", "draw the deformed body of a run"),
     "view": ("tools", "write a run as one interactive HTML page"),
     "export": ("tools", "write a run as one VTKHDF file, or its surface as OBJ files"),
-    "doctor": ("tools", "check the installation"),
+    "doctor": ("doctor", "check the installation"),
 }
 #: Errors of a full disk, which can also concern standard output.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -65,7 +65,7 @@ def exit_code(command: Callable[[list[str]], int], argv: list[str]) -> int:
     except ImportError as error:
         if (error.name or "").startswith("fem_snh"):
             return _crash()
-        return _stop(f"{error} ({sys.executable}): see `fem-snh doctor` or run `make setup`", 2)
+        return _stop(f"{error} ({sys.executable}): see `fem-snh doctor`", 2)
     except OSError as error:
         if isinstance(error, BrokenPipeError):  # `fem-snh materials | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

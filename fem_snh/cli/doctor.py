@@ -13,7 +13,8 @@ import subprocess
 import sys
 from importlib import import_module
 from importlib.util import find_spec
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from fem_snh.child_process import (
     RANK_VARIABLES,
@@ -24,14 +25,68 @@ from fem_snh.child_process import (
 )
 from fem_snh.errors import BadInput
 
-SETUP = "run `make setup` in the repository, then its .venv/bin/fem-snh"
+if TYPE_CHECKING:
+    from fem_snh.cli.options import Parser
+
+#: The repository, if the package is run from one.
+_REPOSITORY = Path(__file__).resolve().parents[2]
+#: Where Debian installs packages for its own Python.
+_DEBIAN_PACKAGES = tuple(
+    f"/usr/lib/{folder}python3/dist-packages" for folder in ("", "petsc/lib/", "slepc/lib/")
+)
 #: Packages that a solve imports; pictures and sweeps import theirs when they need them.
 NEEDED = "numpy cffi pydantic mpi4py petsc4py basix ufl ffcx dolfinx".split()
 #: Packages that only some solves import: gmsh for a built-in geometry, sympy if a kernel is
 #: generated, scipy for contact.
 FOUND = "gmsh scipy sympy".split()
-#: Packages that pip installs (pyproject.toml), besides pyvista, which has its own row.
-PACKAGES = "cffi numpy pandas platformdirs psutil pydantic rich scipy sympy matplotlib".split()
+#: Packages that pip installs with this one (pyproject.toml), besides those with their own rows.
+PACKAGES = "cffi mpmath numpy pandas platformdirs psutil pydantic rich scipy sympy".split()
+#: Packages that pip does not install: their names in Debian and in conda-forge.
+_SYSTEM = {
+    **dict.fromkeys(
+        ("dolfinx", "basix", "ufl", "ffcx", "petsc4py", "mpi4py"),
+        ("python3-dolfinx-real", "fenics-dolfinx"),
+    ),
+    "gmsh": ("python3-gmsh", "python-gmsh"),
+    "slepc4py": ("python3-slepc4py-real", "slepc4py"),
+}
+#: Packages that pip installs on request, by the extra that has them.
+_EXTRAS = {"pyvista": "pictures", "matplotlib": "pictures", "ipctk": "contact"}
+
+
+def remedy(package: str) -> str:
+    """Return what makes a Python package importable here."""
+    if (_REPOSITORY / "tools" / "setup").exists():
+        return "run `make setup` in the repository, then its .venv/bin/fem-snh"
+    if package not in _SYSTEM:
+        extra = _EXTRAS.get(package)
+        wanted = f"'fem_snh[{extra}]'" if extra else package
+        return f"run `{sys.executable} -m pip install {wanted}`"
+    folders = (Path(folder) for folder in _DEBIAN_PACKAGES)
+    if any((folder / name).exists() for folder in folders for name in (package, f"{package}.py")):
+        return (
+            "Debian has installed it, but this environment does not see Debian's packages: make "
+            "one with `/usr/bin/python3 -m venv --system-site-packages DIR`"
+        )
+    debian, conda = _SYSTEM[package]
+    return (
+        f"run `apt-get install {debian}` on Debian 12 or newer, or `conda install -c conda-forge "
+        f"{conda}`"
+    )
+
+
+def doctor_parser() -> Parser:
+    """Return the parser of ``fem-snh doctor``."""
+    from fem_snh.cli.options import Parser
+
+    return Parser("doctor", "Check the installation: versions, MPI, BLAS, compiler, cache folder.")
+
+
+def doctor(argv: list[str]) -> int:
+    """Check the installation; return 0 if it is complete, 2 if something is missing."""
+    if argv:  # the parser imports packages that may be what is missing
+        doctor_parser().parse(argv)
+    return main()
 
 
 def check() -> None:
@@ -45,10 +100,14 @@ def check() -> None:
             import_module(name)
         except Exception as error:  # also a library that is missing, or numpy's ABI: ValueError
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BadInput(f"{sys.executable} cannot import {name} ({reason}): {SETUP}") from None
+            raise BadInput(
+                f"{sys.executable} cannot import {name} ({reason}): {remedy(name)}"
+            ) from None
     for name in FOUND:
         if find_spec(name) is None:
-            raise BadInput(f"{sys.executable} cannot import {name} (no such package): {SETUP}")
+            raise BadInput(
+                f"{sys.executable} cannot import {name} (no such package): {remedy(name)}"
+            )
     from petsc4py import PETSc
 
     if PETSc.ScalarType().dtype.kind != "f":
@@ -59,7 +118,10 @@ def check() -> None:
 
 
 class Finding(NamedTuple):
-    """A row of the table: the component, its state (ok, slow or missing), its version, a remedy."""
+    """A row of the table: the component, its state, its version and a remedy.
+
+    The states are ok, slow, missing, and absent: missing, but only some runs need it.
+    """
 
     what: str
     state: str
@@ -67,17 +129,18 @@ class Finding(NamedTuple):
     remedy: str = ""
 
 
-#: The rows that a Python program makes, which prints a version: its remedy and its code.
+#: The rows that a Python program makes, which prints a version: what it imports, or its remedy, and
+#: its code.
 _PROBES = {
-    "dolfinx": (SETUP, "import dolfinx; print(dolfinx.__version__)"),
+    "dolfinx": ("dolfinx", "import dolfinx; print(dolfinx.__version__)"),
     "PETSc": (
         "real numbers are needed: install python3-dolfinx-real, unset PETSC_DIR",
         "from petsc4py import PETSc; kind = PETSc.ScalarType().dtype; assert kind.kind == 'f', "
         "f'{kind} numbers'; print(*PETSc.Sys.getVersion(), sep='.', end=f', {kind}')",
     ),
-    "petsc4py": (SETUP, "import petsc4py as p; print(p.__version__)"),
+    "petsc4py": ("petsc4py", "import petsc4py as p; print(p.__version__)"),
     "mpi4py": (
-        SETUP,
+        "mpi4py",
         "import mpi4py; v = mpi4py.__version__; from mpi4py import MPI; "
         "m = MPI.Get_library_version().split(',')[0].split(chr(10))[0]; print(v, 'on', m)",
     ),
@@ -88,23 +151,24 @@ _PROBES = {
         "if world.rank == 0: print(f'{world.size} ranks start')",
     ),
     "BLAS": (
-        SETUP,
+        "petsc4py",
         "from petsc4py import PETSc\nimport re\n"
         "maps = {l.split()[-1] for l in open('/proc/self/maps')}\n"
         "names = [m for m in sorted(maps) if re.search(r'blas|mkl_rt|blis|flexiblas|atlas', m)]\n"
         "print(next((n for n in names if 'gsl' not in n), 'unknown'))",
     ),
-    "gmsh": (SETUP, "import gmsh; print(gmsh.__version__)"),
+    "gmsh": ("gmsh", "import gmsh; print(gmsh.__version__)"),
     "pyvista": (
-        SETUP,
-        "import pyvista, vtk; print(f'{pyvista.__version__}, VTK {vtk.VTK_VERSION}')",
+        "pyvista",
+        "import matplotlib, pyvista, vtk; print(f'{pyvista.__version__}, VTK {vtk.VTK_VERSION}')",
     ),
     "SLEPc": (
-        "needed for eigenfrequencies alone: install python3-slepc4py-real",
+        "slepc4py",
         "from slepc4py import SLEPc; print(*SLEPc.Sys.getVersion(), sep='.')",
     ),
+    "ipctk": ("ipctk", "import ipctk; print(ipctk.__version__)"),
     "packages": (
-        SETUP,
+        "",  # that of the one that is missing
         "from importlib import import_module; from importlib.metadata import version; "
         f"names = {PACKAGES}; [import_module(n) for n in names]; "
         "print(', '.join(f'{n} {version(n)}' for n in names))",
@@ -124,13 +188,19 @@ _PROBES = {
         "tempfile.TemporaryFile(dir=cache.folder()).close(); print(cache.folder())",
     ),
 }
+#: Rows of packages that only some runs need, and what for.
+_OPTIONAL = {
+    "pyvista": "pictures and pages",
+    "SLEPc": "eigenfrequencies",
+    "ipctk": "self_contact.method = 'ipc'",
+}
 #: Seconds after which a probe counts as hung.
 _TIMEOUT = 60.0
 
 
 def find(what: str) -> Finding:
     """Return the row of one of `_PROBES`, from a process of its own."""
-    remedy, code = _PROBES[what]
+    needed, code = _PROBES[what]
     ranks = ["mpirun", "-n", "2"] if what == "MPI ranks" else []
     # -P: Python would import from the working directory first, where there may be any file.
     command = [*ranks, sys.executable, "-P", "-c", code]
@@ -143,7 +213,7 @@ def find(what: str) -> Finding:
     except FileNotFoundError:
         return Finding(what, "missing", f"no {command[0]} on the PATH", "install openmpi-bin")
     except subprocess.TimeoutExpired:
-        return Finding(what, "missing", f"no answer in {_TIMEOUT:g} s", remedy)
+        return Finding(what, "missing", f"no answer in {_TIMEOUT:g} s", _remedy_of(needed, ""))
     succeeded = finished.returncode == 0
     lines = (finished.stdout if succeeded else finished.stderr or finished.stdout).splitlines()
     words = [line for line in lines if re.search(r"\w", line)]  # Open MPI ends with a rule
@@ -152,11 +222,24 @@ def find(what: str) -> Finding:
         words[0 if ranks and not succeeded else -1] if words else f"exit code {finished.returncode}"
     )
     detail = line.strip() if succeeded else re.sub(r"^[\w.]*(Error|BadInput): ", "", line.strip())
+    action = _remedy_of(needed, detail)
     if ranks:
-        return _judge_ranks(Finding(what, "ok" if succeeded else "missing", detail, remedy))
+        return _judge_ranks(Finding(what, "ok" if succeeded else "missing", detail, action))
     if "/blas/libblas" in detail:  # direct solvers are ten times slower on it
         return Finding(what, "slow", f"{detail}, the reference", "install libopenblas0-serial")
-    return Finding(what, "ok", detail) if succeeded else Finding(what, "missing", detail, remedy)
+    if succeeded:
+        return Finding(what, "ok", detail)
+    if what in _OPTIONAL and "No module named" in detail:
+        return Finding(what, "absent", f"{detail}; only {_OPTIONAL[what]} need it", action)
+    return Finding(what, "missing", detail, action)
+
+
+def _remedy_of(needed: str, error: str) -> str:
+    """Return the remedy of a row: of the package that its error names, or else of ``needed``."""
+    named = re.match(r"No module named '(\w+)", error)
+    package = named[1] if named else needed
+    known = package in (*_SYSTEM, *_EXTRAS, *PACKAGES)
+    return remedy(package) if known else needed
 
 
 def _judge_ranks(row: Finding) -> Finding:
@@ -185,7 +268,7 @@ def examine() -> list[Finding]:
         "Python",
         "ok" if new_enough else "missing",
         f"{version}, {sys.executable}",
-        "" if new_enough else f"3.11 or newer is needed: {SETUP}",
+        "" if new_enough else "3.11 or newer is needed",
     )
     with ThreadPoolExecutor(max_workers=4) as pool:
         return [python, *pool.map(find, _PROBES)]
@@ -204,7 +287,7 @@ def main() -> int:
     except ImportError:
         print(*(f"{what:13} {state:8} {detail}" for what, state, detail in cells), sep="\n")
     else:
-        colour = {"ok": "green", "slow": "yellow", "missing": "red"}
+        colour = {"ok": "green", "slow": "yellow", "absent": "yellow", "missing": "red"}
         table = Table("", "state", box=None)
         table.add_column("found, and what to do", overflow="fold")
         for what, state, detail in cells:

@@ -1,4 +1,4 @@
-"""The commands ``plot``, ``render``, ``view``, ``export`` and ``doctor``."""
+"""The commands ``plot``, ``render``, ``view`` and ``export``."""
 
 from __future__ import annotations
 
@@ -169,20 +169,6 @@ def _numbers(option: str, text: str | None, accepted: str, kinds: tuple[type, ..
     if not all(isinstance(number, kinds) and not isinstance(number, bool) for number in numbers):
         raise BadInput(f"{option} {text}: expected {accepted}")
     return numbers
-
-
-def doctor_parser() -> Parser:
-    """Return the parser of ``fem-snh doctor``."""
-    return Parser("doctor", "Check the installation: versions, MPI, BLAS, compiler, cache folder.")
-
-
-def doctor(argv: list[str]) -> int:
-    """Check the installation; return 0 if it is complete, 2 if something is missing."""
-    doctor_parser().parse(argv)
-
-    from fem_snh.cli.doctor import main
-
-    return main() or 0
 
 
 @contextmanager
