@@ -33,7 +33,7 @@ class DynamicProblem(NonlinearProblem):
     Parameters
     ----------
     u : dolfinx Function
-        The displacement [m] in a Lagrange space of 3 components, with its values at time 0.
+        The displacement [m] in a Lagrange space, with its values at time 0.
     materials : mapping of Material to ufl.Measure
         The cells that each material fills; all cells have one.
     densities : mapping of Material to float
@@ -119,7 +119,8 @@ class DynamicProblem(NonlinearProblem):
         Parameters
         ----------
         velocity : callable, optional
-            Initial velocities [m/s] (n, 3) at reference coordinates [m] (n, 3). Default: zero.
+            Initial velocities [m/s] (n, components) at reference coordinates [m] (n, 3).
+            Default: zero.
 
         Raises
         ------
@@ -193,13 +194,10 @@ class DynamicProblem(NonlinearProblem):
         return TimeSteps(self._problem, self.dynamics, self._duration, semi_implicit)
 
     def _create(self, *arguments: Any) -> Problem:
-        if self._kinematics is not None:
-            accepted = "a mesh of 3 dimensions, for a motion"
-            raise bad_value("kinematics", self._kinematics, accepted)
-
-        def motion(u: Any, regions: Any, conditions: Any) -> Dynamics:
+        def motion(u: Any, regions: Any, conditions: Any, kinematics: Any) -> Dynamics:
             settings = {"duration": self._duration, **self._settings}
-            self.dynamics = Dynamics(u, regions, conditions, self._integrator, **settings)
+            body = u, regions, conditions, kinematics
+            self.dynamics = Dynamics(*body, self._integrator, **settings)
             return self.dynamics
 
         set_time, duration = self._set_time, self._duration
@@ -213,4 +211,5 @@ class DynamicProblem(NonlinearProblem):
             on_load=on_load if set_time else None,
             motion=motion,
             duration=duration,
+            kinematics=self._kinematics,
         )

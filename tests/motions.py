@@ -46,8 +46,8 @@ def moving(
     if fillings is None:
         fillings = [Filling(material("stable_neo_hookean", E=1.0, nu=0.45), None, 2.0)]
 
-    def motion(u: Any, regions: Any, dirichlet: Any) -> Dynamics:
-        return Dynamics(u, regions, dirichlet, integrator, **options)
+    def motion(*body: Any) -> Dynamics:
+        return Dynamics(*body, integrator, **options)
 
     p = create_problem(
         body,

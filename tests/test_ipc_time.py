@@ -11,6 +11,7 @@ from interrupted_runs import cut, record, solve
 
 from fem_snh import _dolfinx, solver
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.kinematics import SOLID
 from fem_snh.scenes import validate
 from fem_snh.steps.dynamics.dynamics import Dynamics
 
@@ -52,7 +53,7 @@ def test_collision_in_time(integrator):
     made = []
 
     def inertia(u, regions, dirichlet):
-        made.append(Dynamics(u, regions, dirichlet, integrator, duration=0.25))
+        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=0.25))
         return made[0].terms
 
     problem, term = pressed(COMM, "Q1", hold=(), move=(), terms=inertia, E=100.0, nu=0.0)
@@ -74,7 +75,7 @@ def test_friction_in_time(integrator):
     made, friction, duration = [], 0.5, 0.4
 
     def inertia(u, regions, dirichlet):
-        made.append(Dynamics(u, regions, dirichlet, integrator, duration=duration))
+        made.append(Dynamics(u, regions, dirichlet, SOLID, integrator, duration=duration))
         return made[0].terms
 
     options = {"terms": inertia, "E": 100.0, "nu": 0.0, "friction": friction}

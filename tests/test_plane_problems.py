@@ -448,5 +448,3 @@ def test_what_three_dimensions_or_two_refuse():
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, petsc_options=options, **both)
     with pytest.raises(BadInput, match="element = 'P1': expected one of Q1, Q1P0"):
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, element="P1", **both)
-    with pytest.raises(BadInput, match="expected a mesh of 3 dimensions, for a motion"):
-        fem_snh.DynamicProblem(flat, {SNH: ufl.dx}, {SNH: 1.0}, duration=1.0, **both)

@@ -197,7 +197,6 @@ def test_a_run_resumes(tmp_path):
             'kinematics = "plane_strain"\n[[cavity]]\ngroup = "top"\nvolume = 1.0',
             "cavity = 'given'",
         ),
-        ('kinematics = "plane_strain"\n[time]\nduration = 1.0\nsteps = 2', "time = 'given'"),
         (
             'kinematics = "plane_strain"\n[[hold]]\ngroup = "top"\ncomponents = ["z"]',
             "some of x, y",

@@ -104,6 +104,11 @@ class Kinematics:
         nodal = u.reshape(-1, self.components)
         return nodal if self.components == 3 else np.pad(nodal, ((0, 0), (0, 1)))
 
+    def total(self, vectors: Array) -> Array:
+        """Return the sum (3,) of vectors (n, 3), of a whole turn: only the axial part remains."""
+        found: Array = vectors.sum(axis=0)
+        return found * (0.0, 1.0, 0.0) if self.revolved else found
+
     def set_third_tangent(self, T: Array) -> None:
         """Set the last column of T = dx/dxi (..., 3, 3), as third_tangent of kinematics.h does."""
         if self.revolved:

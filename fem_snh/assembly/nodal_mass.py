@@ -1,9 +1,11 @@
 r"""The mass matrix of a displacement space, as one number for each pair of nodes.
 
-The three components of the displacement have the same basis functions, so that the mass matrix is
-:math:`m_{ab} I_3` for each pair of nodes a, b,
+The components of the displacement have the same basis functions, so that the mass matrix is
+:math:`m_{ab} I` for each pair of nodes a, b,
 
 .. math:: m_{ab} = \int_\Omega \rho N_a N_b \, \mathrm{d}V .
+
+In two dimensions it is that of the whole turn of a body of revolution, or of a unit thickness.
 
 A rank keeps the sum over its own cells, rows of ghost nodes included: a product with a ghosted
 vector needs no message, and the sum over ranks is that of the other terms' residuals.
@@ -23,6 +25,7 @@ from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.matrix_layout import MatrixLayout
 from fem_snh.assembly.regions import Region, density_of
 from fem_snh.choices import MASSES
@@ -56,6 +59,8 @@ class NodalMass:
         The cells and their densities rho [kg/m^3].
     kind : {"consistent", "lumped"}, optional
         Which mass matrix.
+    kinematics : Kinematics, optional
+        That of the displacement.
 
     Attributes
     ----------
@@ -72,11 +77,18 @@ class NodalMass:
         On every rank, for an unknown kind or a material without a density.
     """
 
-    def __init__(self, V: Any, regions: Sequence[Region], kind: str = MASSES[0]) -> None:
+    def __init__(
+        self,
+        V: Any,
+        regions: Sequence[Region],
+        kind: str = MASSES[0],
+        kinematics: Kinematics = SOLID,
+    ) -> None:
         lumped = choose("time.mass", kind, MASSES) == "lumped"
         self._comm: MPI.Comm = V.mesh.comm
-        self.num_owned = 3 * _dolfinx.num_nodes(V)[0]
-        nodes, m = _dolfinx.node_dofs(V), _element_matrices(V, regions)
+        self._components = kinematics.components
+        self.num_owned = self._components * _dolfinx.num_nodes(V)[0]
+        nodes, m = _dolfinx.node_dofs(V), _element_matrices(V, regions, kinematics.revolved)
         count, n = sum(_dolfinx.num_nodes(V)), nodes.shape[1]
         pair: Array = np.arange(nodes.size * n).reshape(len(nodes), n, n)
         if lumped:
@@ -100,18 +112,18 @@ class NodalMass:
 
         Parameters
         ----------
-        values : (3 local nodes,)
+        values : (local dofs,)
             Values with current ghosts.
 
         Returns
         -------
-        (3 local nodes,)
+        (local dofs,)
             To be summed over the ranks, as `add_ghosts` does.
         """
-        return np.asarray(self.matrix @ values.reshape(-1, 3)).ravel()
+        return np.asarray(self.matrix @ values.reshape(-1, self._components)).ravel()
 
     def dot(self, a: Array, b: Array) -> float:
-        """Return a . m b of values with current ghosts, (3 local nodes,). Collective."""
+        """Return a . m b of values with current ghosts, (local dofs,). Collective."""
         return float(self._comm.allreduce(float(a @ self.apply(b)), op=MPI.SUM))
 
     def add_to(self, target: BlockMatrix, factor: float) -> None:
@@ -137,12 +149,12 @@ class NodalMass:
             A problem's matrix, which is overwritten.
         constrained : (n,) int
             The constrained dofs this rank owns.
-        force : (3 owned nodes,)
+        force : (owned dofs,)
             The right-hand side.
 
         Returns
         -------
-        (3 owned nodes,)
+        (owned dofs,)
 
         Raises
         ------
@@ -175,18 +187,19 @@ class NodalMass:
         return np.array(a.array_r[: self.num_owned])
 
 
-def _element_matrices(V: Any, regions: Sequence[Region]) -> Array:
+def _element_matrices(V: Any, regions: Sequence[Region], revolved: bool) -> Array:
     """Return the consistent mass matrices of this rank's cells, (cells, nodes, nodes)."""
     domain = V.mesh
     rho = np.zeros(len(_dolfinx.node_dofs(V)))
     for region in regions:
         rho[region.cells] = region.filled(density_of(region, "the mass"))
-    # det(dx/dX) has degree 3 (g - 1) on tetrahedra and 3 g - 1 in each direction on hexahedra.
+    # det(dx/dX) has degree 3 (g - 1) on tetrahedra and 3 g - 1 in each direction on hexahedra, and
+    # less on their faces; the radius has degree g.
     g = _dolfinx.geometry_degree(domain)
-    affine = _dolfinx.cell_name(domain) == "tetrahedron"
-    degree = 2 * _dolfinx.degree(V) + (3 * (g - 1) if affine else 3 * g - 1)
+    simplex = _dolfinx.cell_name(domain) in ("tetrahedron", "triangle")
+    degree = 2 * _dolfinx.degree(V) + (3 * (g - 1) if simplex else 3 * g - 1) + g * revolved
     points, _ = _dolfinx.quadrature(_dolfinx.cell_name(domain), degree)
-    weights = rho[:, None] * point_volumes(domain, degree)
+    weights = rho[:, None] * point_volumes(domain, degree, revolved)
     N = _dolfinx.tabulate_values(V, points)
     products = (N[:, :, None] * N[:, None, :]).reshape(len(N), -1)
     return np.asarray(weights @ products).reshape(-1, N.shape[1], N.shape[1])

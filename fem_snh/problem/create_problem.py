@@ -67,7 +67,7 @@ def create_problem(
     amplitudes : Amplitudes, optional
         The tables that they may name, and the time of load 1.
     motion : callable, optional
-        Returns the motion in time, given displacement, regions and Dirichlet conditions.
+        Returns the motion in time of a body: `fem_snh.terms.body.CreateMotion`.
     loads : callable, optional
         Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
     reactions : sequence of str or int, optional
@@ -97,7 +97,7 @@ def create_problem(
     u = _dolfinx.function(V, "displacement")
     placed = bones(V, mesh) if bones else ()
     dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics)
-    moving = motion(u, regions, dirichlet) if motion else None
+    moving = motion(u, regions, dirichlet, kinematics) if motion else None
     facets = partial(group_facets, mesh)
     body = Body(u, regions, dirichlet, facets, amplitudes, moving, mesh.skin, kinematics)
     terms = create_terms(features, body)

@@ -188,7 +188,7 @@ def create_dolfinx_problem(
     on_load : callable, optional
         ``on_load(load)`` sets constants, functions and boundary values for a load parameter.
     motion : callable, optional
-        Returns the motion in time, given displacement, regions and Dirichlet conditions.
+        Returns the motion in time of a body: `fem_snh.terms.body.CreateMotion`.
     duration : float, optional
         The time of load 1 [s], of a motion in time.
     kinematics : str, optional
@@ -208,7 +208,7 @@ def create_dolfinx_problem(
     chosen = _element(u, element_name, materials, chosen_kinematics)
     regions = _regions(V.mesh, materials, _checked(densities, materials))
     conditions = DolfinxConditions(V, bcs, on_load, chosen_kinematics)
-    moving = motion(u, regions, conditions) if motion else None
+    moving = motion(u, regions, conditions, chosen_kinematics) if motion else None
     facets = partial(measure_facets, V.mesh)
     for number, term in enumerate(terms):
         if chosen_kinematics.dim == 2 and not getattr(term, "planar", True):

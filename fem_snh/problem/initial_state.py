@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
@@ -10,6 +10,8 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh.assembly.ghosted_vectors import local_values
+from fem_snh.assembly.kinematics import Kinematics
+from fem_snh.errors import bad_value
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -27,19 +29,22 @@ def set_initial_state(problem: Problem, state: Start) -> None:
     All nodes move, those in the middle of edges too. Constrained dofs have their values at the
     present load, a pressure is zero. The state does not depend on the number of ranks.
     """
-    X = problem.coordinates
+    X, kinematics = problem.coordinates, problem.kinematics
+    if state.map is not None and kinematics.components == 2 and any(state.map[2][:2]):
+        raise bad_value("start.map", state.map, f"a third row [0, 0, 1], in {kinematics.name}")
     low, high = bounding_box(problem.comm, X)
     centre, scaled = (low + high) / 2, (X - low) / (high - low).max()
     x = X.copy()
     if state.scatter is not None:
-        sides = (high - low) * state.scatter ** (1 / 3)
+        sides = (high - low) * state.scatter ** (1 / kinematics.dim)
         x = centre + sides * (_random(problem.comm, scaled, state.seed) - 0.5)
     elif state.map is not None:
         fixed = centre if state.through is None else np.array(state.through)
         x = (X - fixed) @ np.array(state.map).T + fixed
     if state.noise:
         x += state.noise * (2 * _random(problem.comm, scaled, state.seed, stream=1) - 1)
-    problem.x.array[: X.size] = (x - X).ravel()
+    displacement = problem.x.array[: problem.owned_displacements]
+    displacement[:] = (x - X)[:, : kinematics.components].ravel()
     problem.prescribe(problem.x)
 
 
@@ -49,13 +54,26 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
     .. math:: v(X) = v_0 + \omega \times (X + u(X) - c)
 
     with the initial displacement u. The function's argument and result are of the local nodes,
-    ghosts included, (nodes, 3); without a velocity there is no function. Collective.
+    ghosts included, (nodes, 3) and (nodes, components); without a velocity there is no function. On
+    a body of revolution the angular velocity is about its axis. Collective.
+
+    Raises
+    ------
+    BadInput
+        For a velocity that leaves the plane.
     """
     if state.velocity is None and state.angular_velocity is None:
         return None
+    kinematics = problem.kinematics
+    _check_velocity(kinematics, "velocity", state.velocity, kinematics.axes)
+    spins = "xyz" if kinematics.dim == 3 else "y" if kinematics.revolved else "z"
+    spins = "" if kinematics.name == "axisymmetric" else spins
+    _check_velocity(kinematics, "angular_velocity", state.angular_velocity, spins)
     low, high = bounding_box(problem.comm, problem.coordinates)
     fixed = (low + high) / 2 if state.through is None else np.array(state.through)
-    u = local_values(problem.split(problem.x)[0]).reshape(-1, 3).copy()
+    if kinematics.revolved:
+        fixed = np.zeros(3)
+    u = kinematics.padded(local_values(problem.split(problem.x)[0]).copy())
 
     def velocity(X: np.ndarray) -> np.ndarray:
         v = np.zeros_like(X)
@@ -63,9 +81,19 @@ def initial_velocity(problem: Problem, state: Start) -> Callable[[np.ndarray], n
             v += np.array(state.velocity)
         if state.angular_velocity is not None:
             v += np.cross(state.angular_velocity, X + u - fixed)
-        return v
+        return v[:, : kinematics.components]
 
     return velocity
+
+
+def _check_velocity(
+    kinematics: Kinematics, key: str, value: Sequence[float] | None, axes: Sequence[str]
+) -> None:
+    """Raise BadInput for a component that is not along one of the axes."""
+    if any(number and axis not in axes for axis, number in zip("xyz", value or (), strict=False)):
+        accepted = " and ".join(axes) or "none"
+        accepted = f"only these components: {accepted}, in {kinematics.name}"
+        raise bad_value(f"start.{key}", list(value or ()), accepted)
 
 
 def bounding_box(comm: MPI.Comm, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -67,7 +67,8 @@ class Eigenproblem:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
         domain, regions = problem.domain, problem.regions
         densities = [density if r.density is None else r.density for r in regions]
-        self.density = volume_mean(domain, regions, densities)
+        revolved = problem.kinematics.revolved
+        self.density = volume_mean(domain, regions, densities, revolved)
         same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
         rho = densities[0] if same else cell_constant(domain, regions, densities)
         self._scale = problem.modulus / (self.density * problem.length**2)
@@ -77,7 +78,7 @@ class Eigenproblem:
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), problem.comm)
         problem.jacobian(problem.x, "exact")
         self.K = problem.A.createSubMatrix(rows, rows)
-        self.M = mass_matrix(problem.V, rho).createSubMatrix(rows, rows)
+        self.M = mass_matrix(problem.V, rho, revolved).createSubMatrix(rows, rows)
         for A in (self.K, self.M):
             A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._size = int(self.K.getSize()[0])
@@ -215,7 +216,7 @@ class VibrationModes:
     density : float
         Mean mass per reference volume [kg/m^3].
     mass : float
-        The body's mass [kg].
+        The body's mass [kg]; of a plane, per thickness.
     frequencies : list of float
         omega / (2 pi) [Hz]; -abs(omega) / (2 pi) where omega^2 < 0, in an unstable state.
     residuals : list of float
@@ -282,7 +283,7 @@ def lowest(
             f"more than {_LARGEST_RESIDUAL:g}: the factors of MUMPS are not accurate enough"
         )
     frequencies = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
-    mass = eigenproblem.density * problem.length**3
+    mass = eigenproblem.density * problem.length**problem.kinematics.volume_dimension
     return VibrationModes(
         problem,
         eigenproblem.density,

@@ -71,7 +71,7 @@ class StiffParts:
         comm = V.mesh.comm
         shear = [float(region.material.lame[0]) for region in regions]
         stiff = [r for r, mu in zip(regions, shear, strict=True) if mu >= _STIFF * min(shear)]
-        if not stiff or _dolfinx.num_components(V) != 3:
+        if not stiff or _dolfinx.mesh_dimension(V.mesh)[0] != 3:
             return None
         cells = np.concatenate([region.cells for region in stiff])
         to_global = _dolfinx.local_to_global(V)

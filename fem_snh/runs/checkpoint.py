@@ -276,12 +276,12 @@ def _problem(about: Any, arrays: dict[str, Array]) -> str:
     for key in ("size", "diagonal"):
         if about[key] is not None and not (is_number(about[key]) and about[key] > 0):
             return f"{key} = {shown(about[key])}: expected a number > 0"
-    if reason := _motion_problem(about["motion"], arrays):
-        return reason
     kinematics = about["scene"].get("kinematics")
     if kinematics is not None and kinematics not in list(PLANAR):
         return f"kinematics = {shown(kinematics)}: expected one of {', '.join(PLANAR)}"
     components = (PLANAR[kinematics] if kinematics else SOLID).components
+    if reason := _motion_problem(about["motion"], arrays, components):
+        return reason
     for name, columns in (("u", components), ("p", 1)):
         if name == "p" and not {"p", "p_nodes", "p_before"} & arrays.keys():
             continue
@@ -295,7 +295,7 @@ def _problem(about: Any, arrays: dict[str, Array]) -> str:
     return ""
 
 
-def _motion_problem(motion: Any, arrays: dict[str, Array]) -> str:
+def _motion_problem(motion: Any, arrays: dict[str, Array], components: int) -> str:
     """Return what is wrong with the history of a motion in time, or ""."""
     if motion is None:
         return ""
@@ -306,7 +306,8 @@ def _motion_problem(motion: Any, arrays: dict[str, Array]) -> str:
     for key in (*numbers, *(["first_energy"] if "first_energy" in motion else [])):
         if not is_number(motion.get(key)):
             return f"motion.{key} = {shown(motion.get(key))}: expected a number"
-    return _array_problem(arrays, "motion", (len(arrays.get("u_nodes", ())), 3 * len(fields)))
+    shape = len(arrays.get("u_nodes", ())), components * len(fields)
+    return _array_problem(arrays, "motion", shape)
 
 
 def _array_problem(arrays: dict[str, Array], name: str, shape: tuple[int, int]) -> str:

@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
 
 #: Keys that scenes of two dimensions do not have.
-_SOLID = (
-    "time", "modes", "start", "bone", "rig", "error", "accuracy",
-)  # fmt: skip
+_SOLID = ("bone", "rig", "error", "accuracy")
 
 #: Tables with a key ``group``.
 _GROUP_TABLES = ("hold", "move", "bone")

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import ACTING_FORCES
 from fem_snh.problem.initial_state import initial_velocity
@@ -127,7 +128,7 @@ class TimeSteps:
 
 
 def create_dynamics(
-    time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet
+    time: Time, u: Any, regions: Sequence[Region], dirichlet: Dirichlet, kinematics: Kinematics
 ) -> Dynamics:
     """Return the motion of a scene in time, whose terms the problem needs. Collective."""
     from fem_snh.steps.dynamics.dynamics import Dynamics
@@ -138,6 +139,7 @@ def create_dynamics(
         u,
         regions,
         dirichlet,
+        kinematics,
         time.integrator,
         mass=time.mass,
         damping=damping,

@@ -38,8 +38,8 @@ class MotionInTime(Protocol):
     integrator: Any
 
 
-#: Returns the motion of a body, given displacement, regions and Dirichlet conditions.
-CreateMotion = Callable[[Any, Sequence[Region], Dirichlet], Any]
+#: Returns the motion of a body, given displacement, regions, Dirichlet conditions and kinematics.
+CreateMotion = Callable[[Any, Sequence[Region], Dirichlet, Kinematics], Any]
 
 
 @dataclass(frozen=True)
@@ -130,18 +130,22 @@ class Body:
         return cell_constant(self.domain, self.regions, densities)
 
     def vector(self, key: str, value: Sequence[float]) -> Any:
-        """Return a vector with the displacement's components as a dolfinx Constant.
+        """Return `components` as a dolfinx Constant."""
+        return self.constant(self.components(key, value))
+
+    def components(self, key: str, value: Sequence[float]) -> list[float]:
+        """Return a vector's components that are those of the displacement.
 
         Raises
         ------
         BadInput
-            If other components than those of the displacement are not zero.
+            If others are not zero.
         """
         components = self.kinematics.components
         if any(value[components:]):
             accepted = f"{components} components and zero, in {self.kinematics.name}"
             raise bad_value(key, list(value), accepted)
-        return self.constant(list(value[:components]))
+        return list(value[:components])
 
     def constant(self, value: Any) -> Any:
         """Return a dolfinx Constant."""

@@ -55,10 +55,13 @@ class DeadLoad:
     def add_weight(
         self, mass: NodalMass, acceleration: Sequence[float], amplitude: Amplitude = float
     ) -> None:
-        """Add the forces of a mass matrix times a uniform acceleration [m/s^2]. Collective."""
+        """Add the forces of a mass matrix times a uniform acceleration [m/s^2]. Collective.
+
+        It has the displacement's components.
+        """
         weight = _dolfinx.create_vector(self._V)
         values = writable_values(weight)
-        values[:] = mass.apply(np.tile(np.asarray(acceleration, dtype=float), len(values) // 3))
+        values[:] = mass.apply(np.resize(np.asarray(acceleration, dtype=float), len(values)))
         add_ghosts(weight)
         update_ghosts(weight)
         self._add_forces(weight, amplitude)

@@ -37,9 +37,9 @@ class Gravity(Feature):
         term = DeadLoad(cls.key, body.V)
         for load in features:
             amplitude = body.amplitudes.force(load.table)
+            vector = body.components(f"{cls.key}.vector", load.vector)
             if body.motion:
-                term.add_weight(body.motion.mass, load.vector, amplitude)
+                term.add_weight(body.motion.mass, vector, amplitude)
             else:
-                weight = body.density(cls.key) * body.vector(f"{cls.key}.vector", load.vector)
-                term.add(weight, body.cells, amplitude)
+                term.add(body.density(cls.key) * body.constant(vector), body.cells, amplitude)
         return [term]

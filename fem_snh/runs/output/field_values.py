@@ -133,7 +133,8 @@ class RequestedFields:
         self._problem.seconds["assemble"] = seconds  # a reaction is output, not part of the solve
         for name in self._names:
             if name in self._functions:
-                found[name] = self._functions[name].x.array.reshape(-1, 3).copy()
+                values = self._functions[name].x.array.copy()
+                found[name] = self._problem.kinematics.padded(values)
             elif name not in found:
                 found[name] = self._of_terms(name)
         arrays = [DataArray(name, found[name], NAMED[name].components) for name in self._names]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import MASSES
@@ -53,6 +54,8 @@ class Dynamics:
         The materials with their densities.
     dirichlet : Dirichlet
         The constrained dofs and their values.
+    kinematics : Kinematics
+        That of the displacement.
     integrator : str
         One of `fem_snh.choices.INTEGRATORS`.
     mass : {"consistent", "lumped"}, optional
@@ -88,6 +91,7 @@ class Dynamics:
         u: Any,
         regions: Sequence[Region],
         dirichlet: Dirichlet,
+        kinematics: Kinematics,
         integrator: str,
         *,
         mass: str = MASSES[0],
@@ -101,8 +105,8 @@ class Dynamics:
             check_number(f"time.damping.{key}", value, 0.0)
         check_number("time.duration", duration, 0.0, exclusive=True)
         self.integrator = create(integrator, rho_infinity)
-        V, self._duration = u.function_space, duration
-        self.mass = NodalMass(V, regions, mass)
+        V, self._duration, self._kinematics = u.function_space, duration, kinematics
+        self.mass = NodalMass(V, regions, mass, kinematics)
         self.v, self.a = _dolfinx.function(V, "velocity"), _dolfinx.function(V, "acceleration")
         self._motion = PrescribedMotion(V, dirichlet, duration)
         self._balance = ForceBalance(V, self.mass, damping)
@@ -111,7 +115,7 @@ class Dynamics:
         self._first_energy: float | None = None
         self._before: Before | None = None
         self._step: _Step  # set by begin_step
-        #: Damping forces, and all forces but those of inertia, at the last state (3 owned nodes,).
+        #: Damping forces, and all forces but those of inertia, at the last state (owned dofs,).
         self._damping: Array
         self._forces: Array
 
@@ -123,7 +127,8 @@ class Dynamics:
         problem : Problem
             The problem at its initial displacement and load, with the terms of this object.
         velocity : callable, optional
-            Velocities [m/s] (n, 3) of nodes with reference coordinates [m] (n, 3). Default: zero.
+            Velocities [m/s] (n, components) of nodes with reference coordinates [m] (n, 3).
+            Default: zero.
 
         Raises
         ------
@@ -137,7 +142,8 @@ class Dynamics:
         v[:] = 0.0
         if velocity is not None:
             nodes = problem.V.tabulate_dof_coordinates()
-            v[:] = on_every(problem.comm, _values, velocity, nodes).ravel()
+            columns = self._kinematics.components
+            v[:] = on_every(problem.comm, _values, velocity, nodes, columns).ravel()
         v[fixed] = motion.v[fixed]
         prescribed = np.where(fixed, motion.a, 0.0)
         balance = self._balance
@@ -263,7 +269,8 @@ class Dynamics:
             fields["damping"] = self._damping
         if self._needs_forces:
             fields["forces"] = self._forces
-        owned = [field[: self.mass.num_owned].reshape(-1, 3) for field in fields.values()]
+        columns = self._kinematics.components
+        owned = [field[: self.mass.num_owned].reshape(-1, columns) for field in fields.values()]
         return np.concatenate(owned, axis=1), about | {"fields": list(fields)}
 
     def set_history(self, values: Array, about: Mapping[str, Any]) -> None:
@@ -275,7 +282,8 @@ class Dynamics:
             If ``about`` is from a version whose history lacks something.
         """
         vector, fields = _dolfinx.create_vector(self.v.function_space), {}
-        for name, field in zip(about.get("fields", ()), np.hsplit(values, values.shape[1] // 3)):
+        columns = np.hsplit(values, values.shape[1] // self._kinematics.components)
+        for name, field in zip(about.get("fields", ()), columns):
             vector.array[:] = field.ravel()
             update_ghosts(vector)
             fields[name] = np.array(local_values(vector))
@@ -304,7 +312,7 @@ class Dynamics:
 
         Parameters
         ----------
-        a, before : (3 local nodes,)
+        a, before : (local dofs,)
             The integrator's acceleration in the step, and in the one before, if there is one.
         """
         shift = self.integrator.shift
@@ -314,11 +322,12 @@ class Dynamics:
         return np.where(self._motion.constrained, a, a - shift * (a - before))
 
 
-def _values(velocity: Callable[[Array], Array], nodes: Array) -> Array:
-    """Return initial velocities of nodes (n, 3). Not collective."""
+def _values(velocity: Callable[[Array], Array], nodes: Array, columns: int) -> Array:
+    """Return initial velocities of nodes, (n, columns). Not collective."""
     found = np.asarray(velocity(nodes))
-    if found.shape != nodes.shape:
-        raise bad_value("velocity", f"an array {found.shape}", f"an array {nodes.shape}")
+    if found.shape != (len(nodes), columns):
+        accepted = f"an array {(len(nodes), columns)}"
+        raise bad_value("velocity", f"an array {found.shape}", accepted)
     if found.dtype.kind not in "fiu" or not np.isfinite(found).all():
         raise bad_value("velocity", found, "finite numbers")
     return found

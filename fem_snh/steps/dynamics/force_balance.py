@@ -58,7 +58,7 @@ class ForceBalance:
         return [self.inertia, *([self.damping] if self.damping else [])]
 
     def set_step(self, acceleration: Affine, velocity: Affine, constant: Array | None) -> None:
-        """Set acceleration and velocity at a step's end, and constant forces (3 owned nodes,)."""
+        """Set acceleration and velocity at a step's end, and constant forces (owned dofs,)."""
         self.inertia.acceleration, self.inertia.constant = acceleration, constant
         if self.damping:
             self.damping.velocity = velocity
@@ -68,9 +68,9 @@ class ForceBalance:
 
         Parameters
         ----------
-        a : (3 local nodes,)
+        a : (local dofs,)
             The acceleration [m/s^2], with ghosts.
-        damping : (3 owned nodes,)
+        damping : (owned dofs,)
             The damping forces [N].
         """
         self.inertia.acceleration = None
@@ -85,7 +85,7 @@ class ForceBalance:
         ----------
         problem : Problem
             The problem, at the state.
-        v : (3 local nodes,)
+        v : (local dofs,)
             Its velocity [m/s].
         time : float
             For which time [s] the cells turn with it: the stiffness is that of the turned cells.
@@ -94,9 +94,10 @@ class ForceBalance:
             return
         (u, p), rotations = problem.split(problem.x), None
         if time and v.any():
-            x = problem.V.tabulate_dof_coordinates() + local_values(u).reshape(-1, 3)
-            nodes = _dolfinx.node_dofs(problem.V)
-            rotations = cell_rotations(x[nodes], v.reshape(-1, 3)[nodes], time)
+            kinematics, nodes = problem.kinematics, _dolfinx.node_dofs(problem.V)
+            x = problem.V.tabulate_dof_coordinates() + kinematics.padded(local_values(u))
+            motion = x[nodes], kinematics.padded(v)[nodes]
+            rotations = cell_rotations(*motion, time, kinematics.revolved)
         self.damping.update_stiffness(
             problem.matrix,
             problem.x,
@@ -105,17 +106,17 @@ class ForceBalance:
         )
 
     def damping_forces(self, v: Array) -> Array:
-        """Return C v [N], (3 owned nodes,), of a velocity (3 local nodes,). Collective."""
+        """Return C v [N], (owned dofs,), of a velocity (local dofs,). Collective."""
         if not self.damping:
             return np.zeros(self._mass.num_owned)
         return self._summed(self.damping.apply(v))
 
     def inertial_forces(self, a: Array) -> Array:
-        """Return M a [N], (3 owned nodes,), of an acceleration (3 local nodes,). Collective."""
+        """Return M a [N], (owned dofs,), of an acceleration (local dofs,). Collective."""
         return self._summed(self._mass.apply(a))
 
     def other_forces(self, problem: Problem) -> Array:
-        """Return the forces f [N] of the other terms at the present state, (3 owned nodes,).
+        """Return the forces f [N] of the other terms at the present state, (owned dofs,).
 
         Collective.
         """
@@ -130,14 +131,14 @@ class ForceBalance:
         ----------
         problem : Problem
             The problem. Its matrix is overwritten.
-        forces : (3 owned nodes,)
+        forces : (owned dofs,)
             All forces but those of inertia [N].
-        prescribed : (3 local nodes,)
+        prescribed : (local dofs,)
             The acceleration of constrained dofs, zero at others.
 
         Returns
         -------
-        (3 local nodes,)
+        (local dofs,)
         """
         force = -forces - self.inertial_forces(prescribed)
         found = _dolfinx.create_vector(self._V)
@@ -146,7 +147,7 @@ class ForceBalance:
         return prescribed + local_values(found)
 
     def _summed(self, local: Array) -> Array:
-        """Return the sum over ranks of their parts of nodal forces, (3 owned nodes,)."""
+        """Return the sum over ranks of their parts of nodal forces, (owned dofs,)."""
         vector = _dolfinx.create_vector(self._V)
         writable_values(vector)[:] = local
         add_ghosts(vector)
@@ -158,7 +159,7 @@ class ForceBalance:
 _SMALLEST = 1e-14
 
 
-def cell_rotations(x: Array, v: Array, time: float) -> Array:
+def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> Array:
     r"""Return the rotations of cells that keep their present spin for a time.
 
     The spin :math:`\omega` of a cell is the angular velocity that is closest to the velocity of its
@@ -167,7 +168,8 @@ def cell_rotations(x: Array, v: Array, time: float) -> Array:
     .. math:: \sum_a \left(|r_a|^2 I - r_a r_a^T\right) \omega = \sum_a r_a \times v_a ,
 
     with the nodes' positions r from their mean. The rotation is Cayley's map of
-    :math:`t \omega / 2`, by which the trapezoidal rule turns a rigid body.
+    :math:`t \omega / 2`, by which the trapezoidal rule turns a rigid body. A body of revolution is
+    rigid in rotations about its axis alone, which is y: r is then the distance from it.
 
     Parameters
     ----------
@@ -175,16 +177,23 @@ def cell_rotations(x: Array, v: Array, time: float) -> Array:
         Positions [m] and velocities [m/s] of the nodes of each cell.
     time : float
         The time t [s].
+    revolved : bool, optional
+        Whether they are cells of a body of revolution.
 
     Returns
     -------
     (cells, 3, 3)
     """
-    r = x - x.mean(axis=1, keepdims=True)
-    squares = np.einsum("cai,caj->cij", r, r)
-    inertia = np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    w = np.linalg.solve(inertia * (1 + _SMALLEST) - squares, np.cross(r, v).sum(axis=1)[..., None])
-    half = time / 2 * w[..., 0]
+    if revolved:
+        w = np.zeros((len(x), 3))
+        w[:, 1] = np.cross(x, v)[..., 1].sum(axis=1) / (x[..., ::2] ** 2).sum(axis=(1, 2))
+    else:
+        r = x - x.mean(axis=1, keepdims=True)
+        squares = np.einsum("cai,caj->cij", r, r)
+        inertia = np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        moment = np.cross(r, v).sum(axis=1)[..., None]
+        w = np.linalg.solve(inertia * (1 + _SMALLEST) - squares, moment)[..., 0]
+    half = time / 2 * w
     skew = np.zeros((len(half), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         skew[:, j, i], skew[:, i, j] = half[:, k], -half[:, k]

@@ -34,7 +34,7 @@ class Affine:
     ----------
     rate : float
         The rate c.
-    origin : (3 local nodes,)
+    origin : (local dofs,)
         The displacement w [m] at which the function is zero.
     """
 
@@ -42,7 +42,7 @@ class Affine:
     origin: Array
 
     def __call__(self, u: Array) -> Array:
-        """Return the function at a displacement, (3 local nodes,)."""
+        """Return the function at a displacement, (local dofs,)."""
         return np.asarray(self.rate * (u - self.origin))
 
     def set_values(self, where: Array, u: Array, values: Array) -> None:
@@ -61,7 +61,7 @@ class Before(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionState:
-    """The motion at the start of a step; arrays (3 local nodes,) with ghosts.
+    """The motion at the start of a step; arrays (local dofs,) with ghosts.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class StepFormulas:
     ----------
     velocity, acceleration : Affine
         v and a at the step's end.
-    old_acceleration : (3 local nodes,)
+    old_acceleration : (local dofs,)
         a_0.
     error : tuple of float
         Factors [s^2] of a and of a_0 in the displacement's local error.

@@ -29,7 +29,7 @@ def motion_measures(
         The problem.
     mass : NodalMass
         The mass matrix.
-    v : (3 local nodes,)
+    v : (local dofs,)
         The velocity [m/s], with ghosts.
     excluded : sequence of Term
         Terms whose energy is no part of the potential energy: those of the time integrator.
@@ -39,12 +39,14 @@ def motion_measures(
     dict
         "kinetic", "elastic" (None for a material without an energy) and "potential" (the sum of all
         other terms that have an energy) [J]; "momentum" [kg m/s] and "angular_momentum" about the
-        origin [kg m^2/s], lists of three components.
+        origin [kg m^2/s], lists of three components. In a plane they
+        are per thickness; of a body of revolution only those along the axis are not zero.
     """
     u, p = problem.split(problem.x)
-    momenta = mass.apply(v).reshape(-1, 3)
-    x = problem.V.tabulate_dof_coordinates() + local_values(u).reshape(-1, 3)
-    local = np.array([momenta.sum(axis=0), np.cross(x, momenta).sum(axis=0)])
+    kinematics = problem.kinematics
+    momenta = kinematics.padded(mass.apply(v))
+    x = problem.V.tabulate_dof_coordinates() + kinematics.padded(local_values(u))
+    local = np.array([kinematics.total(vectors) for vectors in (momenta, np.cross(x, momenta))])
     momentum, angular_momentum = problem.comm.allreduce(local)
     loads = [t for t in _loads(problem, excluded) if t.has_energy]
     return {
@@ -77,7 +79,7 @@ def work_of_loads(
     ----------
     problem : Problem
         The problem at the step's end.
-    u, load : (3 local nodes,), float
+    u, load : (local dofs,), float
         Displacement and load at its start.
     end_weight : float
         Weight of the forces at the step's end in the work that they do.

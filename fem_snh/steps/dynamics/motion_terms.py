@@ -45,7 +45,7 @@ class Inertia(_MotionTerm):
     ----------
     acceleration : Affine or None
         a as a function of the displacement; None without a step.
-    constant : (3 owned nodes,) or None
+    constant : (owned dofs,) or None
         The forces g [N].
     """
 
@@ -153,12 +153,12 @@ class RayleighDamping(_MotionTerm):
 
         Parameters
         ----------
-        v : (3 local nodes,)
+        v : (local dofs,)
             A velocity with current ghosts.
 
         Returns
         -------
-        (3 local nodes,)
+        (local dofs,)
             To be summed over the ranks, as `add_ghosts` does.
         """
         force = self._alpha * self._mass.apply(v) if self._alpha else np.zeros_like(v)

@@ -29,7 +29,7 @@ _SMOOTH, _ROUNDING = 1e-7, 1e-14
 
 
 class PrescribedState(NamedTuple):
-    """The motion of constrained dofs at one time; arrays (3 local nodes,), zero at free dofs.
+    """The motion of constrained dofs at one time; arrays (local dofs,), zero at free dofs.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class PrescribedMotion:
 
     Attributes
     ----------
-    constrained : (3 local nodes,) bool
+    constrained : (local dofs,) bool
         The constrained dofs, ghosts included.
     moves : bool
         Whether a value depends on the load.
@@ -74,7 +74,7 @@ class PrescribedMotion:
         self._vector, self._comm = _dolfinx.create_vector(V), V.mesh.comm
 
     def displacement(self, load: float) -> Array:
-        """Return the prescribed displacement [m], (3 local nodes,), zero at free dofs."""
+        """Return the prescribed displacement [m], (local dofs,), zero at free dofs."""
         self._dirichlet.set_values(self._vector, load)
         update_ghosts(self._vector)
         return np.array(local_values(self._vector))
