@@ -149,7 +149,7 @@ def test_run_and_resume_of_a_scene_file(comm, file: Path):
         file.write_text(GENT.replace("20.0", "25.0"))
         os.utime(file, ns=(0, 0))
     comm.barrier()
-    with pytest.raises(BadInput, match=r"cannot resume .*material.gent.py = \"sha256"):
+    with pytest.raises(BadInput, match=r"cannot resume .*material.name = \"sha256"):
         fem_snh.run(scene, out=out, resume=True, progress=False)
 
 
