@@ -42,7 +42,7 @@ def reference(nu):
     found = [r for r in table if float(r["nu"]) == nu and r["default"] == r["converged"] == "True"]
     finest = max(found, key=lambda row: int(row["cells"]))
     assert int(finest["cells"]) >= 32
-    return [float(finest[f"probe_corner_{axis}"]) for axis in "xy"]
+    return [float(finest[f"corner.{axis}"]) for axis in "xy"]
 
 
 def stretched(element, nu=0.49, stretch=1.5, E=1.0, cells=2, **keys):
@@ -228,7 +228,7 @@ def test_goals_in_the_files(tmp_path, capsys):
     assert corner["corrected"] == corner["value"] + corner["error"]
     assert corner["relative"] == abs(corner["error"] / corner["value"])
     (row,) = rows(tmp_path / "run")
-    assert float(row["error_corner_x"]) == corner["error"]
+    assert float(row["corner.x.error"]) == corner["error"]
     estimate = record["estimate"]
     assert estimate["dofs"] == 3 * 5**3 + 3**3
     printed = capsys.readouterr().out
@@ -248,7 +248,7 @@ def test_goals_in_the_files(tmp_path, capsys):
     [
         ("corner.w", "accuracy.goals = 'corner.w': expected 'energy', 'volume', a probe"),
         ("cornr.x", "did you mean 'corner'"),
-        ("top.moment.z", "accuracy.goals = 'top.moment.z': expected"),
+        ("top.momemt.z", "accuracy.goals = 'top.momemt.z': expected"),
         ("body.volume.x", "accuracy.goals = 'body.volume.x': expected"),
         ("", "accuracy.goals"),
     ],

@@ -12,6 +12,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.reactions import reaction
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
@@ -88,12 +89,47 @@ class ForceGoal:
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        mask, gradient = self._entries(problem), problem.x.duplicate()
+        mask = self._entries(problem)
 
         def values() -> list[float]:
-            problem.gradient(problem.x, gradient)
-            nodal = gradient.array_r[: mask.size].reshape(-1, 3)
-            total = problem.comm.allreduce(np.where(mask, nodal, 0.0).sum(axis=0))
+            total = reaction(problem, mask)[0]
+            return [float(total[i]) for i in self._components]
+
+        return values
+
+
+class MomentGoal:
+    """Components of the moment [N m] of the reaction on nodes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the moment.
+    entries : callable
+        Returns the (n, 3) bool mask of the owned dofs whose forces count, given a problem.
+    about : (3,) sequence of float
+        The point [m].
+    components : sequence of int, optional
+        The components; default: all.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        entries: Callable[[Problem], Array],
+        about: Sequence[float],
+        components: Sequence[int] = (0, 1, 2),
+    ) -> None:
+        self._entries, self._about = entries, np.array(about, dtype=float)
+        self._components = list(components)
+        self.names = [f"{name}.{AXES[i]}" for i in components]
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`."""
+        mask = self._entries(problem)
+
+        def values() -> list[float]:
+            total = reaction(problem, mask, self._about)[1]
             return [float(total[i]) for i in self._components]
 
         return values

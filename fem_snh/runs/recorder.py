@@ -128,6 +128,7 @@ class Recorder:
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
         last = next(row for row in reversed(self.record["steps"]) if row["converged"])
+        last["goals"] = {name: goal.value for name, goal in estimate.goals.items()}
         last["errors"] = {name: goal.error for name, goal in estimate.goals.items()}
         self._seconds = self._seconds | {"estimate": estimate.seconds}
 

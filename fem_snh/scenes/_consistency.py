@@ -73,9 +73,10 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
     for kind, features in grouped(scene.features):
         for number, feature in enumerate(features):
             yield from ((f"{kind.key}.{number}.{key}", g) for key, g in feature.named_groups)
-    for key in ("reactions", "volumes"):
-        for group in getattr(scene, key):
-            yield key, group
+    for reaction in scene.reactions:
+        yield "reactions", reaction.group
+    for group in scene.volumes:
+        yield "volumes", group
     for goal in scene.accuracy.goals if scene.accuracy else ():
         named = read_goal(goal, scene.probe)
         if named.is_of_group:
