@@ -4,6 +4,7 @@
     >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
     >>> m.hessian(F, filter="clamp")  # F (..., 3, 3) -> (..., 9, 9), positive semidefinite
     >>> print(m.report())  # stability, admissible region, stress curves
+    >>> fem_snh.fit("ogden", "pull.csv").table()  # a material fitted to test data
     >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # also under mpirun
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
     from fem_snh.scenes import register_feature
+    from fem_snh.studies.fit import Fit, fit
     from fem_snh.terms.cavity import Cavity
     from fem_snh.terms.feature import Feature
     from fem_snh.terms.gravity import Gravity
@@ -39,15 +41,17 @@ if TYPE_CHECKING:
     from fem_snh.terms.traction import Traction
 
 __all__ = [
-    "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Gravity", "NonlinearProblem",
-    "Obstacle", "Pressure", "Result", "SelfContact", "Spring", "Term", "Traction", "material",
-    "materials", "register_feature", "run",
+    "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
+    "NonlinearProblem", "Obstacle", "Pressure", "Result", "SelfContact", "Spring", "Term",
+    "Traction", "fit", "material", "materials", "register_feature", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
 _MODULES = {
     "material": "kernels.material",
     "run": "runs",
+    "fit": "studies.fit",
+    "Fit": "studies.fit",
     "Result": "runs",
     "NonlinearProblem": "nonlinear_problem",
     "Obstacle": "contact.obstacle",

@@ -54,7 +54,6 @@ COMMON = (
     "c_declarations",
     "atomic_files",
     "run_record",
-    "run_tables",
     "run_files",
     "pvd",
     "_petsc",

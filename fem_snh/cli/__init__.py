@@ -31,6 +31,7 @@ COMMANDS = {
     "sweep": ("studies", "solve a scene for every combination of lists of values"),
     "tradeoff": ("studies", "run an accuracy-cost study of a scene and recommend settings"),
     "extremes": ("studies", "test robustness: scrambled, crushed and overloaded bodies"),
+    "fit": ("fit", "fit a material to test data, or rank all materials"),
     "materials": ("materials", "list the materials, describe one, or characterise them"),
     "plot": ("tools", "draw curves from run folders or a study's table"),
     "render": ("tools", "draw the deformed body of a run"),

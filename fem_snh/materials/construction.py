@@ -79,7 +79,7 @@ def construct(
         psi = _without_barriers(found, barriers)
         psi = psi - normalise.at_rest(psi.subs(INVARIANTS))
     known = dict(zip(defaults, constants, strict=True))
-    fit = normalise.Fit(
+    fit = normalise.Normalisation(
         name,
         constants,
         {known[k]: v for k, v in defaults.items() if v is not None},
@@ -106,7 +106,7 @@ def construct(
     return energy
 
 
-def _fitted(fit: normalise.Fit, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
+def _fitted(fit: normalise.Normalisation, E: float, nu: float, mixed: bool) -> tuple[float, ...]:
     """Return the values of the constants; only their mu part is used if ``mixed``."""
     mu, lam = normalise.lame(E, nu)
     if nu == 0.5:

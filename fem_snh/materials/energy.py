@@ -45,7 +45,7 @@ class Energy:
         Principal PK1 stresses of a material without an energy.
     barriers : frozenset of sympy.Expr
         Arguments of `fem_snh.materials.functions.positive`.
-    fit : normalise.Fit
+    fit : normalise.Normalisation
         The fit of ``values`` to the small-strain constants.
     pressure : sympy.Symbol or None
         A further unknown in ``psi`` (see `fem_snh.materials.volume_split`).
@@ -61,7 +61,7 @@ class Energy:
     psi: sympy.Expr | None
     stress: tuple[sympy.Expr, ...] | None
     barriers: frozenset[sympy.Expr]
-    fit: normalise.Fit
+    fit: normalise.Normalisation
     pressure: sympy.Symbol | None = None
 
     @property

@@ -77,7 +77,7 @@ def linearised(slopes: Sequence[sympy.Expr]) -> Pair:
     return sympy.expand((a - b) / 2), sympy.expand(b)
 
 
-class Fit:
+class Normalisation:
     """The free constants of a material and the equations that determine them.
 
     Parameters

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.runs.output.field_values import FieldValues
     from fem_snh.steps.dynamics.dynamics import Dynamics
 
@@ -36,8 +35,6 @@ class Result:
         The folder of the output.
     dynamics : Dynamics or None
         The motion of a scene in time.
-    estimate : Estimate or None
-        The estimated errors, with those of each cell, if the scene asks for them.
     """
 
     converged: bool
@@ -46,7 +43,6 @@ class Result:
     problem: Problem = field(repr=False)
     out: Path | None = None
     dynamics: Dynamics | None = field(default=None, repr=False)
-    estimate: Estimate | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> list[dict[str, Any]]:

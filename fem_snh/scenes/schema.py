@@ -35,8 +35,6 @@ from fem_snh.scenes._outputs import (
     OutputFields,
     Probe,
     Probes,
-    Reaction,
-    Reactions,
 )
 from fem_snh.scenes._time import Damping, Time
 from fem_snh.tables.amplitudes import Amplitude, Amplitudes
@@ -61,8 +59,8 @@ from fem_snh.terms.traction import Traction
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
-    "Pressure", "Probe", "Reaction", "Rotate", "Scene", "SelfContact", "Spring", "Start",
-    "Tetrahedra", "Time", "Traction",
+    "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
+    "Time", "Traction",
 ]  # fmt: skip
 
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
@@ -168,10 +166,9 @@ class Scene(Table):
         description="Continuation in Poisson's ratio: the ratios with which each step is solved "
         "before it is solved with the material's own.",
     )
-    reactions: Reactions = Field(
+    reactions: Groups = Field(
         default=[],
-        description="Physical groups whose total reaction force is reported after each step; as "
-        "{ group = ..., about = [x, y, z] } also its moment about that point.",
+        description="Physical groups whose total reaction force is reported after each step.",
     )
     volumes: Groups = Field(
         default=[],

@@ -19,12 +19,15 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
-def subplots(panels: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure with ``panels`` panels: up to three in a row, more in two columns."""
+def subplots(panels: int, *, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """Return a figure with ``panels`` panels: up to three in a row, more in two columns.
+
+    They have the same horizontal axis if ``share``.
+    """
     columns = panels if panels <= 3 else 2
     rows = -(-panels // columns)
     figure = Figure(figsize=(4.2 * max(columns, 1), 3.3 * rows + 0.5), layout="constrained")
-    axes = list(figure.subplots(rows, columns, squeeze=False, sharex="all").flat)
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=share).flat)
     for ax in axes[panels:]:
         ax.remove()
     for ax in axes[:panels]:

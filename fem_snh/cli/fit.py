@@ -1,0 +1,196 @@
+"""The command ``fit``: fit a material to test data, or rank all materials."""
+
+from __future__ import annotations
+
+import math
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fem_snh.cli.options import REPEATED, Parser, assignments, output, value
+from fem_snh.cli.studies import comma_list
+from fem_snh.errors import BadInput
+
+if TYPE_CHECKING:
+    from fem_snh.studies.fit import Fit
+
+EPILOG = """\
+fem-snh fit ogden treloar                          Treloar's rubber, which is built in
+fem-snh fit yeoh pull.csv squeeze.csv              two tests at once
+fem-snh fit stable_neo_hookean pull.csv --nu 0.45  compressible; --parameters alpha fits it too
+fem-snh fit --all treloar                          rank all materials
+
+A file has columns with names, in lines '# key = value' what its names do not say:
+  # test = uniaxial          or equibiaxial, planar, simple_shear, volumetric, confined
+  stretch, stress [MPa]      or strain, shear, volume_ratio; pressure
+"""
+#: Materials that the picture of a ranking shows.
+_SHOWN = 5
+
+
+def fit_parser() -> Parser:
+    """Return the parser of ``fem-snh fit``."""
+    parser = Parser(
+        "fit",
+        "Fit E and the shape parameters of a material to test data by bounded least squares, and\n"
+        "write fit.json, fit.png and the table [material] of a scene.",
+        lambda: EPILOG,
+    )
+    parser.add(
+        """
+        names NAME  a material or FILE.py:FUNCTION, then files of test data; with --all only files
+        --all  fit all materials and rank them
+        --nu X  Poisson's ratio; by default J = 1, and with volumetric or confined tests nu is
+            fitted
+        --incompressible  the volume is constant, J = 1
+        --parameters NAME,..  shape parameters to fit; default: all that are numbers
+        --set KEY=VALUE  hold a shape parameter at a value
+        --bounds KEY=LOW,HIGH  bounds of a parameter
+        --relative  minimise differences relative to the measured stresses
+        --weights W,..  weight of each file
+        --test KIND,..  kind of each file's test
+        --columns NAME,..  names of the columns; those with other names are not used
+        --unit UNIT  unit of the stresses: MPa, psi, ...
+        --range LOW,HIGH  stretches between which stability is evaluated
+        --report  also print stability at inverted and collapsed states: it compiles a kernel
+        --out DIR  folder of fit.json, fit.png and material.toml; default: out/fit
+        """,
+        names={"nargs": "*"},
+        set=REPEATED,
+        bounds=REPEATED,
+        nu=value,
+        out={"type": output, "default": Path("out/fit")},
+    )
+    return parser
+
+
+def fit(argv: list[str]) -> int:
+    """Fit a material, or rank all of them; return 0."""
+    args = fit_parser().parse(argv)
+    keywords: dict[str, Any] = {
+        "nu": args.nu,
+        "incompressible": args.incompressible or None,
+        "relative": args.relative,
+        "stable_range": _pair("range", args.range),
+        "bounds": {k: _bounds(k, v) for k, v in assignments(args.bounds).items()},
+        "parameters": _words("parameters", args.parameters),
+        "test": _words("test", args.test),
+        "columns": _words("columns", args.columns),
+        "unit": args.unit,
+        "weights": _words("weights", args.weights),
+    }
+    keywords["held"] = {  # material.alpha=2, as for run
+        key.removeprefix("material."): value(text) for key, text in assignments(args.set).items()
+    }
+    if args.all:
+        return _rank(args, keywords)
+    if not args.names:
+        raise BadInput("fit: missing NAME: expected a material and files of test data, or --all")
+    from fem_snh.studies.fit import fit as study
+
+    found = study(*args.names, **keywords)
+    _print(found)
+    if args.report:
+        print(found.report())
+    found.write(args.out / "fit.json")
+    found.write_table(args.out / "material.toml")
+    found.plot(args.out / "fit.png")
+    print(f"{args.out}: fit.json, fit.png, material.toml")
+    return 0
+
+
+def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
+    """Fit all materials and print them from the best to the worst."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from fem_snh.studies.fit import Fit, ordered, rank
+
+    if args.report:
+        raise BadInput("fit --report: expected without --all")
+    fits: list[Fit] = []
+    refused: list[tuple[str, str]] = []
+    with Console(stderr=True).status("fitting") as status:
+        for found in rank(*args.names, **keywords):
+            if isinstance(found, Fit):
+                fits.append(found)
+                status.update(f"fitting: {found.name}")
+            else:
+                refused.append(found)
+    if not fits:
+        raise BadInput(f"fit --all: no material can be fitted: {refused[0][1]}")
+    fits = ordered(fits)
+    table = Table("", "material", "parameters", "R²", "rms", "AICc", "stable at the data")
+    for place, f in enumerate(fits, start=1):
+        stable = "yes" if f.stable_at_data else "no"
+        table.add_row(
+            str(place), f.name, str(len(f.parameters)), f"{f.r_squared:.5f}", f"{f.rms:.4g}",
+            f"{f.aicc:.1f}", stable,
+        )  # fmt: skip
+    Console(width=None if sys.stdout.isatty() else 110).print(table)
+    for name, reason in refused:
+        print(f"not fitted: {reason if name in reason else f'{name}: {reason}'}")
+    best = fits[0]
+    best.write(args.out / "fit.json")
+    best.write_table(args.out / "material.toml")
+    from fem_snh.studies.fit.ranking import write_ranking
+
+    write_ranking(fits, args.out / "ranking.csv")
+    from fem_snh.viewing.plots.fits import main as draw
+
+    draw(fits[:_SHOWN], args.out / "fit.png")
+    print(f"{args.out}: ranking.csv, fit.png; of {best.name}: fit.json, material.toml")
+    return 0
+
+
+def _print(found: Fit) -> None:
+    """Print parameters, tests, stable ranges and the table of a scene."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 110)
+    table = Table("parameter", "value", "standard error")
+    for name, number in found.parameters.items():
+        table.add_row(name, f"{number:.6g}", _error(found.errors[name]))
+    console.print(table)
+    table = Table("test", "kind", "points", "rms", "largest", "R²")
+    for t in found.tests:
+        table.add_row(
+            t.data.name, t.data.kind, str(len(t.data.x)), f"{t.rms:.4g}", f"{t.largest:.4g}",
+            f"{t.r_squared:.5f}",
+        )  # fmt: skip
+    console.print(table)
+    low, high = found.searched
+    for s in found.stable:
+        words = "all of it" if s.whole else f"{s.low:.4g} to {s.high:.4g}"
+        print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
+    print()
+    print(found.table())
+
+
+def _error(error: float) -> str:
+    """Return a standard error as text."""
+    if math.isnan(error):
+        return "at its bound"
+    return f"{error:.2g}" if math.isfinite(error) else "not shown by the data"
+
+
+def _words(key: str, text: str | None) -> list[Any] | None:
+    return None if text is None else comma_list(key, text)
+
+
+def _bounds(key: str, text: str) -> tuple[float, float]:
+    pair = _pair(f"bounds {key}", text)
+    assert pair is not None
+    return pair
+
+
+def _pair(key: str, text: str | None) -> tuple[float, float] | None:
+    """Return two numbers with a comma between."""
+    if text is None:
+        return None
+    found = comma_list(key, text)
+    if len(found) != 2 or not all(type(x) in (int, float) for x in found):
+        raise BadInput(f"--{key} {text}: expected two numbers with a comma between, e.g. 0.5,2")
+    return float(found[0]), float(found[1])

@@ -1,0 +1,276 @@
+"""The result of a fit: parameters with standard errors, residuals, stable ranges, the table."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.studies.fit.data import TestData
+from fem_snh.studies.fit.family import Family
+from fem_snh.studies.fit.least_squares import BestFit
+from fem_snh.studies.fit.responses import FREE, response
+from fem_snh.studies.fit.stability import StableRange, stable_ranges
+
+if TYPE_CHECKING:
+    from fem_snh.kernels.material import Material
+    from fem_snh.kernels.reports.report import Report
+
+Array = npt.NDArray[np.float64]
+
+#: Significant digits of the numbers in the table, more than data have.
+_DIGITS = 10
+#: Poisson's ratio at which an incompressible fit is reported: kernels need nu < 0.5.
+REPORT_NU = 0.49
+#: Smallest mean square of AICc, relative to that of the data: double precision shows no less.
+_NO_RESIDUAL = 1e-24
+
+
+@dataclass(frozen=True)
+class TestResult:
+    """A test and its fit.
+
+    Attributes
+    ----------
+    data : TestData
+        The measurement.
+    stress : (n,)
+        The stresses of the fit.
+    """
+
+    __test__ = False  # the name is not one of a test of pytest's
+
+    data: TestData
+    stress: Array
+
+    @property
+    def residual(self) -> Array:
+        """Return the differences of the stresses, fit minus data, (n,)."""
+        return self.stress - self.data.stress
+
+    @property
+    def rms(self) -> float:
+        """Return the root mean square of the residual."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def largest(self) -> float:
+        """Return the largest absolute residual."""
+        return float(np.abs(self.residual).max())
+
+    @property
+    def r_squared(self) -> float:
+        """Return the coefficient of determination R^2; NaN of data that do not vary."""
+        return r_squared(self.data.stress, self.residual)
+
+
+class Fit:
+    """A material fitted to test data.
+
+    Attributes
+    ----------
+    name : str
+        The material.
+    E, nu : float
+        Young's modulus [Pa, or the unit of the data if they state none] and Poisson's ratio, 0.5 of
+        an incompressible material.
+    shape : dict
+        Shape parameters, keywords of `fem_snh.material`.
+    parameters, errors : dict
+        The fitted numbers and their standard errors: E, entries such as "weights[1]", and nu if it
+        was fitted. An error is infinite if the data do not show the number, and NaN at a bound.
+    tests : tuple of TestResult
+        Data, stresses and residuals.
+    stable : tuple of StableRange
+        Stretches around rest that are stable by Drucker's criterion.
+    evaluations, starts : int
+        Evaluations of all stresses, and starts of the search.
+    """
+
+    def __init__(
+        self,
+        material: Any,
+        family: Family,
+        tests: Sequence[TestData],
+        solution: BestFit,
+        fit_nu: bool,
+        searched: tuple[float, float],
+    ) -> None:
+        self.name, self._material = family.name, material
+        self.E, self.nu = solution.E, solution.nu
+        self.incompressible = family.incompressible
+        self.shape = family.shape(solution.theta, self.E)
+        sizes = [self.E if u.constant else 1.0 for u in family.unknowns]
+        names = ["E", *(u.name for u in family.unknowns), *(["nu"] if fit_nu else [])]
+        values = [self.E, *(solution.theta * sizes), *([self.nu] if fit_nu else [])]
+        self.parameters = dict(zip(names, map(float, values), strict=True))
+        self.errors = dict(zip(names, map(float, solution.errors), strict=True))
+        self.tests = tuple(map(TestResult, tests, solution.predicted))
+        self.cost, self.evaluations, self.starts = (
+            solution.cost, solution.evaluations, solution.starts,
+        )  # fmt: skip
+        self.searched = searched
+        self._law = family.at(solution.theta, self.nu)
+        self.stable: tuple[StableRange, ...] = stable_ranges(self._law, *searched)
+
+    @property
+    def r_squared(self) -> float:
+        """Return R^2 over all tests."""
+        return r_squared(
+            np.concatenate([t.data.stress for t in self.tests]),
+            np.concatenate([t.residual for t in self.tests]),
+        )
+
+    @property
+    def rms(self) -> float:
+        """Return the root mean square of the residuals of all tests."""
+        return float(np.sqrt(np.mean(np.concatenate([t.residual for t in self.tests]) ** 2)))
+
+    @property
+    def aicc(self) -> float:
+        """Return the corrected information criterion of Akaike (Burnham & Anderson 2002).
+
+        The smaller, the better: it weighs the sum of squares against the number of parameters.
+        """
+        n = sum(np.count_nonzero(t.data.weight) for t in self.tests)
+        k = len(self.parameters) + 1  # and the variance
+        scale = sum(float((t.data.weight * t.data.stress) @ t.data.stress) for t in self.tests)
+        mean = max(self.cost, _NO_RESIDUAL * scale) / n
+        correction = 2 * k * (k + 1) / (n - k - 1) if n > k + 1 else math.inf
+        return n * math.log(mean) + 2 * k + correction
+
+    @property
+    def stable_at_data(self) -> bool:
+        """Return whether the fit is stable at all measured stretches of tests with free sides."""
+        ranges = {s.kind: s for s in self.stable}
+        return all(
+            ranges[t.data.kind].low <= min(1.0, *t.data.x)
+            and max(1.0, *t.data.x) <= ranges[t.data.kind].high
+            for t in self.tests
+            if t.data.kind in FREE
+        )
+
+    def stress(self, kind: str, x: npt.ArrayLike) -> Array:
+        """Return the nominal stress of the fit in a test.
+
+        Parameters
+        ----------
+        kind : str
+            uniaxial, equibiaxial, planar, simple_shear, volumetric or confined.
+        x : (n,)
+            Stretches; amounts of shear of simple_shear.
+
+        Returns
+        -------
+        (n,)
+            NaN where there is no solution.
+        """
+        return self.E * response(self._law, kind, np.asarray(x, dtype=float))
+
+    def material(self, nu: float | None = None) -> Material:
+        """Return the fitted material.
+
+        Parameters
+        ----------
+        nu : float, optional
+            Another Poisson's ratio with the same shear modulus, to give an incompressible fit some
+            compressibility.
+        """
+        from fem_snh.kernels.material import material  # imports the compiler's interface
+
+        nu = self.nu if nu is None else nu
+        return material(self._material, self.modulus_at(nu), nu, **self.shape)
+
+    def modulus_at(self, nu: float) -> float:
+        """Return Young's modulus for another nu with the same shear modulus."""
+        return self.E * (1 + nu) / (1 + self.nu)
+
+    def report(self) -> Report:
+        """Return the report of the material, with its other stabilities: it compiles a kernel.
+
+        An incompressible fit is reported at nu = 0.49.
+        """
+        return self.material(REPORT_NU if self.incompressible else None).report()
+
+    def table(self) -> str:
+        """Return the table ``[material]`` of a scene."""
+        lines = ["[material]", f"name = {json.dumps(self.name)}", f"E = {_toml(self.E)}"]
+        comment = "  # requires P2P1 or Q2Q1" if self.incompressible else ""
+        lines.append(f"nu = {_toml(self.nu)}{comment}")
+        lines += [f"{k} = {_toml(v)}" for k, v in self.shape.items() if v is not None]
+        return "\n".join(lines) + "\n"
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as the content of fit.json."""
+        return {
+            "material": {"name": self.name, "E": self.E, "nu": self.nu, **self.shape},
+            "incompressible": self.incompressible,
+            "parameters": self.parameters,
+            "standard_errors": {k: v if math.isfinite(v) else None for k, v in self.errors.items()},
+            "r_squared": self.r_squared,
+            "rms": self.rms,
+            "aicc": self.aicc if math.isfinite(self.aicc) else None,
+            "tests": [
+                {
+                    "name": t.data.name,
+                    "kind": t.data.kind,
+                    "points": len(t.data.x),
+                    "rms": t.rms,
+                    "largest": t.largest,
+                    "r_squared": t.r_squared,
+                }
+                for t in self.tests
+            ],
+            "stable": {s.kind: [s.low, s.high] for s in self.stable},
+            "searched": list(self.searched),
+            "evaluations": self.evaluations,
+            "starts": self.starts,
+        }
+
+    def write(self, path: str | Path) -> Path:
+        """Write fit.json; raise BadInput if that fails."""
+        path = Path(path)
+        make_folder_of(path)
+        replace_file(path, json.dumps(self.record(), indent=1) + "\n")
+        return path
+
+    def write_table(self, path: str | Path) -> Path:
+        """Write `table` into a file; raise BadInput if that fails."""
+        path = Path(path)
+        make_folder_of(path)
+        replace_file(path, self.table())
+        return path
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw data, fit and extrapolation; raise BadInput if the picture cannot be written."""
+        from fem_snh.viewing.plots.fits import main  # matplotlib
+
+        return main([self], Path(path))
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{k}={v:.6g}" for k, v in self.parameters.items())
+        return f"<Fit of {self.name}: {values}; R^2={self.r_squared:.6g}>"
+
+
+def r_squared(stress: Array, residual: Array) -> float:
+    """Return the coefficient of determination R^2; NaN of data that do not vary."""
+    varied = float(((stress - stress.mean()) ** 2).sum())
+    return 1 - float(residual @ residual) / varied if varied > 0 else math.nan
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, int | float):
+        return repr(float(f"{value:.{_DIGITS}g}"))
+    return json.dumps(str(value))

@@ -1,0 +1,205 @@
+"""Fit a material to test data, or rank materials by their fits: `fem_snh.fit` and `rank`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem_snh import materials
+from fem_snh.errors import BadInput, bad_value, check_number
+from fem_snh.studies.fit.data import TestData, read
+from fem_snh.studies.fit.family import Family
+from fem_snh.studies.fit.least_squares import solve
+from fem_snh.studies.fit.responses import FREE
+from fem_snh.studies.fit.result import Fit
+
+#: Tests whose stress depends on the compressibility alone or mostly.
+_OF_VOLUME = ("volumetric", "confined")
+#: The range in which stability is searched extends beyond the data by this factor, and contains
+#: these stretches.
+_BEYOND, _AT_LEAST = 1.25, (0.5, 2.0)
+
+
+def fit(
+    material: Any,
+    *data: str | Path | TestData,
+    nu: float | None = None,
+    incompressible: bool | None = None,
+    parameters: Sequence[str] | None = None,
+    held: Mapping[str, Any] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    relative: bool = False,
+    stable_range: tuple[float, float] | None = None,
+    test: Sequence[str] | str | None = None,
+    columns: Sequence[str] | None = None,
+    unit: str | None = None,
+    weights: Sequence[float] | None = None,
+) -> Fit:
+    """Fit a material to test data by bounded least squares.
+
+    Parameters
+    ----------
+    material : str or callable
+        As for `fem_snh.material`.
+    *data : str, Path or TestData
+        Files of test data; several are fitted at once.
+    nu : float, optional
+        Poisson's ratio.
+    incompressible : bool, optional
+        Whether the volume is constant. By default it is, without ``nu`` and without volumetric and
+        confined tests; with these nu is fitted.
+    parameters : sequence of str, optional
+        The shape parameters that are fitted, besides E; all that are numbers by default. "alpha" is
+        the nonlinearity of any material.
+    held : mapping, optional
+        Values of shape parameters that are not fitted.
+    bounds : mapping, optional
+        (lowest, highest) values of parameters.
+    relative : bool
+        Minimise differences relative to the measured stresses.
+    stable_range : (float, float), optional
+        Stretches between which stability is evaluated; by default those of the data, and beyond.
+    test, columns, unit, weights : optional
+        Kind of each file's test, names of the columns, unit of the stresses and weight of each
+        file, where the files do not state them.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    BadInput
+        For everything that is wrong in the arguments and the files.
+
+    Notes
+    -----
+    Stresses of an incompressible material do not depend on its volume term. The parameters E and
+    shape parameters determine the constants in the literature: mu_lame = E/3 there.
+    """
+    tests = read_all(data, test, columns, unit, weights)
+    incompressible, fit_nu, nu = _compressibility(tests, nu, incompressible)
+    searched = _searched(tests, stable_range)
+    keywords = (held or {}, parameters, bounds)
+    family = Family(material, incompressible, nu, *keywords)
+    solution = solve(family, tests, None if incompressible else nu, relative, fit_nu)
+    if fit_nu and family.depends_on_nu:  # e.g. the barrier of stable_neo_hookean below nu = 0.4
+        family = Family(material, incompressible, solution.nu, *keywords)
+        solution = solve(family, tests, None, relative, fit_nu)
+    return Fit(material, family, tests, solution, fit_nu, searched)
+
+
+def rank(*data: str | Path | TestData, **keywords: Any) -> Iterator[Fit | tuple[str, str]]:
+    """Fit every material of `fem_snh.materials()`, in the order of their names.
+
+    Parameters
+    ----------
+    *data, **keywords
+        As for `fit`.
+
+    Yields
+    ------
+    Fit or (str, str)
+        The fit, or the name of a material that cannot be fitted and the reason. `ordered` sorts
+        the fits.
+
+    Raises
+    ------
+    BadInput
+        For everything that is wrong in the files.
+    """
+    given = {k: keywords.pop(k, None) for k in ("test", "columns", "unit", "weights")}
+    tests = read_all(data, **given)
+    for name in materials.names():
+        try:
+            yield fit(name, *tests, **keywords)
+        except BadInput as error:
+            yield name, str(error)
+
+
+def ordered(fits: Sequence[Fit]) -> list[Fit]:
+    """Return fits from the best to the worst: those stable at all data first, then by AICc."""
+    return sorted(fits, key=lambda f: (not f.stable_at_data, f.aicc))
+
+
+def read_all(
+    data: Sequence[str | Path | TestData],
+    test: Sequence[str] | str | None = None,
+    columns: Sequence[str] | None = None,
+    unit: str | None = None,
+    weights: Sequence[float] | None = None,
+) -> list[TestData]:
+    """Return the tests of all files.
+
+    Raises
+    ------
+    BadInput
+        Without files, and for everything that is wrong in one.
+    """
+    if not data:
+        raise BadInput("fit: no test data: expected the name of a file")
+    tests = _each("test", [test] if isinstance(test, str) else test, len(data))
+    loads = _each("weights", weights, len(data))
+    for value in loads:
+        if value is not None:
+            check_number("weights", value, 0, exclusive=True)
+    found: list[TestData] = []
+    for given, kind, weight in zip(data, tests, loads, strict=True):
+        if isinstance(given, TestData):
+            found.append(given)
+        else:
+            found += read(given, kind, columns, unit, weight)
+    return found
+
+
+def _each(key: str, values: Sequence[Any] | None, count: int) -> list[Any]:
+    """Return one value for each file."""
+    if values is None:
+        return [None] * count
+    if len(values) == 1:
+        return list(values) * count
+    if len(values) != count:
+        raise bad_value(key, list(values), f"one value, or one for each of {count} files")
+    return list(values)
+
+
+def _compressibility(
+    tests: Sequence[TestData], nu: float | None, incompressible: bool | None
+) -> tuple[bool, bool, float]:
+    """Return whether the material is incompressible, whether nu is an unknown, and its value."""
+    volume = [t for t in tests if t.kind in _OF_VOLUME]
+    if nu is not None and incompressible:
+        raise BadInput("fit: nu and incompressible: expected one of the two")
+    if nu is not None:
+        check_number("nu", nu, -1, highest=0.5, exclusive=True)
+    if nu == 0.5:
+        nu, incompressible = None, True
+    if incompressible is None:
+        incompressible = nu is None and not volume
+    if incompressible and volume:
+        raise BadInput(
+            f"{volume[0].name}: a test '{volume[0].kind}' of an incompressible material: expected "
+            "nu = a number below 0.5, or none to fit it"
+        )
+    if incompressible:
+        return True, False, 0.5
+    if nu is None and not volume:
+        raise BadInput(
+            "fit: nu = none of a compressible material without a volumetric or confined test: "
+            "expected nu = a number below 0.5"
+        )
+    return False, nu is None, 0.45 if nu is None else float(nu)
+
+
+def _searched(tests: Sequence[TestData], given: tuple[float, float] | None) -> tuple[float, float]:
+    """Return the stretches between which stability is evaluated."""
+    if given is not None:
+        low, high = given
+        check_number("range", low, 0, highest=1, exclusive=True)
+        check_number("range", high, 1)
+        return float(low), float(high)
+    x = np.concatenate([_AT_LEAST, *(t.x for t in tests if t.kind in FREE)])
+    return float(x.min()) / _BEYOND, float(x.max()) * _BEYOND

@@ -1,0 +1,228 @@
+"""Fits to test data: published constants, exact regressions, stable ranges, the result's forms."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fem_snh
+from fem_snh.studies.fit import TestData, ordered, rank
+from fem_snh.studies.fit.data import read
+
+#: Ogden's fit to Treloar's data (Ogden 1972): mu_p [Pa] and alpha_p.
+OGDEN = (np.array([0.63e6, 0.0012e6, -0.01e6]), np.array([1.3, 5.0, -2.0]))
+#: The exponent b of the lateral stretch x^-b in tests that keep the volume.
+LATERAL = {"uniaxial": 0.5, "equibiaxial": 2.0, "planar": 1.0}
+TRELOAR = {test.kind: test for test in read("treloar")}
+
+
+def ogden_stress(kind: str, x: np.ndarray) -> np.ndarray:
+    """Return sum mu_p (x^(a_p - 1) - x^(-b a_p - 1)) [Pa]."""
+    mu, a = OGDEN
+    return (mu * (x[:, None] ** (a - 1) - x[:, None] ** (-LATERAL[kind] * a - 1))).sum(axis=1)
+
+
+def data(kind: str, x: np.ndarray, stress: np.ndarray) -> TestData:
+    return TestData(kind, kind, x, stress, np.ones(len(x)))
+
+
+def test_treloars_data_have_the_points_of_the_literature() -> None:
+    """Steinmann et al. 2012 fit mu = 0.5673 MPa of a neo-Hookean material to the uniaxial test."""
+    assert {k: len(t.x) for k, t in TRELOAR.items()} == {
+        "uniaxial": 24, "equibiaxial": 16, "planar": 13
+    }  # fmt: skip
+    f = fem_snh.fit("neo_hookean", TRELOAR["uniaxial"])
+    assert f.E / 3e6 == pytest.approx(0.5673, rel=3e-4)  # the data have three digits
+
+
+def test_stresses_of_ogdens_published_constants() -> None:
+    """E = 3/2 sum mu_p alpha_p, weights mu_p."""
+    mu, a = OGDEN
+    x = np.linspace(0.4, 7.6, 40)
+    for kind in LATERAL:
+        tests = [data(kind, x, ogden_stress(kind, x))]
+        f = fem_snh.fit("ogden", *tests, held={"exponents": tuple(a), "weights": tuple(mu)})
+        assert f.E == pytest.approx(1.5 * mu @ a, rel=1e-12)
+        assert f.stress(kind, x) == pytest.approx(ogden_stress(kind, x), rel=1e-11)
+
+
+def test_ogdens_constants_are_found_from_his_stresses() -> None:
+    """Three digits of each constant, and the stresses to 1 %, from rounded stresses."""
+    tests = [
+        data(kind, t.x, np.array([float(f"{p:.5g}") for p in ogden_stress(kind, t.x)]))
+        for kind, t in TRELOAR.items()
+    ]
+    f = fem_snh.fit("ogden", *tests)
+    for t in f.tests:
+        assert t.stress == pytest.approx(ogden_stress(t.data.kind, t.data.x), rel=1e-2)
+    a, w = np.array(f.shape["exponents"]), np.array(f.shape["weights"])
+    mu = f.E / 3 * w / (w @ a / 2)
+    assert a == pytest.approx(OGDEN[1], rel=1e-2)
+    assert mu == pytest.approx(OGDEN[0], rel=2e-2)
+
+
+def test_ogdens_fit_to_treloars_data_is_not_better_than_ours() -> None:
+    f = fem_snh.fit("ogden", *TRELOAR.values())
+    published = sum(
+        float(((ogden_stress(k, t.x) - t.stress) ** 2).sum()) for k, t in TRELOAR.items()
+    )
+    assert sum(float(t.residual @ t.residual) for t in f.tests) < published
+    assert f.r_squared > 0.998
+    assert f.evaluations < 1000  # of 50 us each
+
+
+def test_constants_and_errors_are_those_of_a_linear_regression() -> None:
+    """Mooney-Rivlin in a uniaxial test is linear in C1 and C2: numpy's least squares."""
+    t = TRELOAR["uniaxial"]
+    x = t.x[t.x < 4]
+    P = t.stress[t.x < 4]
+    A = 2 * np.stack([x - x**-2, (x - x**-2) / x], axis=1)
+    C, (cost,), *_ = np.linalg.lstsq(A, P, rcond=None)
+    covariance = cost / (len(x) - 2) * np.linalg.inv(A.T @ A)
+    f = fem_snh.fit("mooney_rivlin", data("uniaxial", x, P))
+    assert f.parameters["C1"] == pytest.approx(C[0], rel=1e-6)
+    assert f.E == pytest.approx(6 * C.sum(), rel=1e-6)
+    assert f.errors["C1"] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-4)
+    assert f.errors["E"] == pytest.approx(6 * np.sqrt(covariance.sum()), rel=1e-4)
+    assert f.r_squared == pytest.approx(1 - cost / ((P - P.mean()) ** 2).sum(), rel=1e-9)
+
+
+def test_weights_of_several_tests() -> None:
+    """A test of weight w counts w^2: the mean of two moduli by their weights."""
+    x = np.array([1.1, 1.2, 1.5])
+    one = TestData("a", "uniaxial", x, 1.0 * (x - x**-2), np.full(3, 2.0))
+    two = TestData("b", "uniaxial", x, 3.0 * (x - x**-2), np.full(3, 1.0))
+    f = fem_snh.fit("neo_hookean", one, two)
+    assert f.E / 3 == pytest.approx((4 * 1 + 1 * 3) / 5, rel=1e-12)
+
+
+def test_relative_errors() -> None:
+    """The best mu minimises sum (mu g/P - 1)^2."""
+    t = TRELOAR["uniaxial"]
+    large = t.stress > 0.05 * t.stress.max()  # smaller ones have the error of that
+    ratio = ((t.x - t.x**-2) / t.stress)[large]
+    f = fem_snh.fit("neo_hookean", data("uniaxial", t.x[large], t.stress[large]), relative=True)
+    assert f.E / 3 == pytest.approx(ratio.sum() / (ratio @ ratio), rel=1e-12)
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.45])
+def test_nu_is_fitted_with_a_volumetric_test(nu: float) -> None:
+    """Hencky's energy: P = E log(x)/x uniaxial, 3 K log(x)/x volumetric."""
+    x, v = np.linspace(0.7, 1.5, 9), np.linspace(0.9, 1.1, 5)
+    tests = [
+        data("uniaxial", x, 2 * np.log(x) / x),
+        data("volumetric", v, 2 / (1 - 2 * nu) * np.log(v) / v),
+    ]
+    f = fem_snh.fit("hencky", *tests)
+    assert (f.E, f.nu) == pytest.approx((2, nu), rel=1e-8)
+    assert set(f.errors) == {"E", "nu"}
+
+
+def test_a_parameter_that_the_data_do_not_show() -> None:
+    """kappa acts in compression alone."""
+    x = np.linspace(1.0, 1.3, 7)
+    E_strain = (x**2 - 1) / 2
+    f = fem_snh.fit("stvk_kikuuwe", data("uniaxial", x, x * E_strain), nu=0.0)
+    assert f.E == pytest.approx(1, rel=1e-9)
+    assert f.errors["kappa"] == np.inf
+
+
+def test_stable_ranges_of_henckys_energy() -> None:
+    """P = E log(x)/x has its maximum at e; unequal stretches in an equibiaxial test begin at e^1/3.
+
+    There A_00 + p s_2 = 2 mu (1 - log x)/x^2 - 4 mu log(x)/x^2 = 0.
+    """
+    x = np.linspace(1.1, 2, 5)
+    f = fem_snh.fit("hencky", data("uniaxial", x, np.log(x) / x), stable_range=(0.5, 6))
+    ends = {s.kind: s.high for s in f.stable}
+    assert ends["uniaxial"] == pytest.approx(np.e, rel=1e-7)
+    assert ends["equibiaxial"] == pytest.approx(np.exp(1 / 3), rel=1e-7)
+    assert all(s.low == 0.5 and not s.whole for s in f.stable)
+    assert f.stable_at_data
+    assert not fem_snh.fit("hencky", TRELOAR["uniaxial"]).stable_at_data
+
+
+def test_stable_range_of_a_compressible_fit_is_that_of_the_report() -> None:
+    x = np.linspace(1.0, 1.3, 7)
+    f = fem_snh.fit("neo_hookean", data("uniaxial", x, x - 1), nu=0.3, stable_range=(0.25, 4))
+    report = f.report()
+    for interval in report.drucker[:2]:
+        (mine,) = [s for s in f.stable if s.kind == interval.path]
+        assert interval.scaling is not None
+        if interval.path == "uniaxial":
+            assert (mine.low, mine.high) == pytest.approx(interval.scaling, rel=1e-6)
+
+
+def test_the_table_is_a_material_of_a_scene() -> None:
+    f = fem_snh.fit("stable_fung", "treloar")
+    table = tomllib.loads(f.table())["material"]
+    assert table.pop("name") == "stable_fung"
+    assert table["nu"] == 0.5
+    again = fem_snh.fit("stable_fung", "treloar", held={k: table[k] for k in ("gamma", "mu_1")})
+    assert again.E == pytest.approx(table["E"], rel=1e-8)
+
+
+def test_the_compiled_material_has_the_fitted_stresses() -> None:
+    """At nu = 0.4999 with the shear modulus of the fit, the pressure from the free side."""
+    f = fem_snh.fit("stable_neo_hookean", TRELOAR["planar"])
+    m = f.material(nu=0.4999)
+    assert m.lame[0] == pytest.approx(f.E / 3, rel=1e-12)
+    x = np.array([1.5, 3.0])
+    F = np.array([np.diag([s, 1, 1 / s]) for s in x])
+    P = m.pk1(F)
+    assert P[:, 0, 0] - P[:, 2, 2] / x**2 == pytest.approx(f.stress("planar", x), rel=1e-12)
+
+
+def test_the_nonlinearity_of_any_material() -> None:
+    """psi(s^alpha)/alpha^2 of stable Neo-Hookean is Ogden's energy of one term, 2 alpha."""
+    a, mu = 1.3, 2.0
+    x = np.linspace(0.6, 3, 12)
+    stress = mu * (x ** (2 * a - 1) - x ** (-a - 1)) / a
+    f = fem_snh.fit("stable_neo_hookean", data("uniaxial", x, stress), parameters=["alpha"])
+    assert f.parameters["alpha"] == pytest.approx(a, rel=1e-7)
+    assert f.E == pytest.approx(3 * mu, rel=1e-7)
+
+
+def test_a_function_of_ones_own() -> None:
+    import sympy
+
+    def gent(I_C, J, mu, lam, *, limit: float = 50.0):  # type: ignore[no-untyped-def]
+        return (
+            -mu * limit / 2 * sympy.log(1 - (I_C - 3) / limit)
+            - mu * (J - 1)
+            + lam / 2 * (J - 1) ** 2
+        )
+
+    x = np.linspace(1.1, 7, 15)
+    stress = 0.27 * 97.2 / (97.2 + 3 - x**2 - 2 / x) * (x - x**-2)
+    f = fem_snh.fit(gent, data("uniaxial", x, stress))
+    assert f.parameters["limit"] == pytest.approx(97.2, rel=1e-6)
+    assert f.E / 3 == pytest.approx(0.27, rel=1e-6)
+    (uniaxial,) = [s for s in f.stable if s.kind == "uniaxial"]
+    locking = np.roots([1, 0, -100.2, 2])  # x^2 + 2/x - 3 = limit
+    assert uniaxial.high <= max(locking) * (1 + 1e-6)
+
+
+def test_ranking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """AICc = n log(cost/n) + 2 k + 2 k (k + 1)/(n - k - 1), with the variance among the k."""
+    names = ["hencky", "neo_hookean", "ogden", "seth_hill"]
+    monkeypatch.setattr("fem_snh.materials.names", lambda: names)
+    found = list(rank("treloar"))
+    fits = ordered([f for f in found if not isinstance(f, tuple)])
+    assert [f.name for f in fits] == ["ogden", "neo_hookean", "hencky"]
+    ((name, reason),) = [f for f in found if isinstance(f, tuple)]
+    assert name == "seth_hill"
+    assert "no volume term" in reason
+    f, n, k = fits[1], 53, 2
+    cost = sum(float(t.residual @ t.residual) for t in f.tests)
+    expected = n * np.log(cost / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+    assert f.aicc == pytest.approx(expected, rel=1e-12)
+
+
+def test_pictures(tmp_path: Path) -> None:
+    f = fem_snh.fit("neo_hookean", "treloar")
+    picture = f.plot(tmp_path / "fit.png")
+    assert picture.read_bytes()[:4] == b"\x89PNG"

@@ -1,0 +1,147 @@
+"""Files of test data: units, names of columns, tests, and one line for everything that is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fem_snh
+from fem_snh import BadInput
+from fem_snh.studies.fit import TestData
+from fem_snh.studies.fit.data import read
+from fem_snh.studies.fit.study import read_all
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "data.csv"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "x", "stress"),
+    [
+        ("# test = uniaxial\nstretch, stress [MPa]\n1.5, 0.2\n", "uniaxial", 1.5, 2e5),
+        ("# Test: Pure shear\nlambda;nominal stress (N/mm²)\n2;0.3\n", "planar", 2.0, 3e5),
+        ("# test = ET\nstrain [%]\tPK1 [kPa]\n50\t2\n", "equibiaxial", 1.5, 2e3),
+        ("gamma stress\n0.4 0.1\n", "simple_shear", 0.4, 0.1),
+        ("# test=uniaxial\nstrain, stress [kgf/cm2], time\n0.5, 2, 7\n", "uniaxial", 1.5, 196133.0),
+        ("# test = confined\nstretch, pressure\n0.9, 2\n", "confined", 0.9, -2.0),
+        ("test, stretch, stress\ncompression, 0.5, -1\n", "uniaxial", 0.5, -1.0),
+        ("# test = uniaxial\n# columns = stretch, stress\n# unit = psi\n1.5, 1\n", "uniaxial", 1.5,
+         6894.757293168361),
+    ],
+)  # fmt: skip
+def test_files(tmp_path: Path, text: str, kind: str, x: float, stress: float) -> None:
+    (found,) = read(written(tmp_path, text))
+    assert found.kind == kind
+    assert found.x == pytest.approx([x], rel=1e-15)
+    assert found.stress == pytest.approx([stress], rel=1e-12)
+
+
+def test_pressure_over_volume(tmp_path: Path) -> None:
+    """P = -p J^(2/3): the nominal stress on the faces of a cube of side J^(1/3)."""
+    (found,) = read(written(tmp_path, "J, pressure [MPa]\n0.729, 10\n"))
+    assert found.kind == "volumetric"
+    assert found.x == pytest.approx([0.9], rel=1e-14)
+    assert found.stress == pytest.approx([-10e6 * 0.81], rel=1e-14)
+
+
+def test_options_replace_what_a_file_states(tmp_path: Path) -> None:
+    path = written(tmp_path, "# test = uniaxial\nstretch, stress [MPa]\n1.5, 0.2\n")
+    (found,) = read(path, test="planar", columns=["stress", "strain"], unit="Pa", weight=3)
+    assert (found.kind, found.x[0], found.stress[0], found.weight[0]) == ("planar", 1.2, 1.5, 3)
+
+
+def test_a_column_of_tests_and_of_weights(tmp_path: Path) -> None:
+    text = "test, stretch, stress, weight\nut, 1.5, 1, 2\nps, 1.2, 0.5, 1\nut, 2, 2, 4\n"
+    first, second = read(written(tmp_path, text))
+    assert (first.kind, second.kind) == ("uniaxial", "planar")
+    assert np.array_equal(first.weight, [2, 4])
+    assert first.name == "data uniaxial"
+
+
+HEAD = "# test = uniaxial\nstretch, stress\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no line of numbers"),
+        ("1.5, 2\n", "no line of column names"),
+        ("stretch, stress\n1.5, 2\n", "no test: expected a line '# test = uniaxial|"),
+        ("# test = uniaxal\nstretch, stress\n1.5, 2\n", "(did you mean 'uniaxial'?)"),
+        ("# test = uniaxial\nstretch, force\n1.5, 2\n", "expected one column stress or pressure"),
+        ("# test = uniaxial\nstress\n1.5\n", "expected one column stretch or strain"),
+        ("# test = uniaxial\nstretch, true stress\n1.5, 2\n", "expected the nominal stress"),
+        ("# test = uniaxial\nstretch, stress [lb]\n1.5, 2\n", "unit = 'lb': expected one of Pa"),
+        ("# test = uniaxial\nstretch [mm], stress\n1.5, 2\n", "unit of stretch = 'mm'"),
+        (HEAD + "1.5\n", "line 3: 1 values: expected 2 or more"),
+        (HEAD + "1.5, x\n", "line 3: stress = 'x': expected a number"),
+        (HEAD + "1.5, nan\n", "line 3: stress = nan: expected a finite number"),
+        (HEAD + "0, 1\n", "line 3: stretch = 0.0: expected a number > 0"),
+        (HEAD + "1, 0\n", "expected a deformation and a stress other than 0"),
+        (HEAD + "0.5, 1\n0.4, 2\n", "every stress has the wrong sign"),
+        (HEAD.replace("stress", "pressure") + "0.5, 1\n", "expected stress"),
+        ("# test = planar\nshear, stress\n1, 1\n", "expected stretch or strain"),
+        ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected the amount of shear"),
+        ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(BadInput) as error:
+        read(written(tmp_path, text))
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    written(tmp_path, HEAD)
+    with pytest.raises(BadInput, match=r"no such file \(did you mean 'data.csv'\?\)"):
+        read(tmp_path / "datas.csv")
+    with pytest.raises(BadInput, match="Is a directory"):
+        read(tmp_path)
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(BadInput, match="expected a text file"):
+        read(tmp_path / "picture.png")
+
+
+X = np.array([1.1, 1.2, 1.3])
+PULL = TestData("pull", "uniaxial", X, X - 1, np.ones(3))
+SQUEEZE = TestData("squeeze", "volumetric", 2 - X, 1 - X, np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("tests", "keywords", "message"),
+    [
+        ((), {}, "no test data"),
+        ((PULL, SQUEEZE), {"incompressible": True}, "squeeze: a test 'volumetric' of an incompre"),
+        ((PULL,), {"incompressible": True, "nu": 0.3}, "expected one of the two"),
+        ((PULL,), {"incompressible": False}, "expected nu = a number below 0.5"),
+        ((PULL,), {"nu": 0.6}, "nu = 0.6: expected a number from -1 to 0.5"),
+        ((PULL,), {"parameters": ["gama"]}, "parameters = 'gama'"),
+        ((PULL,), {"held": {"gama": 1}}, "has no parameter 'gama' (did you mean 'gamma'?)"),
+        ((PULL,), {"bounds": {"gamma": (1, 0)}}, "the lowest value first"),
+        ((PULL,), {"stable_range": (1.5, 2)}, "range = 1.5"),
+        ((PULL,), {"weights": [1, 2]}, "expected one value, or one for each of 1 files"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_arguments(tests: tuple, keywords: dict, message: str) -> None:
+    with pytest.raises(BadInput) as error:
+        fem_snh.fit("stable_fung", *tests, **keywords)
+    assert message in str(error.value)
+
+
+def test_too_few_points_and_too_far() -> None:
+    with pytest.raises(BadInput, match="3 points for 6 unknowns"):
+        fem_snh.fit("ogden", PULL)
+    far = TestData("far", "uniaxial", X + 1, X, np.ones(3))
+    with pytest.raises(BadInput, match="no fit has a stress at all measured stretches"):
+        fem_snh.fit("stvk", far, nu=0.45)  # t^2 = 1 - nu (x^2 - 1) < 0
+
+
+def test_weights_of_files(tmp_path: Path) -> None:
+    path = written(tmp_path, HEAD + "1.5, 1\n")
+    assert [t.weight[0] for t in read_all([path, path], weights=[1, 5])] == [1, 5]
