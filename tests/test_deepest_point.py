@@ -153,7 +153,7 @@ def test_a_run_has_the_note(comm: MPI.Comm, folder: Any) -> None:
 
 def test_of_a_common_node_the_smallest_facet_counts() -> None:
     gaps, x = np.array([[-0.1, 0.2], [-0.1, 0.0]]), np.ones((2, 2, 3))
-    point = DeepestPoint.among(gaps, np.array([4.0, 1.0]), x)
+    point = DeepestPoint.among(gaps, np.array([2.0, 1.0]), x)
     assert point == (0.1, 1.0, [1, 1, 1])
     assert point.row(0.06) == {"deepest": 0.1}  # 1.7 times as deep
     assert point.row(0.04) == {"deepest": 0.1, "deepest_at": [1, 1, 1]}

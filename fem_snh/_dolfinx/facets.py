@@ -14,7 +14,12 @@ from fem_snh._dolfinx.meshes import cell_name, num_owned, reference_facets
 Array = np.ndarray
 
 #: The facets of each kind of cell.
-FACET_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+FACET_OF = {
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+    "triangle": "interval",
+    "quadrilateral": "interval",
+}
 
 
 def exterior_facets(domain: Any) -> tuple[Array, Array, Array]:
@@ -47,13 +52,15 @@ def facet_maps(cell: str) -> tuple[Array, Array]:
 
     Returns
     -------
-    origins : (facets, 3)
+    origins : (facets, dim)
         The images of the reference facet's origin.
-    tangents : (facets, 2, 3)
-        The derivatives by its two coordinates.
+    tangents : (facets, dim - 1, dim)
+        The derivatives by its coordinates.
     """
     kind = getattr(basix.CellType, cell)
-    corners, facets = np.asarray(basix.geometry(kind)), basix.topology(kind)[2]
+    corners = np.asarray(basix.geometry(kind))
+    dim = corners.shape[1]
+    facets = basix.topology(kind)[dim - 1]
     origins = np.array([corners[facet[0]] for facet in facets])
-    tangents = [[corners[facet[i]] - corners[facet[0]] for i in (1, 2)] for facet in facets]
+    tangents = [[corners[facet[i]] - corners[facet[0]] for i in range(1, dim)] for facet in facets]
     return origins, np.array(tangents)

@@ -54,9 +54,9 @@ class ContactTable(Table):
         """Whether the method is the augmented Lagrangian."""
         return self.method == "augmented_lagrangian"
 
-    def absolute_tolerance(self, volume: float) -> float | None:
-        """Return the tolerance [m] of a body of some volume [m^3]; None for the default."""
-        return None if self.tolerance is None else self.tolerance * volume ** (1 / 3)
+    def absolute_tolerance(self, length: float) -> float | None:
+        """Return the tolerance [m] of a body of this size [m]; None for the default."""
+        return None if self.tolerance is None else self.tolerance * length
 
 
 Pair = Annotated[
@@ -111,7 +111,7 @@ class Contact(Feature, ContactTable):
         pairs = []
         for contact in features:
             first, second = (body.facets("contact.groups", group) for group in contact.groups)
-            tolerance = contact.absolute_tolerance(body.volume)
+            tolerance = contact.absolute_tolerance(body.length)
             method = contact.stiffness, contact.augmented, tolerance, body.motion is None
             pairs.append(BodyPair(contact.name, first, second, *method))
         return [BodyContact(body.V, body.regions, pairs)]

@@ -16,10 +16,10 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
     local_values,
-    nodal_vectors,
     update_ghosts,
     writable_values,
 )
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix, embedded_surface
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
@@ -41,12 +41,17 @@ class ObstacleFields:
         The displacement's space.
     pairs : sequence of ObstaclePair
         The contact with each obstacle.
+    kinematics : Kinematics, optional
+        That of the displacement.
     """
 
-    def __init__(self, V: Any, pairs: Sequence[ObstaclePair]) -> None:
+    def __init__(
+        self, V: Any, pairs: Sequence[ObstaclePair], kinematics: Kinematics = SOLID
+    ) -> None:
         self._pairs, self._X = pairs, V.tabulate_dof_coordinates()
+        self._kinematics = kinematics
         self._space = Q = _dolfinx.function_space(V.mesh, 1)
-        self._surface = SurfaceQuadrature(Q, degree=pairs[0].surface.degree)
+        self._surface = SurfaceQuadrature(Q, None, pairs[0].surface.degree, kinematics.revolved)
         nodes = _dolfinx.reference_nodes(_dolfinx.cell_name(V.mesh), _dolfinx.degree(V))
         self._table = _dolfinx.tabulate_values(Q, nodes)
         self._nodes, self._num_nodes = _dolfinx.node_dofs(V), sum(_dolfinx.num_nodes(V))
@@ -55,7 +60,7 @@ class ObstacleFields:
 
     def evaluate(self, name: str, u: PETSc.Vec) -> Array:
         """Return a field at the displacement's nodes, ghosts included, (nodes,)."""
-        values = nodal_vectors(u)
+        values = self._kinematics.padded(local_values(u))
         if name == "contact_pressure":
             return self._pressure(values)
         x = self._X + values

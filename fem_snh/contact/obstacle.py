@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import BadInput, bad_value, on_every
 from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
-from fem_snh.geometry.shapes import ClosedSurface
+from fem_snh.geometry.shapes import Box, ClosedSurface
 from fem_snh.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
@@ -21,6 +23,7 @@ from fem_snh.tables.validation import Expect
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
+    from fem_snh.assembly.kinematics import Kinematics
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
@@ -31,7 +34,7 @@ CsvFile = Annotated[FilePath, Expect("the path of a CSV file")]
 class Obstacle(Feature, ContactTable):
     """A rigid obstacle, which may move: the body's surface does not enter it."""
 
-    key = "obstacle"
+    key, planar = "obstacle", True
     nodal_fields: ClassVar[Mapping[str, OutputField]] = AT_OBSTACLES
     shape: ShapeChoice | None = Field(default=None, description="Its shape, or 'surface'.")
     surface: StlFile | None = Field(
@@ -91,15 +94,21 @@ class Obstacle(Feature, ContactTable):
         """Return one term of all obstacles. Collective."""
         from fem_snh.contact.obstacle_contact import ObstacleContact, RigidContact  # imports PETSc
 
-        comm = body.domain.comm
-        shapes = on_every(comm, lambda: [o.moving(body.amplitudes) for o in features])
+        comm, kinematics = body.domain.comm, body.kinematics
+
+        def read() -> list[MovingShape]:
+            return [o.moving(body.amplitudes) for o in features]
+
+        shapes = on_every(comm, read)
+        if kinematics.dim == 2:
+            shapes = [_in_plane(kinematics, *pair) for pair in zip(names(features), shapes)]
         contacts = []
         for name, obstacle, shape in zip(names(features), features, shapes, strict=True):
-            group, tolerance = obstacle.group, obstacle.absolute_tolerance(body.volume)
+            group, tolerance = obstacle.group, obstacle.absolute_tolerance(body.length)
             facets = None if group is None else body.facets("obstacle.group", group)
             law = obstacle.friction, obstacle.stiffness, tolerance, obstacle.augmented
             contacts.append(RigidContact(name, shape, *law, facets, body.motion is None))
-        term = ObstacleContact(body.V, body.regions, contacts)
+        term = ObstacleContact(body.V, body.regions, contacts, kinematics)
         for pair in term.pairs:
             pair.linearised = bool(body.motion and body.motion.integrator.name == "semi_implicit")
         return [term]
@@ -122,6 +131,51 @@ class Obstacle(Feature, ContactTable):
                 "pose": terms[0].contacts[i].obstacle.affine(0.0),
             }
         return {"obstacles": found}
+
+
+#: Largest component of a direction out of the plane in two dimensions: rounding.
+_FLAT = 1e-9
+#: Loads at which a motion must keep the plane.
+_LOADS = np.linspace(0.0, 1.0, 9)
+
+
+def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> MovingShape:
+    """Return an obstacle of a body in two dimensions, where z = 0.
+
+    A box is as wide along z as no distance sees.
+
+    Raises
+    ------
+    BadInput
+        For a shape or a motion that is not symmetric to the plane; on a body of revolution, for a
+        rotation in the half plane.
+    """
+    if kinematics.components == 3:
+        raise bad_value("obstacle", name, f"no obstacle, with kinematics = '{kinematics.name}'")
+    accepted = "a shape and a motion in the plane z = 0"
+    shape = _widened(obstacle.shape)
+    finite = shape.bounds[:, :2][np.isfinite(shape.bounds[:, :2])]
+    reach = float(np.abs(finite).max(initial=1.0))
+    probes = np.zeros((64, 3))
+    probes[:, :2] = np.random.default_rng(0).uniform(-2 * reach, 2 * reach, (64, 2))
+    if np.abs(shape.evaluate(probes).gradient[:, 2]).max() > _FLAT:
+        raise bad_value("obstacle", name, accepted)
+    for load in _LOADS:
+        R, c = obstacle.pose(float(load))
+        if np.abs([*R[:2, 2], *R[2, :2], c[2] / reach]).max() > _FLAT:
+            raise bad_value("obstacle", name, accepted)
+        if kinematics.revolved and np.abs(R - np.eye(3)).max() > _FLAT:
+            raise bad_value("obstacle", name, "a translation, on a body of revolution")
+    return MovingShape(shape, obstacle.motion)
+
+
+def _widened(shape: Any) -> Any:
+    """Return a shape with its boxes wider along z than in the plane."""
+    if isinstance(shape, Box):
+        return replace(shape, size=(*shape.size[:2], 2 * max(shape.size)))
+    if hasattr(shape, "shapes"):
+        return replace(shape, shapes=tuple(map(_widened, shape.shapes)))
+    return shape
 
 
 def names(obstacles: Sequence[Obstacle]) -> list[str]:

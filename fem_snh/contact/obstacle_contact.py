@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.ghosted_vectors import nodal_vectors, writable_values
+from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.fields import ObstacleFields
@@ -27,11 +28,11 @@ from fem_snh.terms.settling import LaggedChange, largest_change
 
 Array = npt.NDArray[Any]
 
-#: Degree of the quadrature on facets of hexahedra and of tetrahedra: 2 x 2 and 3 points. A constant
-#: pressure is integrated exactly for elements of degree 1 and 2. With more points than a facet can
-#: follow the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest of all
-#: points is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3.
-_DEGREE = (3, 2)
+#: Degree of the quadrature on facets: 2 x 2 points of quadrilaterals, 3 of triangles, 2 of curves.
+#: A constant pressure is integrated exactly for elements of degree 1 and 2. With more points than a
+#: facet can follow the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest
+#: of all points is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3.
+_DEGREE = {"quadrilateral": 3, "triangle": 2, "interval": 3}
 #: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
 #: the friction coefficient times the penetration.
 _TANGENTIAL = 1.0
@@ -91,6 +92,8 @@ class ObstacleContact:
         The materials, which the default stiffness depends on.
     contacts : sequence of RigidContact
         The obstacles.
+    kinematics : Kinematics, optional
+        That of the displacement.
 
     Attributes
     ----------
@@ -102,11 +105,18 @@ class ObstacleContact:
 
     name, has_energy = "obstacle", True
 
-    def __init__(self, V: Any, regions: Sequence[Region], contacts: Sequence[RigidContact]) -> None:
+    def __init__(
+        self,
+        V: Any,
+        regions: Sequence[Region],
+        contacts: Sequence[RigidContact],
+        kinematics: Kinematics = SOLID,
+    ) -> None:
         self.comm, self.contacts, self._V = V.mesh.comm, list(contacts), V
+        self._kinematics = kinematics
         self._fields: ObstacleFields | None = None
-        tetrahedra = _dolfinx.cell_name(V.mesh) == "tetrahedron"
-        self.surface = surface = SurfaceQuadrature(V, degree=_DEGREE[tetrahedra])
+        degree = _DEGREE[_dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]]
+        self.surface = surface = SurfaceQuadrature(V, None, degree, kinematics.revolved)
         self.X = V.tabulate_dof_coordinates()
         heights, default = cell_heights(surface, V), default_stiffness(surface, V, regions)
         self.pairs = list[ObstaclePair]()
@@ -143,7 +153,7 @@ class ObstacleContact:
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of contact and friction [J]. Collective."""
-        values = nodal_vectors(u)
+        values = self._nodal(u)
         local = sum(pair.energy(values) for pair in self.pairs)
         return float(self.comm.allreduce(local, op=MPI.SUM))
 
@@ -151,7 +161,8 @@ class ObstacleContact:
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Add the forces [N] to all entries of ``r_u``, ghosts included."""
-        values, r = nodal_vectors(u), writable_values(r_u).reshape(-1, 3)
+        values = self._nodal(u)
+        r = writable_values(r_u).reshape(-1, self._kinematics.components)
         for pair in self.pairs:
             pair.add_gradient(values, r)
 
@@ -160,7 +171,7 @@ class ObstacleContact:
     ) -> int:
         """Add the filtered Hessian; return how many points of this rank were filtered."""
         choose("filter", filter, FILTERS)
-        values, count = nodal_vectors(u), 0
+        values, count = self._nodal(u), 0
         for pair in self.pairs:
             cells, matrices, filtered = pair.matrices(values, filter)
             target.add_matrices(cells, matrices)
@@ -178,7 +189,7 @@ class ObstacleContact:
         ``pose``, the rows [R | c] of the map from the obstacle's reference position to its present
         one. With friction ``sliding``, how many of the points slide.
         """
-        rows, comm, values = dict[str, dict[str, Any]](), self.comm, nodal_vectors(u)
+        rows, comm, values = dict[str, dict[str, Any]](), self.comm, self._nodal(u)
         for contact, pair in zip(self.contacts, self.pairs, strict=True):
             at, friction = pair.points(values), pair.friction
             weighted = self.surface.weights[at.which] * at.pressure
@@ -206,18 +217,22 @@ class ObstacleContact:
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
         """Return a field of `ObstacleFields`: see `FieldTerm`. Collective."""
         if self._fields is None:
-            self._fields = ObstacleFields(self._V, self.pairs)
+            self._fields = ObstacleFields(self._V, self.pairs, self._kinematics)
         return self._fields.evaluate(name, u)
+
+    def _nodal(self, u: PETSc.Vec) -> Array:
+        """Return nodal displacements (local nodes, 3)."""
+        return self._kinematics.padded(local_values(u))
 
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset multipliers and friction to those of the last accepted step."""
-        values = nodal_vectors(u)
+        values = self._nodal(u)
         for pair in self.pairs:
             pair.begin_step(values)
 
     def update_lagged(self, u: PETSc.Vec) -> LaggedChange:
         """Update multipliers and lagged forces; return their largest change. Collective."""
-        values, changes = nodal_vectors(u), list[LaggedChange]()
+        values, changes = self._nodal(u), list[LaggedChange]()
         for c, pair in zip(self.contacts, self.pairs, strict=True):
             at = pair.points(values)
             changes += pair.law.settle(*at[:3])
@@ -229,14 +244,14 @@ class ObstacleContact:
 
     def step_work(self, u: PETSc.Vec, end_weight: float) -> tuple[float, float]:
         """Return the work of moving obstacles in a step, and what friction dissipated [J]."""
-        values = nodal_vectors(u)
+        values = self._nodal(u)
         local = np.sum([pair.work(values, end_weight) for pair in self.pairs], axis=0)
         work, lost = self.comm.allreduce(local).tolist()
         return work, lost
 
     def end_step(self, u: PETSc.Vec) -> None:
         """Keep multipliers, and the elastic part of the slip."""
-        values = nodal_vectors(u)
+        values = self._nodal(u)
         for pair in self.pairs:
             pair.end_step(values)
 

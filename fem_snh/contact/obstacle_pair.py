@@ -290,7 +290,7 @@ class ObstaclePair:
         x = self.surface.positions_at(facet_grid(self.surface.kind), u, near)
         gaps = np.hstack([gap, self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])])
         x = np.concatenate([self.surface.positions(u, near), x], axis=1)
-        return DeepestPoint.among(gaps, self.surface.weights[near].sum(axis=1), x)
+        return DeepestPoint.among(gaps, self.surface.sizes[near], x)
 
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""

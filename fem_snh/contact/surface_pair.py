@@ -223,7 +223,7 @@ class SurfacePass:
         known[at.point] = at.gaps.gap
         both = np.hstack([known.reshape(self.own.weights.shape), gaps.reshape(grid.shape[:2])])
         positions = np.concatenate([self.own.basis @ x[self.own.nodes], grid], axis=1)
-        return DeepestPoint.among(both, self.own.weights.sum(axis=1), positions)
+        return DeepestPoint.among(both, self.own.weights.sum(axis=1) ** 0.5, positions)
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the nodes [N], (m, 3)."""

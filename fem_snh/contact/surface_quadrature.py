@@ -33,6 +33,9 @@ _LEAST = 0.05
 class SurfaceQuadrature:
     r"""Quadrature points of boundary facets of a displacement space. Not collective.
 
+    In two dimensions facets are curves, and vectors have a third component, which is zero: points
+    and gaps are those of three dimensions.
+
     The nodes of every facet are ordered such that one table of shape functions serves all facets.
     With the reference coordinates X and the nodal displacements u_a, the point q of a facet is at
 
@@ -41,12 +44,14 @@ class SurfaceQuadrature:
     Parameters
     ----------
     V : dolfinx function space
-        The displacement's space: Lagrange of degree 1 or 2, 3 components.
+        The displacement's space: Lagrange of degree 1 or 2.
     facets : (n,) int, optional
         Local numbers of facets, of which those on the boundary are used. Default: all of them.
     degree : int, optional
         Polynomial degree that the rule integrates exactly. Default: that of products of two shape
         functions (3 points on triangles of degree 1, 6 of degree 2; 4 and 9 on quadrilaterals).
+    revolved : bool, optional
+        Whether the body is the mesh revolved about the axis x = 0: weights are of the whole turn.
 
     Attributes
     ----------
@@ -56,25 +61,33 @@ class SurfaceQuadrature:
         Local nodes of V on each facet, ghosts included.
     cell_nodes : (facets, k) int
         Their indices among the nodes of the cell.
-    kind : {"triangle", "quadrilateral"}
+    kind : {"triangle", "quadrilateral", "interval"}
         The reference facet.
     degree : int
         Degree of polynomials that the rule integrates exactly.
-    points : (points, 2)
+    points : (points, d)
         Quadrature points on the reference facet.
     basis : (points, k)
         Shape functions N_a at the points.
-    derivatives : (points, k, 2)
-        Their derivatives by the two coordinates of the reference facet.
+    derivatives : (points, k, d)
+        Their derivatives by the d = 2 coordinates of the reference facet; 1 of a curve.
     weights : (facets, points)
-        Quadrature weights in the reference configuration [m^2].
+        Quadrature weights in the reference configuration [m^2]; per thickness, of the whole turn.
+    areas : (facets,)
+        Areas of the facets [m^2], of curves their lengths [m].
     X : (facets, points, 3)
         Reference coordinates of the points [m].
     normals : (facets, points, 3)
         Unit normals in the reference configuration, which point out of the body.
     """
 
-    def __init__(self, V: Any, facets: Array | None = None, degree: int | None = None) -> None:
+    def __init__(
+        self,
+        V: Any,
+        facets: Array | None = None,
+        degree: int | None = None,
+        revolved: bool = False,
+    ) -> None:
         domain, order = V.mesh, _dolfinx.degree(V)
         cell = _dolfinx.cell_name(domain)
         self.num_nodes = sum(_dolfinx.num_nodes(V))
@@ -97,20 +110,25 @@ class SurfaceQuadrature:
         self.basis = _dolfinx.tabulate_values(V, first)[:, numbers[0]]
         self.derivatives = _dolfinx.tabulate(V, first)[:, numbers[0]] @ tangents[0].T
         self._set_geometry(domain, weights, origins, tangents)
+        if revolved:
+            self.weights *= 2 * np.pi * self.X[..., 0]
 
     def _set_geometry(self, domain: Any, weights: Array, origins: Array, tangents: Array) -> None:
         """Set weights, coordinates and normals."""
         self.X = self._coordinates(self.points, ALL)
         x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)[self.cells]]
-        normals = np.empty_like(self.X)
+        normals, dim = np.empty_like(self.X), origins.shape[1]
         for number, (origin, tangent) in enumerate(zip(origins, tangents, strict=True)):
             mine = self._local == number
             points = origin + self.points @ tangent
             gradients = _dolfinx.tabulate_geometry(domain, points) @ tangent.T
-            a, b = np.einsum("cni,pnj->jcpi", x[mine], gradients, optimize=True)
-            normals[mine] = np.cross(a, b)
+            found = np.einsum("cni,pnj->cpij", x[mine], gradients, optimize=True)
+            normals[mine] = cross_tangents(found)
         areas = np.linalg.norm(normals, axis=2)
         self.weights = areas * weights
+        self.areas: Array = self.weights.sum(axis=1)
+        #: Lengths of the facets [m]: roots of the areas, (facets,).
+        self.sizes = self.areas ** (1 / (dim - 1))
         outwards = self.X - x.mean(axis=1, keepdims=True)
         sign = np.sign(np.einsum("cpi,cpi->cp", normals, outwards))
         self.normals = normals * (sign / areas)[..., None]
@@ -139,7 +157,7 @@ class SurfaceQuadrature:
         return np.asarray(self.X[which] + self.displacements(u, which))
 
     def positions_at(self, points: Array, u: Array, which: Which = ALL) -> Array:
-        """Return the deformed coordinates of other points (n, 2) of the reference facet [m].
+        """Return the deformed coordinates of other points (n, d) of the reference facet [m].
 
         The other arguments are those of `displacements`; the result is (m, n, 3).
         """
@@ -170,12 +188,12 @@ class SurfaceQuadrature:
             Vectors v_q, with the quadrature weights.
         which : (m,) int
             The facets.
-        out : (local nodes, 3)
+        out : (local nodes, components)
             Nodal vectors, ghosts included.
         """
         nodal = self.basis.T @ values
         nodes = self.nodes[which].ravel()
-        for i in range(3):
+        for i in range(out.shape[1]):
             out[:, i] += np.bincount(nodes, nodal[..., i].ravel(), self.num_nodes)
 
     def cell_matrices(self, values: Array, which: Which) -> Array:
@@ -194,14 +212,23 @@ class SurfaceQuadrature:
             Matrices of all displacement dofs of ``cells[which]``, node by node, as
             `fem_snh.assembly.assembled_matrix.BlockMatrix.add_matrices` expects them.
         """
-        m, (points, k) = len(values), self.basis.shape
+        m, (points, k), c = len(values), self.basis.shape, _dolfinx.num_components(self._V)
         products = (self.basis[:, :, None] * self.basis[:, None]).reshape(points, k * k)
-        blocks = (products.T @ values.reshape(m, points, 9)).reshape(m, k, k, 3, 3)
+        entries = values[..., :c, :c].reshape(m, points, c * c)
+        blocks = (products.T @ entries).reshape(m, k, k, c, c)
         n, nodes = self._num_cell_nodes, self.cell_nodes[which]
-        found = np.zeros((m, n, 3, n, 3))
+        found = np.zeros((m, n, c, n, c))
         rows = np.arange(m)[:, None, None]
         found[rows, nodes[:, :, None], :, nodes[:, None], :] = blocks
-        return found.reshape(m, 3 * n, 3 * n)
+        return found.reshape(m, c * n, c * n)
+
+
+def cross_tangents(tangents: Array) -> Array:
+    """Return normals (..., 3) of tangents (..., 3, d) of facets: with d = 1 times e_z."""
+    if tangents.shape[-1] == 2:
+        return np.cross(tangents[..., 0], tangents[..., 1])
+    t = tangents[..., 0]
+    return np.stack([t[..., 1], -t[..., 0], np.zeros_like(t[..., 0])], axis=-1)
 
 
 def _facet_nodes(nodes: Array, origins: Array, tangents: Array) -> Array:
@@ -228,7 +255,8 @@ class DeepestPoint(NamedTuple):
     depth : float
         Its depth [m]; 0 if the surface is outside.
     size : float
-        Square root of the area at rest of its facet, the smallest one of several [m].
+        Square root of the area at rest of its facet, of a curve its length, the smallest one of
+        several [m].
     position : list of float
         Its present coordinates [m].
     """
@@ -238,15 +266,15 @@ class DeepestPoint(NamedTuple):
     position: list[float] = []
 
     @classmethod
-    def among(cls, gaps: Array, areas: Array, x: Array) -> DeepestPoint:
+    def among(cls, gaps: Array, sizes: Array, x: Array) -> DeepestPoint:
         """Return the deepest of some points.
 
         Parameters
         ----------
         gaps : (facets, points)
             Signed distances [m].
-        areas : (facets,)
-            Areas of the facets [m^2].
+        sizes : (facets,)
+            Sizes of the facets [m].
         x : (facets, points, 3)
             Positions [m].
         """
@@ -254,8 +282,8 @@ class DeepestPoint(NamedTuple):
         if lowest >= 0:
             return cls()
         facets, points = np.nonzero(gaps == lowest)
-        i = areas[facets].argmin()
-        return cls(-lowest, float(areas[facets[i]] ** 0.5), x[facets[i], points[i]].tolist())
+        i = sizes[facets].argmin()
+        return cls(-lowest, float(sizes[facets[i]]), x[facets[i], points[i]].tolist())
 
     @staticmethod
     def deepest(points: Iterable[DeepestPoint]) -> DeepestPoint:
@@ -273,8 +301,10 @@ class DeepestPoint(NamedTuple):
 
 
 def facet_grid(kind: str) -> Array:
-    """Return the grid's points on the reference facet, (n, 2): 15 of a triangle, 25 of others."""
+    """Return the grid's points on the reference facet, (n, d): 5 along an edge."""
     s = np.arange(_INTERVALS + 1)
+    if kind == "interval":
+        return s[:, None] / _INTERVALS
     points = np.stack(np.meshgrid(s, s, indexing="ij"), axis=-1).reshape(-1, 2)
     if kind == "triangle":
         points = points[points.sum(axis=1) <= _INTERVALS]

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Shape, from_record
 from fem_snh.tables.types import Positive, Vector
-from fem_snh.tables.validation import BoundedPositive, Expect, Table
+from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Table
 
 Size = Annotated[
     tuple[BoundedPositive, ...],
@@ -87,6 +87,20 @@ class BoxShape(_ShapeTable):
     )
 
 
+Corners = Annotated[
+    tuple[tuple[Bounded, Bounded], ...], Expect("three or more points, [[x, y], ...]")
+]
+
+
+class PolygonShape(_ShapeTable):
+    """A polygon in the plane (x, y), of a body in two dimensions; in three an infinite prism."""
+
+    kind = "polygon"
+    points: Corners = Field(
+        description="The corners in turn, [[x, y], ...] [length]; the last edge closes it."
+    )
+
+
 def _check_shapes(shapes: list[Any]) -> list[Any]:
     """Raise BadInput for an empty list."""
     if not shapes:
@@ -113,6 +127,9 @@ class ShapeChoice(Table):
     cylinder: CylinderShape | None = Field(default=None, description="A circular cylinder.")
     capsule: CapsuleShape | None = Field(default=None, description="A cylinder with round ends.")
     box: BoxShape | None = Field(default=None, description="A rectangular box.")
+    polygon: PolygonShape | None = Field(
+        default=None, description="A polygon, for meshes of two dimensions."
+    )
     union: Annotated[list[ShapeChoice], AfterValidator(_check_shapes)] | None = Field(
         default=None, description="All points of several shapes, a list of tables as `shape` is."
     )

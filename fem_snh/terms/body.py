@@ -93,6 +93,11 @@ class Body:
         """The reference volume of the mesh [m^3]. Collective."""
         return volume(self.domain, self.kinematics.revolved)
 
+    @property
+    def length(self) -> float:
+        """The size of the body, V^(1/3) [m]; in a plane the root of its area. Collective."""
+        return self.volume ** (1 / self.kinematics.volume_dimension)
+
     @cached_property
     def modulus(self) -> float:
         """The Young's modulus [Pa] by which forces are scaled. Collective."""

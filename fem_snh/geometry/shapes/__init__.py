@@ -2,12 +2,13 @@
 
 from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
+from fem_snh.geometry.shapes.polygon import Polygon
 from fem_snh.geometry.shapes.records import from_record
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Evaluation, Shape
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 
 __all__ = [
-    "Box", "Capsule", "ClosedSurface", "Cylinder", "Evaluation", "Plane", "Shape", "SmoothUnion",
-    "Sphere", "Union", "from_record",
+    "Box", "Capsule", "ClosedSurface", "Cylinder", "Evaluation", "Plane", "Polygon", "Shape",
+    "SmoothUnion", "Sphere", "Union", "from_record",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fem_snh.geometry.shapes.box import Box, Plane
+from fem_snh.geometry.shapes.polygon import Polygon
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Shape
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
@@ -17,6 +18,7 @@ _CLASSES: dict[str, Any] = {
     "cylinder": Cylinder,
     "capsule": Capsule,
     "box": Box,
+    "polygon": Polygon,
 }
 #: Keys of tables that are words of Python, and their names in the classes.
 _RENAMED = {"from": "start", "to": "end"}
@@ -43,6 +45,11 @@ def from_record(record: Mapping[str, Any]) -> Shape:
         return Union(tuple(map(from_record, keys)))
     if kind == "smooth_union":
         return SmoothUnion(tuple(map(from_record, keys["shapes"])), keys["blend"])
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in keys.items()}
+    values = {key: _tuples(v) for key, v in keys.items()}
     shape: Shape = _CLASSES[kind](**{_RENAMED.get(key, key): v for key, v in values.items()})
     return shape
+
+
+def _tuples(value: Any) -> Any:
+    """Return lists, and lists in lists, as tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

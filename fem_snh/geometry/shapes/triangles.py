@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
+from fem_snh.geometry.shapes.polygon import Polygon
 from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
 from fem_snh.geometry.shapes.shape import Array, Shape
 
@@ -43,6 +44,8 @@ def surface_triangles(shape: Shape, centre: Array, radius: float) -> tuple[Array
         return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
     if isinstance(shape, Box):
         return _box(shape)
+    if isinstance(shape, Polygon):
+        return _prism(np.array(shape.points, dtype=float), centre[2], radius)
     if isinstance(shape, Sphere):
         up = np.array([0.0, 0.0, 1.0])
         return _revolved(np.asarray(shape.center), up, *_arc(shape.radius, 0.0))
@@ -83,6 +86,16 @@ def _revolved(origin: Array, axis: Array, height: Array, radius: Array) -> tuple
     edges = x[triangles[:, 1:]] - x[triangles[:, :1]]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     return x, triangles[area > 1e-12 * area.max()]  # without those at the poles
+
+
+def _prism(corners: Array, height: float, radius: float) -> tuple[Array, Triangles]:
+    """Return the sides of a prism over a polygon (m, 2), up to a radius from a height."""
+    m = len(corners)
+    ends = [np.column_stack([corners, np.full(m, height + z)]) for z in (-radius, radius)]
+    i = np.arange(m)
+    j = (i + 1) % m
+    sides = [np.stack([i, j, j + m], axis=1), np.stack([i, j + m, i + m], axis=1)]
+    return np.concatenate(ends), np.concatenate(sides)
 
 
 def _box(box: Any) -> tuple[Array, Triangles]:

@@ -69,7 +69,8 @@ class ObstacleSeries(Collection):
         BadInput
             On every rank, if a file cannot be written.
         """
-        x = problem.coordinates + problem.x.array_r[: problem.coordinates.size].reshape(-1, 3)
+        u = problem.x.array_r[: problem.owned_displacements]
+        x = problem.coordinates + problem.kinematics.padded(u)
         box = np.array(bounding_box(self.comm, x))
         on_root(self.comm, self._write, problem.load, t, box)
         self.times.append(t)

@@ -1,0 +1,110 @@
+"""A polygon of the plane (x, y): an obstacle of two dimensions, in three an infinite prism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fem_snh.errors import bad_value
+from fem_snh.geometry.shapes.shape import Array, Evaluation, inverse, lengths
+
+#: Distance, in parts of the polygon's diagonal, below which the direction to the closest point is
+#: rounding error: the normal of the edge then replaces it.
+_ON_EDGE = 1e-10
+#: Parameters of the closest point on an edge this close to 0 or 1 are its ends.
+_AT_END = 1e-12
+
+
+@dataclass(frozen=True)
+class Polygon:
+    r"""All points (x, y, z) whose (x, y) is inside of a polygon.
+
+    Outside of a corner the level sets are rounded, with curvature 1/d. On the medial axis the first
+    of the closest edges counts.
+
+    Parameters
+    ----------
+    points : tuple of (2,) tuples
+        The corners in turn, clockwise or not; the last edge leads back to the first [length].
+
+    Raises
+    ------
+    BadInput
+        For fewer than three corners, an edge of no length, edges that cross, or no area.
+    """
+
+    points: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        x = np.array(self.points, dtype=float)
+        simple = "three or more corners of a polygon whose edges do not meet elsewhere"
+        if len(x) < 3 or not lengths(np.roll(x, -1, axis=0) - x).all() or _crosses(x):
+            raise bad_value("points", [list(p) for p in self.points], simple)
+
+    @cached_property
+    def _edges(self) -> tuple[Array, Array, Array]:
+        """Starts (m, 2), directions (m, 2) and outward normals (m, 2) of the edges."""
+        x = np.array(self.points, dtype=float)
+        after = np.roll(x, -1, axis=0)
+        if (x[:, 0] * after[:, 1] - after[:, 0] * x[:, 1]).sum() < 0:
+            x = x[::-1]
+            after = np.roll(x, -1, axis=0)
+        way = after - x
+        normal = np.column_stack([way[:, 1], -way[:, 0]]) / lengths(way)[:, None]
+        return x, way, normal
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest coordinates, (2, 3)."""
+        x = np.array(self.points, dtype=float)
+        return np.array([[*x.min(axis=0), -np.inf], [*x.max(axis=0), np.inf]])
+
+    def distance(self, x: Array) -> Array:
+        """Return the signed distance at points x (n, 3)."""
+        return self.evaluate(x).distance
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return the signed distance at points x (n, 3), with its gradient and its Hessian."""
+        start, way, normal = self._edges
+        p = x[:, None, :2] - start
+        t = np.clip(np.einsum("nmi,mi->nm", p, way) / (way**2).sum(axis=1), 0.0, 1.0)
+        arms = p - t[..., None] * way
+        squares = np.einsum("nmi,nmi->nm", arms, arms)
+        row, edge = np.arange(len(x)), squares.argmin(axis=1)
+        arm, at, length = arms[row, edge], t[row, edge], np.sqrt(squares[row, edge])
+        # At a corner the sign is that of the sum of both normals (Baerentzen & Aanaes 2005).
+        other = np.where(at < 0.5, edge - 1, (edge + 1) % len(way))
+        corner = (at < _AT_END) | (at > 1 - _AT_END)
+        pseudo = normal[edge] + np.where(corner[:, None], normal[other], 0.0)
+        sign = np.where((arm * pseudo).sum(axis=1) < 0, -1.0, 1.0)
+        far = length > _ON_EDGE * float(np.ptp(start, axis=0).max())
+        flat = np.where(far[:, None], sign[:, None] * arm * inverse(length)[:, None], normal[edge])
+        gradient = np.zeros((len(x), 3))
+        gradient[:, :2] = flat
+        hessian = np.zeros((len(x), 3, 3))
+        # The level sets around a corner are circles; a reentrant one has them inside.
+        curved = (np.eye(2) - flat[:, :, None] * flat[:, None]) * (sign * inverse(length))[
+            :, None, None
+        ]
+        hessian[:, :2, :2] = np.where((corner & far)[:, None, None], curved, 0.0)
+        return Evaluation(sign * length, gradient, hessian)
+
+
+def _crosses(x: Array) -> bool:
+    """Return whether two edges of a closed polygon (m, 2) cross or overlap."""
+    a, b, m = x, np.roll(x, -1, axis=0), len(x)
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        return np.asarray(
+            (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1])
+            - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+        )
+
+    first, second = np.triu_indices(m, 2)
+    apart = ~((first == 0) & (second == m - 1))  # neighbours share a corner
+    p, q, r, s = a[first[apart]], b[first[apart]], a[second[apart]], b[second[apart]]
+    meets = (side(p, q, r) * side(p, q, s) <= 0) & (side(r, s, p) * side(r, s, q) <= 0)
+    overlaps = (np.maximum(p, q) >= np.minimum(r, s)) & (np.maximum(r, s) >= np.minimum(p, q))
+    return bool((meets & overlaps.all(axis=1)).any()) or not side(a, b, np.zeros_like(a)).sum()
