@@ -23,6 +23,7 @@ from fem_snh.problem.dolfinx_problem import (
     create_dolfinx_problem,
 )
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program_reactions import HasReactions
 from fem_snh.solver.options import check_given_options
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
@@ -37,7 +38,7 @@ PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 _MAX_STEPS = 1_000_000
 
 
-class NonlinearProblem(EstimatesErrors):
+class NonlinearProblem(EstimatesErrors, HasReactions):
     """Find the displacement that minimises the energy of materials and UFL terms. Collective.
 
     Names and arguments are those of :class:`dolfinx.fem.petsc.NonlinearProblem` (0.10 and later),

@@ -134,6 +134,7 @@ _STEP = _table(
         "obstacles": _MOVED,
         "bones": _MOVED,
         "reactions": _named(_list(_number_or_null)),
+        "moments": _named(_list(_number_or_null)),
         "probes": _named(_list(_number_or_null)),
     },
 )

@@ -54,6 +54,7 @@ COMMON = (
     "c_declarations",
     "atomic_files",
     "run_record",
+    "run_tables",
     "run_files",
     "pvd",
     "_petsc",

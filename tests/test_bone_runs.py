@@ -58,8 +58,8 @@ def test_forces_of_bones_balance_the_loads(tmp_path):
     with (tmp_path / "steps.csv").open() as file:
         row = list(csv.DictReader(file))[-1]
     found = step["bones"]["lower"]
-    assert float(row["lower_force_z"]) == found["force"][2]
-    assert float(row["lower_moment_x"]) == found["moment"][0]
+    assert float(row["lower.force.z"]) == found["force"][2]
+    assert float(row["lower.moment.x"]) == found["moment"][0]
 
 
 @pytest.mark.parametrize("time", [None, {"duration": 0.2, "steps": 4}])

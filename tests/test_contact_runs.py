@@ -17,7 +17,7 @@ from fem_snh.viewing.render.fields import written_fields
 def test_a_plate_presses_and_rubs(comm, tmp_path):
     """The force on the block is that on its fixed side; friction is at most 0.3 of the pressure."""
     folder = comm.bcast(tmp_path)
-    scene = slide().model_copy(update={"reactions": ["bottom"]})
+    scene = slide().model_copy(update={"reactions": [scenes.Reaction("bottom")]})
     result = solve(scene, comm=comm, out=folder)
     assert result.converged and result.record["terms"] == ["elastic", "obstacle"]
     steps = record(folder)["steps"]

@@ -92,7 +92,7 @@ def test_rows_and_resume(folder: Path) -> None:
         assert (row["newton"], row["linear"]) == (other["newton"], other["linear"])
         np.testing.assert_allclose(other["energy"], row["energy"], rtol=1e-13)
     header = (folder / "whole/steps.csv").read_text().splitlines()[0].split(",")
-    assert {"upper_bottom/lower_top_force_z", "solves"} <= {*header}
+    assert {"upper_bottom/lower_top.force.z", "solves"} <= {*header}
     _, a = checkpoint.load(folder / "whole")
     _, b = checkpoint.load(folder / "cut")
     np.testing.assert_array_equal(a["u"], b["u"])

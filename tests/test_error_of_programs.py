@@ -12,7 +12,7 @@ from running import solve
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Probe
+from fem_snh.scenes import Probe, Reaction
 from fem_snh.terms.traction import Traction
 
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
@@ -27,7 +27,7 @@ def test_a_program_has_the_errors_of_its_scene(comm):
                 update={"name": "stable_neo_hookean", "nu": 0.49}
             ),
             "probe": [Probe(name="side", point=POINT)],
-            "reactions": ["top"],
+            "reactions": [Reaction("top", (0, 0, -1))],
             "error": True,
         }
     )
@@ -38,6 +38,7 @@ def test_a_program_has_the_errors_of_its_scene(comm):
     assert converged(problem)
     before = body.u.x.array.copy()
     goals = {"side": POINT, "top.force": body.bcs[1], "energy": "energy", "volume": "volume"}
+    goals["top.moment"] = (body.bcs[1], (0, 0, -1))
     found = problem.estimate_error(goals)
     assert found.reason == ""
     assert (body.u.x.array == before).all()

@@ -56,7 +56,7 @@ def test_a_body_touches_itself(tmp_path):
     np.testing.assert_allclose(last["bodies"], 0, atol=1e-6 * last["force"])
     assert "self_contact" in result.record["terms"]
     header = (tmp_path / "clip" / "steps.csv").read_text().splitlines()[0]
-    assert "self_contact_pairs" in header and "self_contact_bodies" not in header
+    assert "self_contact.pairs" in header and "self_contact.bodies" not in header
 
 
 @needs_ipctk

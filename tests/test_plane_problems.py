@@ -337,14 +337,55 @@ def test_torsion_of_a_cylinder(element):
     made = solve(u, material, bcs, element=element, kinematics="axisymmetric_torsion")
     x, values = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, size)
     assert abs(values.T - turned(x.T)).max() < 2e-4
-    force = made.x.duplicate()
-    made._problem.gradient(made.x, force)
-    nodes = sides(V, 1, height)
-    f = force.array[: values.size].reshape(-1, size)[nodes]
-    position = x[nodes, 0] + values[nodes, 0], values[nodes, 2]
-    torque = (position[0] * f[:, 2] - position[1] * f[:, 0]).sum()
-    assert torque == pytest.approx(np.pi / 2 * twist, rel=1e-4)
-    assert f[:, 1].sum() == pytest.approx(-np.pi / 4 * twist**2, rel=2e-3)
+    # The third component is along z, so that the turn is about -y.
+    bottom, top = (made.reaction_moment(c) for c in bcs)
+    assert top == pytest.approx([0, -np.pi / 2 * twist, 0], rel=1e-4)
+    assert bottom == pytest.approx(-top, rel=1e-6)
+    axial = made.reaction_force(bcs[1])[1]
+    assert axial == pytest.approx(-np.pi / 4 * twist**2, rel=2e-3)
+    about = (0.3, 7.0, -0.2)  # the forces of the turn add up to one along the axis
+    shifted = top - np.cross(about, [0, axial, 0])
+    assert made.reaction_moment(bcs[1], about) == pytest.approx(shifted, rel=1e-9)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["Q2Q1", "P2P1"])
+def test_pure_bending_of_a_block(comm, element):
+    """Rivlin's flexure: the ends exert no force, but a moment that is the integral of r s_tt."""
+    h, length, turn = 0.5, 0.8, 1.2
+    alpha = length / turn
+    # r^2 = 2 alpha X + beta with free surfaces, where r_1 r_2 = alpha^2.
+    beta = alpha * np.sqrt(alpha**2 + h**2)
+    r1, r2 = (np.sqrt(beta + s * alpha * h) for s in (-1, 1))
+    assert r1 * r2 == pytest.approx(alpha**2)
+
+    def bent(x):
+        r, t = np.sqrt(2 * alpha * x[0] + beta), x[1] / alpha
+        return np.array([r * np.cos(t) - x[0], r * np.sin(t) - x[1]])
+
+    def hoop(r):  # with mu = 1
+        radial = r**2 / (2 * alpha**2) + alpha**2 / (2 * r**2)
+        radial -= r1**2 / (2 * alpha**2) + alpha**2 / (2 * r1**2)
+        return radial + r**2 / alpha**2 - alpha**2 / r**2
+
+    radii, weights = np.polynomial.legendre.leggauss(30)
+    radii, weights = (r1 + r2) / 2 + (r2 - r1) / 2 * radii, (r2 - r1) / 2 * weights
+    assert weights @ hoop(radii) == pytest.approx(0, abs=1e-13)
+    moment = weights @ (radii * hoop(radii))
+    domain = rectangle(comm, element, (-h / 2, 0.0), (h / 2, length), (4, 6))
+    u = displacement(domain, element, "plane_strain")
+    V = u.function_space
+    bcs = [c for y in (0.0, length) for c in prescribe(V, 1, y, bent)]
+    u.interpolate(bent)
+    material = fem_snh.material("neo_hookean_simo", E=3.0, nu=0.5)
+    made = solve(u, material, bcs, element=element, kinematics="plane_strain")
+    for bc, sign in zip(bcs, (-1, 1), strict=True):
+        assert made.reaction_force(bc) == pytest.approx([0, 0, 0], abs=2e-3 * moment / h)
+        for about in ([0, 0, 0], [0.7, -0.3, 2.0]):
+            found = made.reaction_moment(bc, about)
+            assert found[2] == pytest.approx(sign * moment, rel=2e-3)
+    one, other = (made.reaction_moment(bc, [0.7, -0.3, 0]) for bc in bcs)
+    assert one == pytest.approx(-other, rel=1e-6)
 
 
 @pytest.mark.mpi

@@ -155,7 +155,7 @@ def test_probes_of_a_run_are_in_its_record_and_table(comm: MPI.Comm, folder: Pat
         expected = [0.5 * (np.cos(angle) - 1), 0.5 * np.sin(angle), 0]
         assert step["probes"]["head"] == pytest.approx(expected, abs=1e-12)
         for name, values in step["probes"].items():
-            assert [float(row[f"probe_{name}_{axis}"]) for axis in "xyz"] == values
+            assert [float(row[f"{name}.{axis}"]) for axis in "xyz"] == values
     comm.barrier()
 
 

@@ -100,8 +100,50 @@ def test_forces_are_in_the_record_and_the_table(comm, folder):
     for step, row in zip(steps, rows, strict=True):
         assert set(step["reactions"]) == {"right", "3"}
         for group, force in step["reactions"].items():
-            assert [float(row[f"reaction_{group}_{axis}"]) for axis in "xyz"] == force
+            assert [float(row[f"{group}.force.{axis}"]) for axis in "xyz"] == force
     comm.barrier()
+
+
+@mpi
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_the_moment_is_the_derivative_of_the_energy_by_the_angle(comm, folder, element):
+    """The torque of a turned face, its balance, other points, the table and the goals."""
+    about, other = (0.5, 0.5, 0.5), (2.0, -1.0, 0.3)
+
+    def turned(angle, **kwargs):
+        kwargs = {"cells": 2, "steps": 1, "element": element, "petsc": TIGHT} | kwargs
+        return solve("twist", comm=comm, angle=angle, **kwargs)
+
+    reactions = [{"group": "top", "about": about}, {"group": "bottom", "about": about}, "left"]
+    # A single step of no goal is a step of all: the estimate is of the same state.
+    result = turned(0.6, reactions=reactions, out=folder, **{"accuracy.goals": "top.moment.z"})
+    (step,) = result.steps
+    assert set(step["moments"]) == {"top", "bottom"}
+    h = 1e-3
+    energies = [turned(0.6 + s * h).steps[-1]["energy"] for s in (-1, 1)]
+    top, bottom = (np.array(step["moments"][name]) for name in ("top", "bottom"))
+    assert top[2] == pytest.approx((energies[1] - energies[0]) / (2 * h), rel=1e-5)
+    assert bottom == pytest.approx(-top, abs=1e-8 * top[2])
+    moved = turned(0.6, reactions=[{"group": "top", "about": other}]).steps[-1]
+    force = np.array(step["reactions"]["top"])
+    shift = np.cross(np.subtract(about, other), force)
+    assert moved["moments"]["top"] == pytest.approx(top + shift, abs=1e-8 * top[2])
+    goal = result.goals["top.moment.z"]
+    assert goal["value"] == pytest.approx(top[2], rel=1e-12)
+    assert goal["error"] < 0 and 0.01 < goal["relative"] < 0.5  # coarse elements are too stiff
+    comm.barrier()
+    with (folder / "steps.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert [float(row[f"top.moment.{axis}"]) for axis in "xyz"] == step["moments"]["top"]
+    assert float(row["top.moment.z.error"]) == goal["error"]
+    comm.barrier()
+
+
+def test_mistakes_in_a_moment():
+    with pytest.raises(BadInput, match=r"reactions\.0: unknown key 'abuot'.*'about'"):
+        solve("twist", cells=1, reactions=[{"group": "top", "abuot": [0, 0, 0]}])
+    with pytest.raises(BadInput, match=r"reactions\.0\.about = \[0, 0\]: expected three finite"):
+        solve("twist", cells=1, reactions=[{"group": "top", "about": [0, 0]}])
 
 
 @mpi

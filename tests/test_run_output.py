@@ -143,7 +143,7 @@ def test_a_material_without_energy_has_none_in_its_record(comm, folder):
     assert [step["energy"] for step in result.steps] == [None, None]
     assert [step["energy"] for step in record(folder)["steps"]] == [None, None]
     assert [row["energy"] for row in rows(folder)] == ["", ""]
-    assert all(row["residual"] and row["reaction_right_x"] for row in rows(folder))
+    assert all(row["residual"] and row["right.force.x"] for row in rows(folder))
     reader = pyvista.get_reader(str(folder / "fields.pvd"))
     reader.set_active_time_value(1.0)
     assert set(reader.read().combine().cell_data.keys()) & {

@@ -44,7 +44,7 @@ def test_groups_of_a_scene_are_in_its_mesh(name: str, element: str, comm: Any) -
     cell = ELEMENTS[scene.element].cell
     mesh = generate(comm, scene.mesh.source, cell, cells=scene.cells, **scene.mesh.parameters)
     groups = [c.group for c in (*scene.hold, *scene.move, *scene.traction)]
-    for group in (*groups, *scene.reactions):
+    for group in (*groups, *(reaction.group for reaction in scene.reactions)):
         assert mesh.group(group).count > 0
 
 

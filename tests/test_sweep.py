@@ -67,7 +67,12 @@ def test_a_row_cut_off_is_forgotten(tmp_path: Path) -> None:
     assert [row["point"] for row in table.rows()] == ["a", "b"]
     assert StudyTable(table.path, table.columns).path.read_text() == whole
     assert table.rows()[0]["status"] == 'with, "comma"'
-    table.drop(["a"])
+    table.append({"point": "d", "top.force.z": 2.5})  # the column of a result
+    assert table.rows()[0]["top.force.z"] == ""
+    again = StudyTable(table.path, ["point", "status"])
+    assert again.columns == ["point", "status", "top.force.z"]
+    assert again.rows()[-1] == {"point": "d", "status": "", "top.force.z": "2.5"}
+    table.drop(["a", "d"])
     assert [row["point"] for row in table.rows()] == ["b"]
 
 
@@ -80,15 +85,19 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame]:
 
 def test_sweep_is_a_tidy_table_and_a_picture(done: tuple[Path, pd.DataFrame]) -> None:
     out, table = done
-    assert list(table.columns) == ["point", *REQUESTED, "angle", "ranks", *MEASURED]
+    results = [f"top.force.{a}" for a in "xyz"]
+    results += [f"{probe}.{a}" for probe in ("side", "edge", "inside") for a in "xyz"]
+    assert list(table.columns) == ["point", *REQUESTED, "angle", "ranks", *MEASURED, *results]
     assert len(table) == 4 and table["converged"].all() and (table["newton"] > 0).all()
     assert set(table["nu"]) == {0.3, 0.45} and table["num_cells"].eq(8).all()
     assert not table.isna().any().any()
     assert (out / "sweep.png").stat().st_size > 1000
-    for name, energy in zip(table["point"], table["energy"], strict=True):
+    for at, (name, energy) in enumerate(zip(table["point"], table["energy"], strict=True)):
         record = json.loads((out / name / "run.json").read_text())
         assert (
             record["steps"][-1]["energy"] == pytest.approx(energy, rel=1e-12)
+            and record["steps"][-1]["probes"]["edge"][1]
+            == pytest.approx(table["edge.y"][at], rel=1e-12)
             and (out / name / "log.txt").exists()
         )
 

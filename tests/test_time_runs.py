@@ -250,7 +250,7 @@ def test_fields_and_tables_are_in_seconds(comm, folder):
     assert found == pytest.approx([0, 0.24, 0.48, 0.6])
     steps = rows(folder)
     assert [float(row["time"]) for row in steps] == pytest.approx([0.12 * k for k in range(1, 6)])
-    assert float(steps[-1]["momentum_z"]) == result.steps[-1]["momentum"][2]
+    assert float(steps[-1]["momentum.z"]) == result.steps[-1]["momentum"][2]
     about = record(folder)["time"]
     assert about["duration"] == 0.6 and about["start"]["momentum"][0] == pytest.approx(500)
     reader = pyvista.get_reader(str(folder / "fields.pvd"))

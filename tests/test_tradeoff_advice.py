@@ -165,7 +165,7 @@ def test_the_bound_contains_the_error_of_the_reference() -> None:
     rows = [row("Q1", n, 1 - 0.4 / n) for n in (4, 8, 16)]
     rows += [row("Q2Q1", n, 1 - 0.2 / n - 0.3 / n**3) for n in (2, 4, 8, 16)]
     table = errors.assess(pd.DataFrame(rows), OF, lambda line: None)
-    true = abs(table["probe_p_x"] - 1)
+    true = abs(table["p.x"] - 1)
     known = table["error_displacement"].notna()
     assert known.sum() == len(rows)
     bounds = pd.Series([errors.error_bound(line) for line in table.to_dict("records")])

@@ -69,7 +69,8 @@ def test_lists_with_commas() -> None:
     found = scenes.load(
         "twist", reactions="top, bottom", volumes="3", **{"move.0.components": "x,y"}
     )
-    assert found.reactions == ["top", "bottom"] and found.volumes == ["3"]
+    assert [reaction.group for reaction in found.reactions] == ["top", "bottom"]
+    assert found.volumes == ["3"]
     assert found.move[0].components == ("x", "y")
     moved = scenes.load("twist", **{"move.0.translate": "0,0, 0.1"}).move[0]
     assert moved.translate == (0.0, 0.0, 0.1)

@@ -17,7 +17,7 @@ def row(element: str, cells: int, x: float, cpu: float = 1.0, **more: Any) -> di
     made = {
         "point": f"{element}-{cells}-{len(more)}", "scene": "hand", "nu": 0.3, "converged": True,
         "default": not more, "h": 1 / cells, "energy": 2 * x, "volume_ratio": 1.0, "cpu": cpu,
-        "probe_p_x": x, "probe_p_y": 0.0, "probe_p_z": 0.0, "dofs": cells**3, "seconds": cpu,
+        "p.x": x, "p.y": 0.0, "p.z": 0.0, "dofs": cells**3, "seconds": cpu,
         "newton": 1, "linear": 1, "peak_memory_mb": 1.0, "status": "as it is",
         "steps": 2,
     }  # fmt: skip

@@ -14,7 +14,17 @@ from scipy.optimize import brentq
 from benchmarks import Row
 from benchmarks.references.compare import TIGHT, compare, solve
 from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Move, Probe, Rotate, Scene, Traction
+from fem_snh.scenes import (
+    Geometry,
+    Hold,
+    MaterialChoice,
+    Move,
+    Probe,
+    Reaction,
+    Rotate,
+    Scene,
+    Traction,
+)
 
 #: Planes of symmetry of the unit cube.
 SYMMETRY = [
@@ -45,7 +55,7 @@ def uniaxial(elements: str = "P2P1,Q2Q1") -> Iterator[Row]:
                 material=MaterialChoice(name="neo_hookean_ogden", **constants),
                 hold=SYMMETRY,
                 move=[Move(group="right", translate=(1, 0, 0), components=("x",))],
-                reactions=["right"],
+                reactions=[Reaction(group="right")],
                 probe=[CORNER],
             )
             _, step = solve(scene, petsc=TIGHT)
@@ -120,7 +130,7 @@ def torsion(elements: str = "P2P1,Q2Q1", cells: int = 0, angle: float = pi / 2) 
                 material=_mooney_rivlin(C1, C2),
                 hold=[Hold(group="left")],
                 move=[Move(group="right", rotate=Rotate(axis=(1, 0, 0), angle=angle))],
-                reactions=["right"],
+                reactions=[Reaction(group="right")],
             )
             result, step = solve(scene)
             torque = step and torque_at(result.problem, 1.0)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import floor, isfinite, log10
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
     NoEstimate,
@@ -22,6 +26,7 @@ from fem_snh.accuracy.lift import (
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
+from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 
 #: An estimate is found when a further reduction of the residual by ten changes it by less than
@@ -31,6 +36,8 @@ _SETTLED = 0.05
 _ROUNDING = 1e-6
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
+#: Errors below this part of the goal are not located: their indicators are sums that cancel.
+_LOCATED = 1e-4
 #: Solves of the lifted problem: the residual is then reduced by 1e-7, the run's own tolerance.
 _MAX_SOLVES = 6
 
@@ -122,6 +129,10 @@ class Estimate:
         Its Newton and linear iterations.
     seconds, jit : float
         Elapsed time, and the part of it that compiled the kernels of the element.
+    indicators : dict of arrays
+        The error of each goal in each cell of this rank, for errors above 1e-4 of the goal.
+    places : dict of Place
+        Where half of each of them is.
     """
 
     goals: dict[str, GoalError] = field(default_factory=dict)
@@ -134,6 +145,8 @@ class Estimate:
     linear: int = 0
     seconds: float = 0.0
     jit: float = 0.0
+    indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    places: dict[str, Place] = field(default_factory=dict)
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
@@ -146,7 +159,16 @@ class Estimate:
         """Return what is printed: a line for each goal, or why there is no estimate."""
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
-        return [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
+        shown = {name: goal for name, goal in self.goals.items() if not goal.is_zero}
+        lines = [goal.text(name) for name, goal in shown.items()]
+        largest = max(
+            (name for name in shown if name in self.places),
+            key=lambda name: abs(shown[name].error or 0.0) / shown[name].scale,
+            default=None,
+        )
+        if largest is not None:
+            lines.append(f"where the error of {largest} is: {self.places[largest]}")
+        return lines
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -163,6 +185,7 @@ class Estimate:
             "linear": self.linear,
             "seconds": self.seconds,
             "jit": self.jit,
+            "places": {name: asdict(place) for name, place in self.places.items()},
         }
 
 
@@ -171,6 +194,7 @@ def estimate_error(
     make: Callable[[Element], Problem],
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
+    mesh: Mesh | None = None,
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -184,6 +208,8 @@ def estimate_error(
         The goals.
     announce : callable, optional
         Called before the lifted problem is created, with its unknowns and memory.
+    mesh : Mesh, optional
+        The mesh, whose groups describe where the error is.
     """
     start, found = perf_counter(), Estimate()
     if problem.kinematics.name != "solid":
@@ -198,6 +224,9 @@ def estimate_error(
         errors = _errors(problem, make, goals, found, announce)
         for name, error in zip(list(found.goals), errors, strict=True):
             found.goals[name] = replace(found.goals[name], error=error)
+        for name, indicators in found.indicators.items():
+            if where := place(problem, indicators, mesh):
+                found.places[name] = where
     except NoEstimate as reason:
         found.reason = str(reason)
     problem.split(problem.x)
@@ -240,13 +269,21 @@ def _errors(
             )
             if (settled and lift.stable) or lift.at_end:
                 break
+        if not lift.stable:
+            raise NoEstimate(
+                f"the equilibrium of {lifted.element.name} near the run's is unstable: its Hessian "
+                "has negative curvature"
+            )
+        # Locking is no part of what the lifted solution leaves.
+        found.saturation = 1.0 if may_lock(problem) else saturation(lifted)
+        sizes = dict(zip(found.goals, errors, strict=True))
+        cells = cell_indicators(
+            lift,
+            goals,
+            lambda name: abs(sizes[name]) > _LOCATED * found.goals[name].scale,
+        )
+        found.indicators = {name: found.saturation * values for name, values in cells.items()}
+        found.linear = lift.linear
     finally:
         lift.destroy()
-    if not lift.stable:
-        raise NoEstimate(
-            f"the equilibrium of {lifted.element.name} near the run's is unstable: its Hessian has "
-            "negative curvature"
-        )
-    # Locking is no part of what the lifted solution leaves.
-    found.saturation = 1.0 if may_lock(problem) else saturation(lifted)
     return [found.saturation * error for error in errors]

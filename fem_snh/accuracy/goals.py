@@ -2,19 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
+
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.reactions import reaction
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
+#: Length of the central difference of residuals relative to the body: about the cube root of the
+#: rounding error, where truncation and rounding are balanced.
+_DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """The lifted problem, linearised about its solution.
+
+    Attributes
+    ----------
+    problem : Problem
+        The lifted problem at its solution.
+    step : PETSc.Vec
+        From the solution that is judged to that of the lifted problem.
+    solve : callable
+        Solves H z = g with the Hessian, which is symmetric. Collective.
+    """
+
+    problem: Problem
+    step: PETSc.Vec
+    solve: Callable[[PETSc.Vec], PETSc.Vec]
+
+    def solve_for(self, derivative: PETSc.Vec) -> PETSc.Vec:
+        """Return z for the derivative of a goal by the displacement, a ghosted vector of ``V``."""
+        g = self.problem.x.duplicate()
+        g.set(0.0)
+        size = self.problem.owned_displacements
+        g.array[:size] = derivative.array_r[:size]
+        return self.solve_free(g)
+
+    def solve_free(self, g: PETSc.Vec) -> PETSc.Vec:
+        """Return z for the derivative of a goal by all unknowns."""
+        g.array[self.problem.constrained_dofs] = 0.0
+        return self.solve(g)
 
 
 class Goal(Protocol):
@@ -26,6 +66,13 @@ class Goal(Protocol):
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """Return a function that evaluates the scalars of the problem's state. Collective."""
+
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """Yield for each scalar the dual solution z: its error is -z . r to first order.
+
+        r is the gradient of the lifted problem's energy at the base's solution, less that of the
+        base's energy; both with the reactions. Collective.
+        """
 
 
 class _Point(NamedTuple):
@@ -63,6 +110,17 @@ class PointGoal:
 
         return values
 
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        probes = Probes(at.problem.u, [self._point])
+        for i in self._components:
+            weights = _dolfinx.create_vector(at.problem.V)
+            set_to_zero(weights)
+            for nodes, basis in probes.weights():
+                writable_values(weights).reshape(-1, 3)[nodes, i] += basis
+            add_ghosts(weights)
+            yield at.solve_for(weights)
+
 
 class ForceGoal:
     """Components of the reaction force [N] on nodes: the sum of dE/du over them.
@@ -88,15 +146,88 @@ class ForceGoal:
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        mask, gradient = self._entries(problem), problem.x.duplicate()
+        mask = self._entries(problem)
 
         def values() -> list[float]:
-            problem.gradient(problem.x, gradient)
-            nodal = gradient.array_r[: mask.size].reshape(-1, 3)
-            total = problem.comm.allreduce(np.where(mask, nodal, 0.0).sum(axis=0))
+            total = reaction(problem, mask)[0]
             return [float(total[i]) for i in self._components]
 
         return values
+
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        mask = self._entries(at.problem)
+        for i in self._components:
+            virtual = np.broadcast_to(np.eye(3)[i], mask.shape)
+            yield _dual_of_reaction(at, mask, virtual)
+
+
+class MomentGoal:
+    """Components of the moment [N m] of the reaction on nodes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the moment.
+    entries : callable
+        Returns the (n, 3) bool mask of the owned dofs whose forces count, given a problem.
+    about : (3,) sequence of float
+        The point [m].
+    components : sequence of int, optional
+        The components; default: all.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        entries: Callable[[Problem], Array],
+        about: Sequence[float],
+        components: Sequence[int] = (0, 1, 2),
+    ) -> None:
+        self._entries, self._about = entries, np.array(about, dtype=float)
+        self._components = list(components)
+        self.names = [f"{name}.{AXES[i]}" for i in components]
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`."""
+        mask = self._entries(problem)
+
+        def values() -> list[float]:
+            total = reaction(problem, mask, self._about)[1]
+            return [float(total[i]) for i in self._components]
+
+        return values
+
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        problem, mask = at.problem, self._entries(at.problem)
+        arms = problem.coordinates + problem.nodal(problem.x) - self._about
+        for i in self._components:
+            yield _dual_of_reaction(at, mask, np.cross(np.eye(3)[i], arms))
+
+
+def _dual_of_reaction(at: Linearisation, mask: Array, virtual: Array) -> PETSc.Vec:
+    """Return the dual solution of e . dE/du, with a virtual displacement e of constrained dofs.
+
+    The derivative is H e, and -e is the dual solution on the constrained dofs.
+    """
+    problem = at.problem
+    constrained = np.zeros(mask.size, dtype=bool)
+    constrained[problem.constrained_dofs[problem.constrained_dofs < mask.size]] = True
+    e = problem.x.duplicate()
+    e.set(0.0)
+    e.array[: mask.size] = np.where(mask.ravel() & constrained, virtual.ravel(), 0.0)
+    return at.solve_free(_hessian_product(problem, e)) - e
+
+
+def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
+    """Return H e by a central difference: the assembled matrix has no constrained columns."""
+    h, product, other = _DIFFERENCE * problem.length, e.duplicate(), e.duplicate()
+    problem.gradient(problem.x + h * e, product)
+    problem.gradient(problem.x - h * e, other)
+    product.axpy(-1.0, other)
+    product.scale(1 / (2 * h))
+    return product
 
 
 class MeanGoal:
@@ -118,6 +249,21 @@ class MeanGoal:
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
+        weights = self._weights(problem)
+
+        def values() -> list[float]:
+            u = problem.split(problem.x)[0]
+            return [float(weight.dot(u)) for weight in weights]
+
+        return values
+
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        for weight in self._weights(at.problem):
+            yield at.solve_for(weight)
+
+    def _weights(self, problem: Problem) -> list[PETSc.Vec]:
+        """Return the derivatives of the means by the displacement."""
         V, dx = problem.V, self._measure
         one = _dolfinx.constant(V.mesh, 1.0)
         size = _dolfinx.assemble_scalar(_dolfinx.form(one * dx))
@@ -125,16 +271,11 @@ class MeanGoal:
         form = _dolfinx.form(ufl.inner(direction, ufl.TestFunction(V)) * dx)
         weights = []
         for i in self._components:
-            direction.value[:] = np.eye(3)[i]
+            direction.value[:] = np.eye(3)[i] / size
             vector = _dolfinx.create_vector(V)
             _dolfinx.assemble_vector(vector, form)
             weights.append(vector)
-
-        def values() -> list[float]:
-            u = problem.split(problem.x)[0]
-            return [float(weight.dot(u)) / size for weight in weights]
-
-        return values
+        return weights
 
 
 class FunctionalGoal:
@@ -163,6 +304,19 @@ class FunctionalGoal:
 
         return values
 
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        form = ufl.replace(self._form, {self._u: at.problem.u})
+        yield at.solve_for(_derivative(at.problem, form))
+
+
+def _derivative(problem: Problem, form: Any) -> PETSc.Vec:
+    """Return the derivative of a form of rank 0 by the displacement, at the present state."""
+    problem.split(problem.x)
+    vector = _dolfinx.create_vector(problem.V)
+    _dolfinx.assemble_vector(vector, _dolfinx.form(ufl.derivative(form, problem.u)))
+    return vector
+
 
 class VolumeGoal:
     """The deformed over the reference volume of the body, or of cells of it.
@@ -189,6 +343,18 @@ class VolumeGoal:
 
         return values
 
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`."""
+        domain, element = at.problem.domain, at.problem.element
+        cells = np.arange(_dolfinx.num_owned(domain, 3), dtype=np.int32)
+        parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
+        dx = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
+        size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
+        J = ufl.det(ufl.Identity(3) + ufl.grad(at.problem.u))
+        derivative = _derivative(at.problem, J * dx)
+        derivative.scale(1 / size)
+        yield at.solve_for(derivative)
+
 
 class EnergyGoal:
     """The energy of all terms [J]."""
@@ -199,3 +365,7 @@ class EnergyGoal:
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         return lambda: [problem.energy(problem.x)]
+
+    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
+        """See `Goal.duals`: the energy's error is r . step / 2, of second order."""
+        yield at.step * -0.5

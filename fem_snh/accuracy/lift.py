@@ -12,10 +12,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from math import nan
+
+from petsc4py import PETSc
 
 import numpy as np
 
 from fem_snh import _dolfinx, solver
+from fem_snh._petsc import set_operators
 from fem_snh.assembly.elements import ELEMENTS, Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -27,6 +31,8 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
+from fem_snh.solver.forcing import relative_tolerance
+from fem_snh.solver.saddle_point import outer_operator
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -48,6 +54,8 @@ _COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron",
 _BYTES_PER_PAIR = 2 * (9 * (8 + 4) + 8)
 #: Reduction of the residual by the first solve and by each further one.
 _FIRST, _FURTHER = 1e-2, 1e-1
+#: Relative tolerance of dual solutions: what their neglected terms of second order leave.
+_DUAL = 1e-2
 #: Newton iterations of one solve: a state that needs more is far from the run's.
 _MAX_IT = 15
 
@@ -174,6 +182,8 @@ class Lift:
     ----------
     newton, linear : int
         Newton and linear iterations so far.
+    start, start_gradient : PETSc.Vec
+        The run's state in the lifted problem, and the gradient of the energy there.
     """
 
     def __init__(self, problem: Problem, lifted: Problem) -> None:
@@ -187,6 +197,8 @@ class Lift:
         lifted.prescribe(lifted.x)
         if lifted.saddle_point is not None:
             self._guess_pressure()
+        self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
+        lifted.gradient(self.start, self.start_gradient)
         lifted.history.begin_step(lifted.split(lifted.x)[0])
         self._snes = solver.create(lifted, prefix=PREFIX)
         self._outcome, self._last_filter = solver.StepOutcome(), ""
@@ -211,6 +223,39 @@ class Lift:
                 f"no equilibrium of {self.lifted.element.name} was found near the run's "
                 f"({outcome.reason} after {self.newton} Newton iterations)"
             )
+
+    def linear_solves(self) -> Callable[[PETSc.Vec], PETSc.Vec]:
+        """Return the solver with the exact Hessian at the present state. Collective.
+
+        Where its preconditioner finds the Hessian indefinite, the filtered one replaces it. The
+        solution is NaN if no solver converges.
+        """
+        lifted, ksp = self.lifted, self._snes.getKSP()
+
+        def assemble(filter: str) -> None:
+            lifted.jacobian(lifted.x, filter)
+            if lifted.saddle_point:
+                lifted.saddle_point.update_schur_approximation(lifted.A)
+            set_operators(ksp, outer_operator(ksp, lifted.operator, lifted.A), lifted.A)
+
+        filters = ["exact", "clamp"]
+        assemble(filters.pop(0))
+
+        def solve(rhs: PETSc.Vec) -> PETSc.Vec:
+            z = rhs.duplicate()
+            while True:
+                z.set(0.0)
+                with relative_tolerance(ksp, _DUAL):
+                    ksp.solve(rhs, z)
+                self.linear += ksp.getIterationNumber()
+                if ksp.getConvergedReason() > 0:
+                    return z
+                if not filters:
+                    z.set(nan)
+                    return z
+                assemble(filters.pop(0))
+
+        return solve
 
     @property
     def at_end(self) -> bool:

@@ -17,6 +17,7 @@ from fem_snh.accuracy.goals import (
     FunctionalGoal,
     Goal,
     MeanGoal,
+    MomentGoal,
     PointGoal,
     VolumeGoal,
 )
@@ -24,9 +25,11 @@ from fem_snh.errors import BadInput, bad_value
 from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.program_reactions import condition_number, three_numbers
 
 _ACCEPTED = (
     "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
+    "a pair of a condition and a point (the moment of its force about it), "
     "a UFL form of rank 0 in u, 'volume' or 'energy'"
 )
 
@@ -47,8 +50,9 @@ class EstimatesErrors:
         ----------
         goals : sequence or mapping
             Each a point [x, y, z] (its displacement), a ``ufl.Measure`` (the mean displacement over
-            its cells or facets), one of ``bcs`` (its reaction force), a UFL form of rank 0 in
-            ``u``, "volume" (deformed over reference volume) or "energy". A mapping names them.
+            its cells or facets), one of ``bcs`` (its reaction force), a pair of one and a
+            point (the moment of this force about it), a UFL form of rank 0 in ``u``, "volume"
+            (deformed over reference volume) or "energy". A mapping names them.
 
         Returns
         -------
@@ -125,10 +129,11 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
     if _dolfinx.is_measure(goal):
         return MeanGoal(name or f"mean {number}", goal)
     if hasattr(goal, "dof_indices"):
-        for i, bc in enumerate(bcs):
-            if bc is goal:
-                return ForceGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
-        raise bad_value(key, "a condition", "one of the problem's bcs")
+        i = condition_number(bcs, goal, key)
+        return ForceGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
+    if isinstance(goal, tuple) and len(goal) == 2 and hasattr(goal[0], "dof_indices"):
+        i, about = condition_number(bcs, goal[0], key), three_numbers(key, goal[1])
+        return MomentGoal(name or f"bcs[{i}].moment", partial(_owned_mask, number=i), about)
     try:
         point = np.asarray(goal, dtype=float)
     except (TypeError, ValueError):

@@ -22,8 +22,9 @@ from fem_snh.errors import bad_value
 from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.mesh.mesh_checks import check_half_plane
-from fem_snh.problem.measures import Reactions, group_cells
+from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
+from fem_snh.problem.reactions import ReactionGroup, Reactions
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
 from fem_snh.terms.body import Body, CreateMotion, group_facets
 from fem_snh.terms.feature import Feature, create_terms
@@ -42,7 +43,7 @@ def create_problem(
     amplitudes: Amplitudes = LOAD_ITSELF,
     motion: CreateMotion | None = None,
     loads: Callable[[Mesh, Any, Sequence[Region], Dirichlet], Sequence[Term]] | None = None,
-    reactions: Sequence[str | int] = (),
+    reactions: Sequence[str | int | ReactionGroup] = (),
     volumes: Sequence[str | int] = (),
     assembly: str = DEFAULT_ASSEMBLY,
 ) -> Problem:
@@ -70,8 +71,9 @@ def create_problem(
         Returns the motion in time of a body: `fem_snh.terms.body.CreateMotion`.
     loads : callable, optional
         Returns further terms, given mesh, displacement, regions and Dirichlet conditions.
-    reactions : sequence of str or int, optional
-        Physical groups whose reaction forces `Problem.reactions` returns.
+    reactions : sequence of str, int or ReactionGroup, optional
+        Physical groups whose reaction forces `Problem.reactions` returns, with the points of their
+        moments.
     volumes : sequence of str or int, optional
         Physical groups of volumes whose volume ratios `Problem.measures` returns.
     assembly : str, optional
@@ -108,7 +110,7 @@ def create_problem(
         regions,
         dirichlet,
         [*terms, *(moving.terms if moving else [])],
-        Reactions(V, mesh, reactions) if reactions else None,
+        Reactions(V, mesh, kinematics, reactions) if reactions else None,
         group_cells(mesh, volumes),
         assembly,
         moving,

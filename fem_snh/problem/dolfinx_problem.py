@@ -136,13 +136,14 @@ class DolfinxConditions:
 
     @property
     def masks(self) -> list[Array]:
-        """The components of nodes that each condition constrains, (local nodes, 3). Collective."""
+        """The components that each condition constrains, (local nodes, components). Collective."""
+        components = _dolfinx.num_components(self._V)
         found = []
         for dofs in self._dofs:
             mask = _dolfinx.create_vector(self._V)
             mask.array[dofs] = 1.0
             update_ghosts(mask)
-            found.append(local_values(mask).reshape(-1, 3) > 0)
+            found.append(local_values(mask).reshape(-1, components) > 0)
         return found
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:

@@ -1,4 +1,4 @@
-"""Scalar measures of a body's state: reaction forces, volume ratio, smallest J."""
+"""Scalar measures of a body's state: volume ratio, smallest J."""
 
 from __future__ import annotations
 
@@ -11,52 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 
 Array = npt.NDArray[Any]
-
-
-class Reactions:
-    """Sums of nodal forces over physical groups. Collective.
-
-    Parameters
-    ----------
-    V : dolfinx function space
-        The displacement's space.
-    mesh : Mesh
-        The mesh.
-    groups : sequence of str or int
-        Names or numbers of physical groups.
-
-    Attributes
-    ----------
-    groups : list of str
-        The groups, as the keys of the result.
-    """
-
-    def __init__(self, V: Any, mesh: Mesh, groups: Sequence[str | int]) -> None:
-        self._comm = mesh.domain.comm
-        self._owned, self._components = _dolfinx.num_nodes(V)[0], _dolfinx.num_components(V)
-        nodes = {str(key): group_nodes(V, mesh, key) for key in groups}
-        self._nodes = {key: n[n < self._owned] for key, n in nodes.items()}
-        self.groups = list(self._nodes)
-
-    def sum(self, gradient: Array) -> dict[str, list[float]]:
-        """Return the force [N] on each group. Collective.
-
-        Parameters
-        ----------
-        gradient : (n,) array
-            This rank's part of dE/du [N], whose first entries are the displacement's.
-        """
-        forces = gradient[: self._components * self._owned].reshape(-1, self._components)
-        local = np.zeros((len(self._nodes), 3))  # a component that the displacement lacks is zero
-        for row, nodes in zip(local, self._nodes.values(), strict=True):
-            row[: self._components] = forces[nodes].sum(axis=0)
-        total = self._comm.allreduce(local)
-        return dict(zip(self._nodes, total.tolist(), strict=True))
 
 
 def group_cells(mesh: Mesh, groups: Sequence[str | int]) -> dict[str, Array]:

@@ -68,6 +68,10 @@ class Probes:
             return None
         return _dolfinx.node_dofs(V)[cell], _dolfinx.tabulate_values(V, xi[None])[0]
 
+    def weights(self) -> list[tuple[Any, Any]]:
+        """Return local nodes and their basis values, for each point in a cell of this rank."""
+        return [(nodes, weights) for _, nodes, weights in self._local]
+
     def values(self) -> dict[str, list[float]]:
         """Return the displacement [m] of each point by name, the same on all ranks. Collective.
 

@@ -27,8 +27,9 @@ from fem_snh.errors import choose
 from fem_snh.mesh.mesh import volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
-from fem_snh.problem.measures import Reactions, body_measures
+from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
+from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import regime_of
 from fem_snh.problem.stiff_parts import StiffParts
 from fem_snh.solver.protocol import Regime
@@ -315,11 +316,15 @@ class Problem:
 
         The sum of dE/du over the group's nodes: the force that the constraint exerts on the body.
         """
+        return self.reaction_sums(x).get("reactions", {})
+
+    def reaction_sums(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
+        """Return the forces and moments that `Reactions.sums` describes. Collective."""
         if self._reactions is None:
             return {}
         r = self.x.duplicate()
         self.gradient(x, r)
-        return self._reactions.sum(r.array_r)
+        return self._reactions.sums(x.array_r, r.array_r)
 
     def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
         """Return fields with one value for each cell of this rank. Collective.

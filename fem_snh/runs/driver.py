@@ -27,6 +27,7 @@ from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, set_up
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.accuracy.goals import Goal
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
@@ -137,13 +138,14 @@ def _run(
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
         earlier = stored.record if stored else None
-        recorder = Recorder(about, scene, setup, folder, start, earlier)
+        goals = _goals(scene, setup)
+        names = [name for goal in goals for name in goal.names]
+        recorder = Recorder(about, scene, setup, folder, start, earlier, names)
         if folder and (scene.obstacle or scene.bone):
             from fem_snh.runs.obstacle_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        goals = _goals(scene, setup)
-        _solve(comm, scene, setup, recorder, printed, goals)
+        estimate = _solve(comm, scene, setup, recorder, printed, goals)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
@@ -152,7 +154,9 @@ def _run(
         unused = [key for key in given if not option_used(solver.PREFIX + key)]
         printed.end(recorder.record, path, unused)
         setup.destroy()
-    return setup.result(setup.stepper.done, status, recorder.record, path)
+    result = setup.result(setup.stepper.done, status, recorder.record, path)
+    result.estimate = estimate
+    return result
 
 
 def _goals(scene: scenes.Scene, setup: Setup) -> list[Goal]:
@@ -171,8 +175,9 @@ def _solve(
     recorder: Recorder,
     printed: Progress,
     goals: Sequence[Goal],
-) -> None:
+) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
+    estimate = None
     with _interrupts(comm, setup.snes) as interrupts, recorder, solver.petsc_failures():
         recorder.save("running", state=True)
         for step in setup.stepper:
@@ -189,9 +194,12 @@ def _solve(
         if goals and setup.make and setup.stepper.done:
             from fem_snh.accuracy.estimate import estimate_error
 
-            estimate = estimate_error(setup.problem, setup.make, goals, printed.estimating)
+            estimate = estimate_error(
+                setup.problem, setup.make, goals, printed.estimating, setup.mesh
+            )
             recorder.add_estimate(estimate)
             printed.estimated(estimate)
+    return estimate
 
 
 def _interrupts(comm: MPI.Comm, snes: PETSc.SNES) -> Interrupts:

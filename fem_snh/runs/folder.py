@@ -23,8 +23,8 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
+from fem_snh.run_tables import flat, table_text
 from fem_snh.runs.defaults import describe_defaults
-from fem_snh.runs.output.tables import flat, table_text
 from fem_snh.scenes import MaterialChoice, Scene
 from fem_snh.terms.feature import grouped
 
@@ -111,9 +111,7 @@ def _describe_time(scene: Scene, problem: Problem, motion: TimeSteps) -> dict[st
     table = {} if scene.time is None else scene.time.model_dump()
     given = {key: value for key, value in table.items() if value is not None}
     start = motion.energies()
-    if reactions := problem.reactions(problem.x):
-        start["reactions"] = reactions
-    return given | {"start": start}
+    return given | {"start": start | problem.reaction_sums(problem.x)}
 
 
 def _describe_features(scene: Scene, problem: Problem) -> dict[str, Any]:

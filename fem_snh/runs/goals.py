@@ -13,6 +13,7 @@ from fem_snh.accuracy.goals import (
     ForceGoal,
     Goal,
     MeanGoal,
+    MomentGoal,
     PointGoal,
     VolumeGoal,
 )
@@ -26,6 +27,8 @@ from fem_snh.terms.body import group_facets
 
 #: Key of the goals' names.
 _KEY = "accuracy.goals"
+#: The point of the moment of a group that the scene does not name in ``reactions``.
+_ORIGIN = (0.0, 0.0, 0.0)
 #: Quadrature degree of means: exact for a displacement of degree 3 on cells with flat faces.
 _MEAN_DEGREE = 5
 
@@ -57,7 +60,8 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none."""
     return [
         *(probe.name for probe in scene.probe),
-        *(f"{group}.force" for group in scene.reactions),
+        *(f"{reaction.group}.force" for reaction in scene.reactions),
+        *(f"{reaction.group}.moment" for reaction in scene.reactions if reaction.about),
         *(f"{group}.volume" for group in scene.volumes),
         "volume",
         *(["energy"] if has_energy else []),
@@ -75,6 +79,10 @@ def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
         return VolumeGoal(text, _cells(mesh, name, text) if name else None)
     if kind == "force":
         return ForceGoal(f"{name}.force", _dofs_of_group(mesh, name), components)
+    if kind == "moment":
+        named = [r.about for r in scene.reactions if str(r.group) == name and r.about]
+        about = named[0] if named else _ORIGIN
+        return MomentGoal(f"{name}.moment", _dofs_of_group(mesh, name), about, components)
     return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
 
 

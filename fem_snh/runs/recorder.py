@@ -42,6 +42,8 @@ class Recorder:
         The value of `time.perf_counter` at the start of the run.
     earlier : mapping, optional
         The record of the run that is resumed: its steps are kept and its seconds are added.
+    goals : sequence of str, optional
+        The goals whose errors `add_estimate` adds.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Recorder:
         folder: Folder | None,
         start: float,
         earlier: Mapping[str, Any] | None = None,
+        goals: Sequence[str] = (),
     ) -> None:
         self.record, self._folder, self._start = record, folder, start
         self._stepper, self._problem = setup.stepper, setup.problem
@@ -79,6 +82,7 @@ class Recorder:
                 scene.fields_at,
                 self._stepper.motion,
                 folder.files,
+                goals,
             )
             jit = self._seconds["jit"] + self._fields.jit_seconds
             self._seconds = self._seconds | {"jit": jit}
@@ -124,12 +128,20 @@ class Recorder:
         self._output += perf_counter() - start
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Add the goals and the estimates of their errors, also to the row of the last step."""
+        """Add the goals and the estimates of their errors, also to the row of the last step.
+
+        The state at load 1 is written with the errors of the cells. Collective.
+        """
         self.record["estimate"] = estimate.record()
         self.record["goals"] = {name: goal.record() for name, goal in estimate.goals.items()}
         last = next(row for row in reversed(self.record["steps"]) if row["converged"])
+        last["goals"] = {name: goal.value for name, goal in estimate.goals.items()}
         last["errors"] = {name: goal.error for name, goal in estimate.goals.items()}
         self._seconds = self._seconds | {"estimate": estimate.seconds}
+        if self._fields:
+            start = perf_counter()
+            self._fields.write_errors(self._problem, estimate.indicators)
+            self._output += perf_counter() - start
 
     def save(self, status: str, state: bool = False) -> None:
         """Write the output. Collective.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from fem_snh.problem.problem import Problem
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.runs.output.field_values import FieldValues
     from fem_snh.steps.dynamics.dynamics import Dynamics
 
@@ -35,6 +36,8 @@ class Result:
         The folder of the output.
     dynamics : Dynamics or None
         The motion of a scene in time.
+    estimate : Estimate or None
+        The estimated errors, with those of each cell, if the scene asks for them.
     """
 
     converged: bool
@@ -43,6 +46,7 @@ class Result:
     problem: Problem = field(repr=False)
     out: Path | None = None
     dynamics: Dynamics | None = field(default=None, repr=False)
+    estimate: Estimate | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> list[dict[str, Any]]:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fem_snh.assembly.elements import ELEMENTS, element
 from fem_snh.assembly.kinematics import PLANAR, SOLID
 from fem_snh.contact.obstacle import names as obstacle_names
@@ -73,9 +75,10 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
     for kind, features in grouped(scene.features):
         for number, feature in enumerate(features):
             yield from ((f"{kind.key}.{number}.{key}", g) for key, g in feature.named_groups)
-    for key in ("reactions", "volumes"):
-        for group in getattr(scene, key):
-            yield key, group
+    for reaction in scene.reactions:
+        yield "reactions", reaction.group
+    for group in scene.volumes:
+        yield "volumes", group
     for goal in scene.accuracy.goals if scene.accuracy else ():
         named = read_goal(goal, scene.probe)
         if named.is_of_group:
@@ -120,6 +123,14 @@ def _check_plane(scene: Scene) -> None:
             raise bad_value(feature.key, "given", accepted)
     if isinstance(scene.mesh, Lattice | Tetrahedra):
         raise bad_value("mesh", type(scene.mesh).__name__.lower(), "a file or a geometry of gmsh")
+    components = PLANAR[str(scene.kinematics)].components
+    for i, move in enumerate(scene.move):
+        # At three points: a rigid displacement is affine.
+        u = move.displacement(np.eye(3) * (1.0, 1.0, 0.0), 0.37)
+        if np.abs(u[:, components:]).max(initial=0.0) > 1e-9 * np.abs(u).max():
+            raise bad_value(
+                f"move.{i}", "given", f"a motion without z, with kinematics = '{scene.kinematics}'"
+            )
     if scene.fields_at == "nodes":
         raise bad_value("fields_at", "nodes", f"'cells', with kinematics = '{scene.kinematics}'")
 

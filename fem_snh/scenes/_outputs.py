@@ -10,7 +10,15 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from fem_snh.errors import bad_value, choose, nearest
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.tables.types import Count, FilePath, Positive, Text, Vector, split_text
+from fem_snh.tables.types import (
+    Count,
+    FilePath,
+    GroupKey,
+    Positive,
+    Text,
+    Vector,
+    split_text,
+)
 from fem_snh.tables.validation import Bounded, Expect, Table
 
 
@@ -29,6 +37,34 @@ class Probe(Table):
 
     name: Text = Field(description="Name of the point in the results.")
     point: Vector = Field(description="Reference coordinates [length].")
+
+
+class Reaction(Table):
+    """A physical group whose reaction is reported after each step."""
+
+    group: GroupKey = Field(description="Physical group, by name or number.")
+    about: Vector | None = Field(
+        default=None,
+        description="Point of the moment, which is reported too [length]; without it the force "
+        "alone.",
+    )
+
+
+def _as_tables(groups: object) -> object:
+    """Return a table for each name or number of a list, or of a comma list."""
+    groups = split_text(groups)
+    if not isinstance(groups, list | tuple) or not all(
+        g and isinstance(g, str | int | dict | Reaction) for g in groups
+    ):
+        raise bad_value("reactions", groups, _REACTIONS)
+    return [{"group": g} if isinstance(g, str | int) else g for g in groups]
+
+
+_REACTIONS = (
+    "a list of names or numbers of physical groups, or of { group = ..., about = [x, y, z] }"
+)
+#: Groups by name or number, or with the point of their moment.
+Reactions = Annotated[list[Reaction], BeforeValidator(_as_tables)]
 
 
 def _check_names(probes: list[Probe]) -> list[Probe]:
@@ -99,11 +135,11 @@ Mesh = Annotated[
 
 _AXES = "xyz"
 #: Quantities of a physical group, with whether they have components.
-_OF_GROUPS = {"force": True, "mean": True, "volume": False}
+_OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False}
 _ACCEPTED = (
     "'energy', 'volume', a probe with a component, 'corner.y', or of a physical group "
-    "'top.force.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume'; without the "
-    "component: all three"
+    "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume'; "
+    "without the component: all three"
 )
 
 
@@ -112,7 +148,7 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "point", "force", "mean"}
+    kind : {"energy", "volume", "point", "force", "moment", "mean"}
         What it is.
     name : str
         The probe or the physical group; empty for the whole body.
@@ -139,8 +175,9 @@ class Accuracy(Table):
         Expect("a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"),
         BeforeValidator(split_text),
     ] = Field(
-        description="Probes and their components, corner.y; reaction forces and mean displacements "
-        "of groups, top.force.z and top.mean.z; volume ratios, volume and core.volume; energy."
+        description="Probes and their components, corner.y; reaction forces and moments and mean "
+        "displacements of groups, top.force.z, top.moment.z and top.mean.z; volume ratios, volume "
+        "and core.volume; energy."
     )
 
 

@@ -35,6 +35,8 @@ from fem_snh.scenes._outputs import (
     OutputFields,
     Probe,
     Probes,
+    Reaction,
+    Reactions,
 )
 from fem_snh.scenes._time import Damping, Time
 from fem_snh.tables.amplitudes import Amplitude, Amplitudes
@@ -59,8 +61,8 @@ from fem_snh.terms.traction import Traction
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
-    "Pressure", "Probe", "Rotate", "Scene", "SelfContact", "Spring", "Start", "Tetrahedra",
-    "Time", "Traction",
+    "Pressure", "Probe", "Reaction", "Rotate", "Scene", "SelfContact", "Spring", "Start",
+    "Tetrahedra", "Time", "Traction",
 ]  # fmt: skip
 
 Degree = Annotated[int, Whole(1, MAX_QUADRATURE_DEGREE)]
@@ -166,9 +168,10 @@ class Scene(Table):
         description="Continuation in Poisson's ratio: the ratios with which each step is solved "
         "before it is solved with the material's own.",
     )
-    reactions: Groups = Field(
+    reactions: Reactions = Field(
         default=[],
-        description="Physical groups whose total reaction force is reported after each step.",
+        description="Physical groups whose total reaction force is reported after each step; as "
+        "{ group = ..., about = [x, y, z] } also its moment about that point.",
     )
     volumes: Groups = Field(
         default=[],

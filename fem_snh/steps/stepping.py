@@ -144,8 +144,8 @@ class Stepper:
         recorded = problem.history.record(problem.split(problem.x)[0]) if converged else {}
         if converged and (kinds := self._notes(recorded)):
             self._last["notes"] = kinds
-        if converged and (reactions := problem.reactions(problem.x)):
-            self._last["reactions"] = reactions
+        if converged:
+            self._last |= problem.reaction_sums(problem.x)
         self._last |= recorded
         if converged and self.probes:
             self._last["probes"] = self.probes.values()

@@ -14,6 +14,7 @@ from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput
 from fem_snh.files import read_text
 from fem_snh.run_record import problem
+from fem_snh.run_tables import results
 
 #: Columns of the settings of a run.
 REQUESTED = "scene material E nu element cells hessian globalization predictor steps".split()
@@ -34,12 +35,15 @@ class StudyTable:
     path : Path
         The file; rows that it holds already are kept.
     columns : sequence of str
-        Names of the columns; ``point`` is the key.
+        Names of the columns; ``point`` is the key. Those of results, whose names contain a dot
+        (``corner.y``, ``top.force.z``), are added when a row has them.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self.path, self.columns = path, list(columns)
-        self.replace(self.rows() if path.exists() else [])
+        rows = self.rows() if path.exists() else []
+        self._add_results(rows[0] if rows else ())
+        self.replace(rows)
 
     def rows(self) -> list[dict[str, str]]:
         """Return the rows as text, without a last line that was cut off.
@@ -57,10 +61,18 @@ class StudyTable:
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Append one row and flush it to the disk; keys that are no columns are left out."""
+        if self._add_results(row):
+            self.replace(self.rows())
         with self.path.open("a", encoding="utf-8", newline="") as file:
             self._writer(file).writerow(row)
             file.flush()
             os.fsync(file.fileno())
+
+    def _add_results(self, keys: Iterable[str]) -> bool:
+        """Add the columns of results; return whether there are new ones."""
+        new = [key for key in keys if "." in key and key not in self.columns]
+        self.columns += new
+        return bool(new)
 
     def replace(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Replace all rows."""
@@ -93,7 +105,7 @@ def read_record(folder: Path, name: str = "run.json") -> dict[str, Any]:
 
 
 def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[str, Any]:
-    """Return the results of a run as the columns MEASURED, ``nonfinite`` and ``max_u``.
+    """Return the results of a run: the columns MEASURED, ``nonfinite``, ``max_u`` and `results`.
 
     ``notes`` has the kinds of the notes on the run, with spaces between.
 
@@ -115,6 +127,7 @@ def measured_columns(record: Mapping[str, Any], log: Path, code: int) -> dict[st
     last = ("load", "energy", "volume_ratio", "min_J", "residual", "max_u")
     row: dict[str, Any] = {key: sum(step.get(key) or 0 for step in steps) for key in summed}
     row |= {key: converged[-1].get(key) for key in last if converged}
+    row |= results(converged[-1]) if converged else {}
     # Not empty: pandas would read a missing value.
     row["notes"] = " ".join(note["kind"] for note in record.get("notes", ())) or NO_NOTES
     row["converged"] = code == 0 and record.get("converged") is True

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
+
+import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.output_fields import SUMMED
@@ -22,8 +24,15 @@ if TYPE_CHECKING:
     from fem_snh.runs.output.skin_series import SkinSeries
     from fem_snh.steps.time_steps import TimeSteps
 
+Array = npt.NDArray[Any]
+
 #: The time series of the skin that a lattice carries, and of the surfaces of obstacles.
 SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
+
+
+def error_field(goal: str) -> str:
+    """Return the name of the field with a goal's error, ``error_corner_y``."""
+    return f"error_{goal.replace('.', '_')}"
 
 
 class Fields:
@@ -51,6 +60,9 @@ class Fields:
         The time integration of a scene in time.
     files : RunFiles, optional
         The run's files.
+    goals : sequence of str, optional
+        Goals whose errors are written for each cell, as ``error_<goal>``. The state at load 1 is
+        then written by `write_errors`; before it they are zero.
 
     Attributes
     ----------
@@ -67,12 +79,16 @@ class Fields:
         at: str = "cells",
         motion: TimeSteps | None = None,
         files: RunFiles | None = None,
+        goals: Sequence[str] = (),
     ) -> None:
         #: The time of load 1.
         self._duration = motion.duration if motion else 1.0
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
         means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
         self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
+        self._errors = {goal: _dolfinx.function(constant, error_field(goal)) for goal in goals}
+        #: Whether the state at load 1 waits for the errors.
+        self._waits = bool(goals)
         self._dofs = _dolfinx.node_dofs(constant)[:, 0]
         self._nodal, self._num_owned = [problem.u], _dolfinx.num_nodes(problem.V)[0]
         if problem.saddle_point:
@@ -109,6 +125,8 @@ class Fields:
 
         A run that is killed may leave the state in some of the series.
         """
+        if self._waits and problem.load == 1:
+            return
         time = problem.load * self._duration
         if self._obstacles and time not in self._obstacles.times:
             self._obstacles.write(problem, time)
@@ -128,7 +146,7 @@ class Fields:
             self._nodal[1].interpolate(self._pressure)
         further = self._requested.arrays() if self._requested else ([], [])
         if self._series in lacking:
-            functions = [*self._nodal, *self._cellwise.values()]
+            functions = [*self._nodal, *self._cellwise.values(), *self._errors.values()]
             self._series.write(functions, time, further[0], self._without_copies(further[1]))
         if self._skin in lacking:
             cells, nodes = ({array.name: array.values for array in found} for found in further)
@@ -138,6 +156,16 @@ class Fields:
                 nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
             u = problem.u.x.array.reshape(-1, 3)
             self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
+
+    def write_errors(self, problem: Problem, indicators: Mapping[str, Array]) -> None:
+        """Write the state with the errors of goals in each cell of this rank. Collective.
+
+        Goals without indicators have zeros.
+        """
+        for goal, function in self._errors.items():
+            function.x.array[self._dofs] = indicators.get(goal, 0.0)
+        self._waits = False
+        self.write(problem)
 
     def _without_copies(self, arrays: list[_dolfinx.DataArray]) -> list[_dolfinx.DataArray]:
         """Return arrays at the nodes, with zeros at ghosts where values are to be summed."""

@@ -1,6 +1,6 @@
 """The nearly incompressible block under partial pressure of Reese, Wriggers & Reddy."""
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Scene, Traction
+from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
 
 #: Lame's constants [MPa] of Schröder et al. 2021, Table 3.2.
 MU, LAM = 1.61148, 499.92568
@@ -42,7 +42,7 @@ def block(cells: int = 8, pressure: float = 3.0) -> Scene:
             Hold(group="front", components=("y",)),
         ],
         traction=[Traction(group="patch", vector=(0, 0, -pressure))],
-        reactions=["bottom"],
+        reactions=[Reaction(group="bottom")],
         probe=[
             Probe(name="middle", point=(0, 0, 50)),
             Probe(name="rim", point=(25, 25, 50)),

@@ -1,6 +1,6 @@
 """Cook's membrane: a clamped tapered panel sheared at its free end."""
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Scene, Traction
+from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
 
 
 def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -> Scene:
@@ -31,7 +31,7 @@ def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -
         material=MaterialChoice(name="neo_hookean_simo", E=240.565, nu=0.4999),
         hold=[Hold(group="left"), *faces],
         traction=[Traction(group="right", vector=(0, force / 16, 0))],
-        reactions=["left"],
+        reactions=[Reaction(group="left")],
         probe=[
             Probe(name="tip", point=(48, 52, z)),
             Probe(name="corner", point=(48, 60, z)),

@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Scene
+from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Reaction, Scene
 
 
 def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:
@@ -27,7 +27,7 @@ def pull(cells: int = 10, stretch: PositiveFloat = 2.0) -> Scene:
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.3),
         hold=[Hold(group="left")],
         move=[Move(group="right", translate=(stretch - 1, 0, 0))],
-        reactions=["right"],
+        reactions=[Reaction(group="right")],
         load_name="distance",
         load_range=(1, stretch),
     )

@@ -2,7 +2,7 @@
 
 from pydantic import PositiveFloat
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, Scene
+from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, Reaction, Scene
 
 
 def stretch(
@@ -39,7 +39,7 @@ def stretch(
         material=MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.49),
         hold=[Hold(group="left")],
         move=[Move(group="right", translate=translate)],
-        reactions=["right"],
+        reactions=[Reaction(group="right")],
         probe=[
             Probe(name="axis", point=axis),
             Probe(name="inside", point=inside),

@@ -2,7 +2,16 @@
 
 from math import pi
 
-from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Move, Probe, Rotate, Scene
+from fem_snh.scenes.schema import (
+    Geometry,
+    Hold,
+    MaterialChoice,
+    Move,
+    Probe,
+    Reaction,
+    Rotate,
+    Scene,
+)
 
 
 def twist(cells: int = 15, angle: float = pi) -> Scene:
@@ -29,7 +38,7 @@ def twist(cells: int = 15, angle: float = pi) -> Scene:
                 rotate=Rotate(axis=(0, 0, 1), through=(0.5, 0.5, 0.5), angle=angle),
             )
         ],
-        reactions=["top"],
+        reactions=[Reaction(group="top")],
         probe=[
             Probe(name="side", point=(1, 0.5, 0.5)),
             Probe(name="edge", point=(1, 1, 0.5)),

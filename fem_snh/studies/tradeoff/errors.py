@@ -24,8 +24,8 @@ _AXES = "xyz"
 
 def quantities(groups: Sequence[str], probes: Sequence[str]) -> dict[str, list[str]]:
     """Return the quantities that have errors: {name: columns of its components}."""
-    vectors = {"reaction": [f"reaction_{g}_{a}" for g in groups for a in _AXES]}
-    vectors |= {f"displacement_{p}": [f"probe_{p}_{a}" for a in _AXES] for p in probes}
+    vectors = {"reaction": [f"{g}.force.{a}" for g in groups for a in _AXES]}
+    vectors |= {f"displacement_{p}": [f"{p}.{a}" for a in _AXES] for p in probes}
     return {"energy": ["energy"], "volume": ["volume_ratio"]} | {
         k: v for k, v in vectors.items() if v
     }

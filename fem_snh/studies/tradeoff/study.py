@@ -97,7 +97,7 @@ def tradeoff(
     overrides, flags = dict(overrides or {}), {k: limits.pop(k, False) for k in _FLAGS}
     own = scenes.load(scene, **overrides)
     plan = _plan(own, nus, elements, meshes, dict(base or {}), vary, vary_at, full)
-    of = errors.quantities([str(g) for g in own.reactions], [p.name for p in own.probe])
+    of = errors.quantities([str(r.group) for r in own.reactions], [p.name for p in own.probe])
     if not own.probe:
         raise BadInput(f"{scene}: has no probe: expected a table [[probe]] with name and point")
     parts = [column for components in of.values() for column in components]
@@ -213,19 +213,14 @@ def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch:
 
 
 def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the columns of the cost, the reactions and the probes of a point."""
+    """Return the columns of the cost of a point."""
     cells, count = row.get("cells"), row.get("num_cells")
-    found: dict[str, Any] = {
+    return {
         "cpu": record.get("processor_seconds"),
         "peak_memory_mb": record.get("peak_memory_mb"),
         "linear_solver": record.get("linear_solver"),
         "h": 1 / cells if cells else (count ** (-1 / 3) if count else None),
     }
-    good = [step for step in record.get("steps", []) if step.get("converged")]
-    for kind in ("reaction", "probe"):
-        for name, vector in (good[-1] if good else {}).get(f"{kind}s", {}).items():
-            found |= {f"{kind}_{name}_{a}": v for a, v in zip("xyz", vector, strict=True)}
-    return found
 
 
 def _assess(batch: Batch, of: Mapping[str, list[str]], nu: float) -> None:

@@ -1,0 +1,233 @@
+r"""Where the error is: the estimate of a goal, distributed to the cells.
+
+To first order the error of a goal is
+
+.. math:: Q(u) - Q(u_h) \approx -\sum_n r_n \cdot z_n,
+
+with the residual r of the run's solution in the lifted problem, the dual solution z, and the nodes
+n of the lifted element (Becker & Rannacher 2001). The run's solution is orthogonal to its own
+space, so z less its interpolation there has all of the sum. Each node's product is shared equally
+by its cells, as by a partition of unity (Richter & Wick 2015): no stresses jump between cells.
+What the interpolation leaves, as the two elements treat volumes differently, is distributed in the
+same way by the nodes of the run's element, so that the sum over all cells is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.accuracy.goals import Goal, Linearisation
+from fem_snh.accuracy.lift import Lift
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    set_to_zero,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.mesh.mesh import Mesh
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where most of a goal's error is.
+
+    Attributes
+    ----------
+    share : float
+        The part of the sum of the indicators' sizes that is there.
+    cells : int
+        The number of these cells.
+    of : int
+        The number of all cells.
+    largest : tuple of float
+        The centre of the cell with the largest error [length].
+    group : str
+        The group of surfaces, curves or points that most of them touch, and the fewest other
+        cells; "" for none that fewer than half of all cells touch.
+    """
+
+    share: float
+    cells: int
+    of: int
+    largest: tuple[float, ...]
+    group: str = ""
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{x:.4g}" for x in self.largest)
+        at = f" at '{self.group}'" if self.group else ""
+        return (
+            f"{100 * self.share:.0f} % of it in {self.cells:,} of {self.of:,} cells{at}, most in "
+            f"that at ({where})"
+        )
+
+
+def cell_indicators(
+    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool]
+) -> dict[str, Array]:
+    """Return the error of each wanted goal in each cell of this rank, by name. Collective.
+
+    Goals whose dual problem the linear solver does not solve are missing.
+
+    Parameters
+    ----------
+    lift : Lift
+        The lifted problem at its solution.
+    goals : sequence of Goal
+        The goals.
+    wanted : callable
+        Whether the goal of a name is wanted.
+    """
+    problem, lifted = lift.problem, lift.lifted
+    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves())
+    shares = Shares(problem, lifted, lift.start_gradient)
+    found = {}
+    for goal in goals:
+        if not any(wanted(name) for name in goal.names):
+            continue
+        for name, z in zip(goal.names, goal.duals(at), strict=True):
+            if wanted(name) and np.isfinite(z.norm()):
+                found[name] = -shares.of(z)
+    return found
+
+
+class Shares:
+    """Distributes products with the residual of a solution in the lifted problem. Collective.
+
+    Parameters
+    ----------
+    problem, lifted : Problem
+        A problem at its solution, and the same in another element on the same cells.
+    gradient : PETSc.Vec
+        The gradient of the lifted problem's energy at that solution.
+    """
+
+    def __init__(self, problem: Problem, lifted: Problem, gradient: PETSc.Vec) -> None:
+        self._lifted = lifted
+        cell, degree, low = lifted.element.cell, lifted.element.degree, problem.element.degree
+        nodes = _dolfinx.reference_nodes(cell, degree)
+        coarse = _dolfinx.reference_nodes(cell, low)
+        #: From values at the lifted nodes to those at the base's, and back.
+        self._down = _dolfinx.tabulate_element(cell, degree, coarse, 0)[0]
+        self._up = _dolfinx.tabulate_element(cell, low, nodes, 0)[0]
+        self._residual = self._parts(gradient)
+        self._residual[0] /= _multiplicity(lifted.V)[..., None]
+        if len(self._residual) > 1:
+            assert lifted.saddle_point
+            self._residual[1] /= _multiplicity(lifted.saddle_point.Q)[..., None]
+        at_coarse = np.einsum("nk,cni->cki", self._up, self._residual[0])
+        own = problem.x.duplicate()
+        problem.gradient(problem.x, own)
+        reactions = _at_nodes(problem.V, own.array_r[: problem.owned_displacements])
+        self._coarse = _summed(problem.V, at_coarse) - reactions
+        self._coarse /= _multiplicity(problem.V)[..., None]
+
+    def of(self, z: PETSc.Vec) -> Array:
+        """Return the share of each cell of this rank in the product with z."""
+        parts = self._parts(z)
+        coarse = np.einsum("kn,cni->cki", self._down, parts[0])
+        rest = parts[0] - np.einsum("nk,cki->cni", self._up, coarse)
+        total = (self._residual[0] * rest).sum(axis=(1, 2))
+        total += (self._coarse * coarse).sum(axis=(1, 2))
+        if len(parts) > 1:
+            total += (self._residual[1] * parts[1]).sum(axis=(1, 2))
+        return np.asarray(total)
+
+    def _parts(self, x: PETSc.Vec) -> list[Array]:
+        """Return the displacement's part of a vector, (cells, nodes, 3), then the pressure's."""
+        size, saddle_point = self._lifted.owned_displacements, self._lifted.saddle_point
+        parts = [_at_nodes(self._lifted.V, x.array_r[:size])]
+        if saddle_point is not None:
+            parts.append(_at_nodes(saddle_point.Q, x.array_r[size:]))
+        return parts
+
+
+def _at_nodes(V: Any, owned: Array) -> Array:
+    """Return owned dofs at the nodes of each cell, (cells, nodes, components). Collective."""
+    vector = _dolfinx.create_vector(V)
+    vector.array[:] = owned
+    update_ghosts(vector)
+    values = local_values(vector).reshape(-1, _dolfinx.num_components(V))
+    return np.array(values[_dolfinx.node_dofs(V)])
+
+
+def _summed(V: Any, values: Array) -> Array:
+    """Return the sums over cells of values at their nodes, at the nodes of each cell."""
+    vector = _dolfinx.create_vector(V)
+    set_to_zero(vector)
+    nodal = writable_values(vector).reshape(-1, _dolfinx.num_components(V))
+    np.add.at(nodal, _dolfinx.node_dofs(V), values)
+    add_ghosts(vector)
+    return _at_nodes(V, vector.array_r)
+
+
+def _multiplicity(V: Any) -> Array:
+    """Return the number of cells around each node of each cell, (cells, nodes). Collective."""
+    shape = _dolfinx.node_dofs(V).shape
+    return np.asarray(_summed(V, np.ones((*shape, _dolfinx.num_components(V))))[..., 0])
+
+
+#: The part of the error whose cells are described.
+_MOST = 0.5
+
+
+def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Place | None:
+    """Return the fewest cells that have half of the sum of the indicators' sizes. Collective.
+
+    None if all indicators are zero.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, of whose mesh the cells are.
+    indicators : (owned cells,) array
+        The indicators.
+    mesh : Mesh, optional
+        The mesh, whose groups are named.
+    """
+    domain, comm = problem.domain, problem.comm
+    sizes = np.abs(indicators)
+    centres = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)].mean(axis=1)
+    everywhere = np.sort(np.concatenate(comm.allgather(sizes)))[::-1]
+    if not everywhere.sum() > 0:
+        return None
+    count = int(np.searchsorted(np.cumsum(everywhere), _MOST * everywhere.sum())) + 1
+    inside = sizes >= everywhere[count - 1]
+    weights = np.where(inside, sizes, 0.0)
+    weight, cells = comm.allreduce(np.array([weights.sum(), inside.sum()]))
+    at_largest = [
+        tuple(float(x) for x in centres[cell]) for cell in np.flatnonzero(sizes == everywhere[0])
+    ]
+    largest = min(chain.from_iterable(comm.allgather(at_largest)))
+    group = _nearest_group(mesh, weights, len(everywhere)) if mesh else ""
+    share = float(weight) / float(everywhere.sum())
+    return Place(share, int(cells), len(everywhere), largest, group)
+
+
+def _nearest_group(mesh: Mesh, weights: Array, num_cells: int) -> str:
+    """Return the smallest group that cells with most of the weight touch; "" for none."""
+    domain, comm = mesh.domain, mesh.domain.comm
+    total, best = comm.allreduce(weights.sum()), ("", num_cells / 2)
+    corners = _dolfinx.input_vertices(domain, domain.topology.dim)[: len(weights)]
+    for group in mesh.groups:
+        if group.dim == mesh.dim or not group.count:
+            continue
+        nodes = _dolfinx.input_vertices(domain, group.dim)[group.entities]
+        every = np.unique(np.concatenate(comm.allgather(nodes.ravel())))
+        touching = np.isin(corners, every).any(axis=1)
+        weight, cells = comm.allreduce(np.array([weights[touching].sum(), touching.sum()]))
+        if weight > _MOST * total and cells < best[1]:
+            best = group.name, cells
+    return best[0]

@@ -1,0 +1,76 @@
+"""The tables of a run, steps.csv and modes.csv, and the columns of its results.
+
+A column of a vector has the name of the goal that is the same number: ``top.force.z``,
+``inner.moment.z``, ``corner.y`` (`fem_snh.scenes.read_goal`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from fem_snh.run_record import is_number
+
+_AXES = "xyz"
+#: Tables of a row by the name of what they describe, and what their vectors are called.
+_VECTORS = {"reactions": "force", "moments": "moment", "probes": ""}
+#: Tables of a row by name that hold tables of their own: columns NAME.KEY.
+_STATES = ("cavities", "bones", "obstacles", "contacts")
+#: Vectors of these tables that are the same in every step, or no result: they have no column.
+_NO_COLUMN = ("pose", "deepest_at", "origin", "nodes")
+
+
+def flat(step: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a step as a table row: a column for each component of what has several."""
+    row: dict[str, Any] = {}
+    for key, value in step.items():
+        if key == "notes":
+            row[key] = " ".join(value)
+        elif not isinstance(value, dict | list):
+            row[key] = value
+    return row | results(step)
+
+
+def results(step: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the columns of a step that its scene asks for: reactions, probes, contacts, goals."""
+    row: dict[str, Any] = {}
+    for key in ("momentum", "angular_momentum"):
+        row |= _components(key, step.get(key, ()))
+    row |= {f"{name}.volume": ratio for name, ratio in step.get("volumes", {}).items()}
+    for key, kind in _VECTORS.items():
+        for name, vector in step.get(key, {}).items():
+            row |= _components(f"{name}.{kind}".rstrip("."), vector)
+    for key in _STATES:
+        for name, state in step.get(key, {}).items():
+            row |= dict(_columns(name, state))
+    row |= dict(_columns("self_contact", step.get("self_contact", {})))
+    row |= step.get("goals", {})
+    row |= {f"{name}.error": error for name, error in step.get("errors", {}).items()}
+    return row
+
+
+def _columns(name: str, state: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Return the columns of one obstacle, contact, bone or cavity."""
+    for key, value in state.items():
+        if key in _NO_COLUMN:
+            continue
+        if not isinstance(value, list | dict):
+            yield f"{name}.{key}", value
+        elif isinstance(value, list) and len(value) == len(_AXES) and is_number(value[0]):
+            yield from _components(f"{name}.{key}", value).items()
+
+
+def _components(name: str, vector: Sequence[float]) -> dict[str, float]:
+    """Return a column for each component of a vector; none of an empty one."""
+    return {f"{name}.{axis}": value for axis, value in zip(_AXES, vector, strict=False)}
+
+
+def table_text(columns: Sequence[str], rows: list[dict[str, Any]]) -> str:
+    """Return rows as CSV text."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
