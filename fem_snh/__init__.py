@@ -36,14 +36,15 @@ if TYPE_CHECKING:
     from fem_snh.terms.feature import Feature
     from fem_snh.terms.gravity import Gravity
     from fem_snh.terms.pressure import Pressure
+    from fem_snh.terms.rigid import Rigid
     from fem_snh.terms.spring import Spring
     from fem_snh.terms.term import Term
     from fem_snh.terms.traction import Traction
 
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
-    "NonlinearProblem", "Obstacle", "Pressure", "Result", "SelfContact", "Spring", "Term",
-    "Traction", "fit", "material", "materials", "register_feature", "run",
+    "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
+    "Term", "Traction", "fit", "material", "materials", "register_feature", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -63,6 +64,7 @@ _MODULES = {
     "register_feature": "scenes",
     "Gravity": "terms.gravity",
     "Pressure": "terms.pressure",
+    "Rigid": "terms.rigid",
     "Spring": "terms.spring",
     "Term": "terms.term",
     "Traction": "terms.traction",

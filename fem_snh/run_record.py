@@ -133,6 +133,7 @@ _STEP = _table(
         "notes": _list(_text),
         "obstacles": _MOVED,
         "bones": _MOVED,
+        "rigid": _named(_named(_list(_number, 3))),
         "reactions": _named(_list(_number_or_null)),
         "moments": _named(_list(_number_or_null)),
         "probes": _named(_list(_number_or_null)),

@@ -17,7 +17,7 @@ _AXES = "xyz"
 #: Tables of a row by the name of what they describe, and what their vectors are called.
 _VECTORS = {"reactions": "force", "moments": "moment", "probes": ""}
 #: Tables of a row by name that hold tables of their own: columns NAME.KEY.
-_STATES = ("cavities", "bones", "obstacles", "contacts")
+_STATES = ("cavities", "rigid", "bones", "obstacles", "contacts")
 #: Vectors of these tables that are the same in every step, or no result: they have no column.
 _NO_COLUMN = ("pose", "deepest_at", "origin", "nodes")
 

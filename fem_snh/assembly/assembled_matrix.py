@@ -14,10 +14,10 @@ from step to step, are left to PETSc (`fem_snh.assembly.couplings`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -30,6 +30,9 @@ from fem_snh.assembly.matrix_layout import MatrixLayout
 from fem_snh.assembly.numbering import MixedDofMap, dof_map
 from fem_snh.assembly.sent_rows import SentRows
 from fem_snh.kernels.matrix_addition import MatrixAddition
+
+if TYPE_CHECKING:
+    from fem_snh.assembly.folding import Folding
 
 Array = npt.NDArray[Any]
 
@@ -87,6 +90,7 @@ class BlockMatrix:
         if layout is not None:
             self.mat = layout.mat.duplicate()
         self._couplings: Couplings | None = None
+        self._folding: Folding | None = None
         self.addresses: list[int] = []
 
         if constrained is None:
@@ -120,6 +124,8 @@ class BlockMatrix:
         if self._couplings:
             self._couplings.set_values(self.mat)
         self.mat.assemble()
+        if self._folding:
+            self._folding.apply(self.mat)
         # Preconditioners compare this counter; writing to the arrays does not increase it.
         self.mat.stateIncrease()
         self._add_constrained_diagonal()
@@ -156,6 +162,20 @@ class BlockMatrix:
             self._couplings = Couplings(self._dof_map, self.constrained_dofs)
         if self._couplings.require(pairs):
             self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
+            self._couple_folded()
+
+    def fold(self, create: Callable[[MixedDofMap], Folding]) -> Folding:
+        """Return a fold of the dof map, which `adding` applies from now on. Collective."""
+        self._folding = create(self._dof_map)
+        self._couplings = Couplings(self._dof_map, self.constrained_dofs)
+        self._couple_folded()
+        return self._folding
+
+    def _couple_folded(self) -> None:
+        """Extend the sparsity pattern by the pairs of the fold, if there is one."""
+        if self._folding and self._couplings:
+            if self._couplings.require_folded(self._folding.pairs(self.mat)):
+                self._set_layout(MatrixLayout(self._dof_map, self._couplings.pairs, self.mat))
 
     def add_couplings(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
         """Add matrices of nodes that share no cell, inside of `adding`. Not collective.
@@ -222,14 +242,16 @@ class BlockMatrix:
         """Add the diagonal entry of constrained dofs, where the matrix is zero so far."""
         if self._diagonal_vec is None:
             self._diagonal_vec = self.mat.getDiagonal()
-            values = self._diagonal_vec.array
+            values, constrained = self._diagonal_vec.array, self.constrained_dofs
+            if self._folding:
+                constrained = np.union1d(constrained, self._folding.eliminated)
             if self._constrained_diagonal is None:
-                free = np.delete(values[: self._num_u], self.constrained_dofs)
+                free = np.delete(values[: self._num_u], constrained)
                 local = np.array([np.abs(free).sum(), len(free)])
                 total, count = self._dof_map.comm.allreduce(local)
                 self._constrained_diagonal = float(total / max(count, 1)) or 1.0
             values[:] = 0.0
-            values[self.constrained_dofs] = self._constrained_diagonal
+            values[constrained] = self._constrained_diagonal
         self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
 
 

@@ -61,12 +61,14 @@ class Couplings:
         self._num_dofs = dof_map.comm.allreduce(dof_map.num_owned_dofs)
         self._fixed = np.concatenate(dof_map.comm.allgather(first + constrained_dofs))
         self._keys = np.empty(0, np.int64)
+        self._folded = np.empty(0, np.int64)
         self._last: list[Array] = []
         self._added: list[tuple[Array, Array, Array]] = []
 
     @property
     def pairs(self) -> Array:
-        return np.stack(np.divmod(self._keys, self._num_blocks), axis=1)
+        keys = np.union1d(self._keys, self._folded) if len(self._folded) else self._keys
+        return np.stack(np.divmod(keys, self._num_blocks), axis=1)
 
     def require(self, pairs: Sequence[Array]) -> bool:
         """Include pairs of nodes; return whether `pairs` changed on any rank. Collective.
@@ -89,6 +91,19 @@ class Couplings:
             self._keys = np.union1d(kept, keys)
         self._last = list(pairs)
         return bool(changed)
+
+    def require_folded(self, blocks: Array) -> bool:
+        """Include the pairs of a fold; return whether `pairs` changed on any rank. Collective.
+
+        Parameters
+        ----------
+        blocks : (n, 2) int64
+            See `fem_snh.assembly.folding.Folding.pairs`.
+        """
+        keys = np.unique(blocks[:, 0] * self._num_blocks + blocks[:, 1])
+        missing = not np.isin(keys, self._folded, assume_unique=True).all()
+        self._folded = np.union1d(keys, self._folded)
+        return bool(self._dof_map.comm.allreduce(missing, op=MPI.LOR))
 
     def add(self, nodes: Array, matrices: Array, others: Array | None = None) -> None:
         """Keep matrices for `set_values`: see `BlockMatrix.add_couplings`. Not collective."""

@@ -119,6 +119,13 @@ class MixedDofMap:
         size = self._space_block_size[space]
         return self._first_dof[rank, space] + size * (blocks - self._first[rank, space]), size
 
+    def blocks_of(self, dofs: Array) -> Array:
+        """Return the global blocks of these global dofs."""
+        rank = np.searchsorted(self._first_dof[:, 0], dofs, side="right") - 1
+        space = (dofs[:, None] >= self._first_dof[rank]).sum(axis=1) - 1
+        offset = (dofs - self._first_dof[rank, space]) // self._space_block_size[space]
+        return np.asarray(self._first[rank, space] + offset)
+
     @property
     def components(self) -> int:
         """The unknowns of a block of the first space: the displacement's components."""

@@ -75,6 +75,17 @@ class Filling(NamedTuple):
     density: float | None = None
 
 
+def without_cells(comm: Any, regions: Sequence[Region], cells: Array) -> list[Region]:
+    """Return regions without some of this rank's cells, those without any left out. Collective."""
+    found = []
+    for region in regions:
+        kept = ~np.isin(region.cells, cells)
+        fractions = None if region.fractions is None else region.fractions[kept]
+        if comm.allreduce(int(kept.sum())):
+            found.append(region._replace(cells=region.cells[kept], fractions=fractions))
+    return found
+
+
 def whole_body(domain: Any, material: Material, density: float | None = None) -> list[Region]:
     """Return the region of a body of one material on a dolfinx mesh."""
     cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)

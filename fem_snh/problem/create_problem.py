@@ -26,7 +26,7 @@ from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import ReactionGroup, Reactions
 from fem_snh.tables.amplitudes import LOAD_ITSELF, Amplitudes
-from fem_snh.terms.body import Body, CreateMotion, group_facets
+from fem_snh.terms.body import Body, CreateMotion, group_entities, group_facets
 from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.term import Term
 
@@ -101,7 +101,8 @@ def create_problem(
     dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics)
     moving = motion(u, regions, dirichlet, kinematics) if motion else None
     facets = partial(group_facets, mesh)
-    body = Body(u, regions, dirichlet, facets, amplitudes, moving, mesh.skin, kinematics)
+    entities = partial(group_entities, mesh)
+    body = Body(u, regions, dirichlet, facets, amplitudes, moving, mesh.skin, kinematics, entities)
     terms = create_terms(features, body)
     terms += loads(mesh, u, regions, dirichlet) if loads else []
     return Problem(

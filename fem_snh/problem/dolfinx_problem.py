@@ -30,7 +30,7 @@ from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
-from fem_snh.terms.body import Body, CreateMotion, measure_facets
+from fem_snh.terms.body import Body, CreateMotion, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
@@ -216,7 +216,10 @@ def create_dolfinx_problem(
             accepted = "no such term, on a mesh of 2 dimensions"
             raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
     amplitudes = Amplitudes((), duration)
-    body = Body(u, regions, conditions, facets, amplitudes, moving, kinematics=chosen_kinematics)
+    entities = partial(measure_parts, V.mesh)
+    body = Body(
+        u, regions, conditions, facets, amplitudes, moving, None, chosen_kinematics, entities
+    )
     made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from math import isfinite
 from typing import Any
 
@@ -19,22 +19,23 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.near_null_space import rigid_motions
-from fem_snh.assembly.regions import Region, reference_modulus
+from fem_snh.assembly.regions import Region, reference_modulus, without_cells
 from fem_snh.assembly.timing import timed
 from fem_snh.assembly.unknowns import Displacement, DisplacementPressure, pressure_unit
 from fem_snh.choices import ASSEMBLIES, DEFAULT_ASSEMBLY
 from fem_snh.errors import choose
-from fem_snh.mesh.mesh import volume
+from fem_snh.mesh.mesh import cell_volumes, volume
 from fem_snh.mesh.mesh_checks import check_force_scale
 from fem_snh.mesh.skin import Skin
 from fem_snh.problem.measures import body_measures
 from fem_snh.problem.mixed.taylor_hood import PressureBlock
+from fem_snh.problem.paths import Paths
 from fem_snh.problem.reactions import Reactions
 from fem_snh.problem.regime import regime_of
-from fem_snh.problem.stiff_parts import StiffParts
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.body import MotionInTime
 from fem_snh.terms.elastic import elastic_term
+from fem_snh.terms.elimination import EliminatingTerm
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
@@ -95,6 +96,8 @@ class Problem:
         All terms, the elastic energy first; what they keep from step to step.
     dirichlet : Dirichlet
         The constrained dofs and their values.
+    rigid : EliminatingTerm or None
+        The rigid parts, whose nodes follow six unknowns each.
     largest_step : StepLimit or None
         The part of a step that the terms admit; None if they admit every step.
     constrained_dofs : (n,) int
@@ -136,7 +139,12 @@ class Problem:
         motion: MotionInTime | None = None,
         skin: Skin | None = None,
     ) -> None:
-        self._unknowns, self.element, self.regions = unknowns, element, list(regions)
+        self._unknowns, self.element = unknowns, element
+        eliminating = [term for term in terms if isinstance(term, EliminatingTerm)]
+        self.rigid = eliminating[0] if eliminating else None
+        if self.rigid:
+            regions = without_cells(unknowns.V.mesh.comm, regions, self.rigid.cells)
+        self.regions = list(regions)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
@@ -161,6 +169,9 @@ class Problem:
         self.elastic = elastic(self.V, element, regions, unknowns.Q, scale)
         self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
         self.A = self.matrix.mat
+        if self.rigid:
+            eliminated = self.rigid.fold(self.matrix)
+            self.constrained_dofs = np.union1d(self.constrained_dofs, eliminated)
         self.saddle_point: PressureBlock | None = None
         if isinstance(unknowns, DisplacementPressure):
             self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A)
@@ -190,7 +201,10 @@ class Problem:
     @property
     def constrained_nodes(self) -> Array:
         """(n,) bool: which of this rank's own nodes have a constrained component."""
-        return np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
+        found = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
+        if self.rigid:
+            found[self.rigid.nodes] = True
+        return found
 
     @cached_property
     def regime(self) -> Regime:
@@ -199,9 +213,9 @@ class Problem:
         return regime_of(self.comm, *body, self.terms, self.constrained_nodes)
 
     @cached_property
-    def retraction(self) -> StiffParts | None:
-        """The path of a step, along which stiff parts turn; None without any. Collective."""
-        return StiffParts.of(self.V, self.regions, self.constrained_nodes)
+    def retraction(self) -> Paths | None:
+        """The path of a step, along which stiff and rigid parts turn, or None. Collective."""
+        return Paths.of(self.V, self.regions, self.constrained_nodes, self.rigid)
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
@@ -265,7 +279,10 @@ class Problem:
 
     def prescribe(self, x: PETSc.Vec) -> None:
         """Set the constrained entries of ``x`` to their values at the present load."""
+        poses = self.rigid.poses(x) if self.rigid else None
         self.dirichlet.set_values(x, self.load)
+        if self.rigid:
+            self.rigid.prescribe(x, self.load, poses)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
@@ -285,6 +302,8 @@ class Problem:
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Assemble r = dE/dx [N], with zeros at constrained dofs. Collective."""
         self.gradient(x, r)
+        if self.rigid:
+            self.rigid.reduce(x, r)
         r.array[self.constrained_dofs] = 0.0
 
     @timed
@@ -302,13 +321,18 @@ class Problem:
         ``filter``, one of `fem_snh.choices.FILTERS`, decides what becomes of negative eigenvalues.
         The result is the number of filtered quadrature points and cells, on all ranks.
         """
+        if self.rigid:
+            force = self.x.duplicate()
+            self.gradient(x, force)
+            self.rigid.prepare(x, force, filter)
         u, p = self.split(x)
         if self._coupling_terms:
             self.matrix.couple([term.couplings(u) for term in self._coupling_terms])
         with self.matrix.adding():
             filtered = sum(term.add_hessian(u, p, filter, self.matrix) for term in self.terms)
         if self._rank_one:
-            self._rank_one.update(u)
+            reduce = partial(self.rigid.reduce_vector, x) if self.rigid else None
+            self._rank_one.update(u, reduce)
         return int(self.comm.allreduce(filtered))
 
     def reactions(self, x: PETSc.Vec) -> dict[str, list[float]]:
@@ -326,13 +350,27 @@ class Problem:
         self.gradient(x, r)
         return self._reactions.sums(x.array_r, r.array_r)
 
+    def rigid_states(self, x: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
+        """Return poses, forces and moments of the rigid parts, by name. Collective."""
+        if self.rigid is None:
+            return {}
+        r = self.x.duplicate()
+        self.gradient(x, r)
+        return self.rigid.states(x, r)
+
     def cell_fields(self, x: PETSc.Vec) -> dict[str, Array]:
         """Return fields with one value for each cell of this rank. Collective.
 
         Reference and deformed volume ("volume", "deformed_volume") [m^3], smallest J ("min_J"),
         "energy" [J], and smallest eigenvalue of d2psi/dF2 ("min_eigenvalue") [Pa].
         """
-        return self.elastic.cell_fields(*self._unknowns.split(x))
+        fields = self.elastic.cell_fields(*self._unknowns.split(x))
+        if self.rigid and len(cells := self.rigid.cells):
+            volumes = cell_volumes(self.domain)[cells]
+            rest = {"volume": volumes, "deformed_volume": volumes, "min_J": 1.0}
+            for name, values in fields.items():
+                values[cells] = rest.get(name, 0.0)
+        return fields
 
     def measures(self, x: PETSc.Vec) -> dict[str, Any]:
         """Return the measures of the body that `body_measures` describes. Collective."""

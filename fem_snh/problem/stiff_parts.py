@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.regions import Region
+from fem_snh.geometry.rotations import nearest_rotation, rotate
 
 Array = npt.NDArray[Any]
 
@@ -102,7 +103,7 @@ class StiffParts:
         squares = (r**2).sum(axis=1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :]
         sums = self._sum(np.hstack([squares.reshape(-1, 9), np.cross(r, v)]))
         omega = np.linalg.solve(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:, None])[:, :, 0]
-        turned = _rotate(omega[labels], r + v - np.cross(omega[labels], r))
+        turned = rotate(omega[labels], r + v - np.cross(omega[labels], r))
         values = end.array
         moved = values[: 3 * self._total(x)].reshape(shape)
         moved[nodes] = means[labels, :3] + means[labels, 3:] + turned - self._X
@@ -114,9 +115,7 @@ class StiffParts:
         means = self._sum(np.hstack([y, z])) / self._size
         r, s = y - means[self._labels, :3], z - means[self._labels, 3:]
         H = self._sum((s[:, :, None] * r[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
-        U, _, Vt = np.linalg.svd(H)
-        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-        turned = np.einsum("nij,nj->ni", (U @ Vt)[self._labels], r)
+        turned = np.einsum("nij,nj->ni", nearest_rotation(H)[self._labels], r)
         moved = x.array[:total].reshape(-1, 3)
         moved[self._nodes] = means[self._labels, 3:] + turned - self._X
 
@@ -129,14 +128,6 @@ class StiffParts:
         sums = np.zeros((self._count, values.shape[1]))
         np.add.at(sums, self._labels, values)
         return np.asarray(self._comm.allreduce(sums))
-
-
-def _rotate(omega: Array, r: Array) -> Array:
-    """Return the vectors r, (n, 3), rotated by the rotation vectors omega (Rodrigues' formula)."""
-    angle = np.linalg.norm(omega, axis=1, keepdims=True)
-    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
-    once = np.cross(omega, r)
-    return np.asarray(r + first * once + second * np.cross(omega, once))
 
 
 def _components(cells: Array, count: int) -> Array:

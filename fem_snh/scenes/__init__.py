@@ -35,6 +35,7 @@ from fem_snh.scenes.schema import (
     Probe,
     Reaction,
     Rig,
+    Rigid,
     Rotate,
     Scene,
     SelfContact,
@@ -48,7 +49,8 @@ from fem_snh.scenes.schema import (
 __all__ = [
     "FEATURES", "GROUP", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes",
-    "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rotate", "Scene", "SelfContact",
+    "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
+    "SelfContact",
     "Spring", "Start", "Tetrahedra", "Time", "Traction", "describe", "function",
     "group_references", "load", "names", "own_parameters", "read_goal",
     "read_toml", "register_feature", "validate", "why_condensed",

@@ -55,13 +55,14 @@ from fem_snh.terms.cavity import Cavity
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.gravity import Gravity
 from fem_snh.terms.pressure import Pressure
+from fem_snh.terms.rigid import Rigid
 from fem_snh.terms.spring import Spring
 from fem_snh.terms.traction import Traction
 
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
-    "Pressure", "Probe", "Reaction", "Rotate", "Scene", "SelfContact", "Spring", "Start",
+    "Pressure", "Probe", "Reaction", "Rigid", "Rotate", "Scene", "SelfContact", "Spring", "Start",
     "Tetrahedra", "Time", "Traction",
 ]  # fmt: skip
 
@@ -149,6 +150,7 @@ class Scene(Table):
     gravity: Gravity | None = Field(default=None, description="The weight of the body.")
     pressure: list[Pressure] = Field(default=[], description="Follower loads on surfaces.")
     spring: list[Spring] = Field(default=[], description="Elastic foundations of surfaces.")
+    rigid: list[Rigid] = Field(default=[], description="Parts that move as rigid bodies.")
     contact: list[Contact] = Field(default=[], description="Surfaces that touch each other.")
     self_contact: SelfContact | None = Field(
         default=None, description="Contact of the body with itself."

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
+from math import inf, isfinite
 
 from petsc4py import PETSc
 
+from fem_snh.solver.protocol import CurvedPaths
 from fem_snh.solver.step import State, Step
 
 #: ``largest_step(x, d)`` returns the part of the step d from x that is admissible, in [0, 1].
 LargestStep = Callable[[PETSc.Vec, PETSc.Vec], float]
-#: ``retraction(x, d, step, end)`` sets ``end`` to a point of a path from x along d.
-Retraction = Callable[[PETSc.Vec, PETSc.Vec, float, PETSc.Vec], None]
 
 #: A change of the energy below these fractions of the energy or of E V is a rounding error. The
 #: second is about 20 roundings: an energy density is a difference of numbers of size E.
@@ -62,8 +61,8 @@ class LineSearch:
         The constant c, and the shortest step.
     largest_step : callable, optional
         See `LargestStep`. Default: every step is admissible.
-    retraction : callable, optional
-        See `Retraction`. Default: a straight line.
+    retraction : CurvedPaths, optional
+        The paths of steps. Default: straight lines.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class LineSearch:
         armijo: float = 1e-4,
         min_step: float = 1e-10,
         largest_step: LargestStep | None = None,
-        retraction: Retraction | None = None,
+        retraction: CurvedPaths | None = None,
     ) -> None:
         self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
         self.armijo, self.min_step = armijo, min_step
@@ -116,7 +115,22 @@ class LineSearch:
 
     def largest_step(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
         """Return the part of the step ``d`` from ``x`` that the problem admits, in [0, 1]."""
-        return self._largest_step(x, d) if self._largest_step else 1.0
+        if self._largest_step is None:
+            return 1.0
+        if self._retraction and self.follows_paths:
+            end = x.duplicate()
+            self._retraction(x, d, 1.0, end)
+            return self._largest_step(x, end - x)
+        return self._largest_step(x, d)
+
+    @property
+    def follows_paths(self) -> bool:
+        """Whether steps end on curved paths, so that they are no differences of unknowns."""
+        return self._retraction is not None and self._retraction.exact
+
+    def admits(self, x: PETSc.Vec, end: PETSc.Vec) -> bool:
+        """Return whether the problem admits the straight way from ``x`` to ``end``."""
+        return not self._largest_step or self._largest_step(x, end - x) == 1
 
     def is_rounding(self, change: float, energy: float) -> bool:
         """Return whether a change of the energy is within its rounding error."""
@@ -128,12 +142,17 @@ class LineSearch:
         """Set ``trial``'s unknowns to the end of a step and its energy; return the energy.
 
         The step is straight, x + step d, of an admissible length, unless there is a curved path
-        to an end that is admissible, too.
+        to an end that is admissible, too. Where steps must follow it, the energy is infinite at an
+        end that is not.
         """
-        if self._retraction:
-            self._retraction(x, d, step, trial.x)
-        limit = self._largest_step
-        if not self._retraction or (limit and limit(x, trial.x - x) < 1):
+        paths, straight = self._retraction, True
+        if paths:
+            paths(x, d, step, trial.x)
+            straight = not self.admits(x, trial.x)
+            if straight and paths.exact:
+                trial.energy = inf
+                return inf
+        if straight:
             trial.x.waxpy(step, d, x)
         trial.energy = float(self.snes.computeObjective(trial.x)) if self.has_energy else 0.0
         return trial.energy
@@ -168,7 +187,7 @@ class LineSearch:
             return length
         longer = d.copy()
         longer.scale(length)
-        return length * self._largest_step(x, longer)
+        return length * self.largest_step(x, longer)
 
     def _copy(self, trial: State) -> State:
         """Return a copy of ``trial``, in vectors that the next call reuses."""

@@ -43,6 +43,15 @@ def linearised_residual(problem: SolvableProblem) -> PETSc.Vec:
     return rhs
 
 
+def take_step(problem: SolvableProblem, factor: float, step: PETSc.Vec) -> None:
+    """Add a multiple of a step to ``problem.x``, along the paths that a problem needs."""
+    paths, x = problem.retraction, problem.x
+    if paths and paths.exact:
+        paths(x.copy(), step, factor, x)
+    else:
+        x.axpy(factor, step)
+
+
 class SemiImplicit:
     """Semi-implicit Euler: one linearised step of backward Euler (Baraff & Witkin 1998).
 
@@ -94,7 +103,7 @@ class SemiImplicit:
             outcome.out_of_memory = found.out_of_memory or factors_out_of_memory(linear.getPC())
             return outcome
         if norm > 0:
-            x.axpy(1.0, d)
+            take_step(problem, 1.0, d)
         problem.prescribe(x)
         if problem.has_energy and not isfinite(problem.energy(x)):
             outcome.reason = "DIVERGED_FUNCTION_DOMAIN"

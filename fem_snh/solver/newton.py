@@ -18,9 +18,9 @@ from fem_snh.linalg.direct_solver import is_direct
 from fem_snh.solver import garbage, options
 from fem_snh.solver.forcing import ForcingTerm
 from fem_snh.solver.globalization import Globalization, LineSearchNewton
-from fem_snh.solver.line_search import LargestStep, LineSearch, Retraction
+from fem_snh.solver.line_search import LargestStep, LineSearch
 from fem_snh.solver.linear_choice import LinearChoice
-from fem_snh.solver.protocol import SaddlePoint
+from fem_snh.solver.protocol import CurvedPaths, SaddlePoint
 from fem_snh.solver.quasi_newton import QuasiNewton
 from fem_snh.solver.saddle_point import MeritLineSearch
 from fem_snh.solver.search_direction import SearchDirection
@@ -74,8 +74,8 @@ class ProjectedNewton:
         The pressure of a saddle-point problem.
     largest_step : callable, optional
         The part of a step that is admissible: see `fem_snh.solver.protocol.SolvableProblem`.
-    retraction : callable, optional
-        The path of a step: see `fem_snh.solver.line_search.Retraction`.
+    retraction : CurvedPaths, optional
+        The paths of steps.
     acting_force : callable, optional
         ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
         tolerance depends on ``force_scale`` alone.
@@ -110,7 +110,7 @@ class ProjectedNewton:
         has_energy: bool = True,
         saddle_point: SaddlePoint | None = None,
         largest_step: LargestStep | None = None,
-        retraction: Retraction | None = None,
+        retraction: CurvedPaths | None = None,
         acting_force: Callable[[PETSc.Vec], float] | None = None,
         rounding_force: float = 0.0,
         stability: EquilibriumStability | None = None,

@@ -13,7 +13,7 @@ from fem_snh._petsc import set_operators
 from fem_snh.choices import DEFAULT_PREDICTOR, PREDICTORS
 from fem_snh.errors import NotSettled, bad_value, choose
 from fem_snh.solver.forcing import relative_tolerance
-from fem_snh.solver.linearised import linearised_residual
+from fem_snh.solver.linearised import linearised_residual, take_step
 from fem_snh.solver.protocol import SolvableProblem
 from fem_snh.solver.saddle_point import outer_operator
 
@@ -158,5 +158,5 @@ class Predictor:
             ksp.solve(rhs, step)
         # After any other failure the guess is the old state: Newton's linear solve will report it.
         if ksp.getConvergedReason() > 0 or ksp.getConvergedReason() == _MAX_IT:
-            x.axpy(-1.0, step)
+            take_step(problem, -1.0, step)
         return int(ksp.getIterationNumber())

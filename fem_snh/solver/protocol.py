@@ -78,7 +78,16 @@ class SaddlePoint(Protocol):
 
 
 class CurvedPaths(Protocol):
-    """Paths of steps: see `fem_snh.problem.stiff_parts.StiffParts`. Collective."""
+    """Paths of steps: see `fem_snh.problem.paths.Paths`. Collective.
+
+    Attributes
+    ----------
+    exact : bool
+        Whether steps must end on the path. Entries of a step are then not displacements
+        everywhere.
+    """
+
+    exact: bool
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
         """Set ``end`` to the end of a path from x along step d."""

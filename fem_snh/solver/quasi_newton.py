@@ -12,11 +12,15 @@ from fem_snh.solver.step import State, Step
 
 
 class _Memory(NamedTuple):
-    """PETSc's limited-memory inverse Hessian, with the state and the direction of an iteration."""
+    """PETSc's limited-memory inverse Hessian, and vectors of an iteration.
+
+    ``travelled`` is the sum of the steps: their differences are steps where the unknowns' are not.
+    """
 
     inverse: PETSc.Mat
     start: State
     d: PETSc.Vec
+    travelled: PETSc.Vec
 
 
 class QuasiNewton:
@@ -57,18 +61,21 @@ class QuasiNewton:
         end, enough = step.end, max(self.rtol * start_norm, self.atol)
         assert end is not None
         while step.lbfgs < self.max_it and end.residual.norm() > enough:
-            inverse, start, d = self._allocated(end)
+            inverse, start, d, travelled = self._allocated(end)
             if not step.lbfgs:
                 call("MatLMVMReset", inverse, 0)
             end.copy_to(start)
-            call("MatLMVMUpdate", inverse, start.x, start.residual)
+            curved = self._line_search.follows_paths
+            call("MatLMVMUpdate", inverse, travelled if curved else start.x, start.residual)
             inverse.solve(start.residual, d)
             d.scale(-1.0)
             slope = float(start.residual.dot(d))
-            accepted = slope < 0 and self._line_search.search(start, d, slope, end).end
-            if not accepted:
+            searched = self._line_search.search(start, d, slope, end) if slope < 0 else Step()
+            if not searched.end:
                 start.copy_to(end)
                 break
+            if curved:
+                travelled.axpy(searched.length, d)
             step.lbfgs += 1
         return step
 
@@ -82,5 +89,7 @@ class QuasiNewton:
             inverse.setUp()
             call("MatLMVMAllocate", inverse, start.x, start.residual)
             call("MatLMVMSetJ0PC", inverse, self._pc)
-            self._memory = _Memory(inverse, start, d)
+            travelled = d.duplicate()
+            travelled.set(0.0)
+            self._memory = _Memory(inverse, start, d, travelled)
         return self._memory

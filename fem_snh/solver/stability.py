@@ -109,8 +109,7 @@ class EquilibriumStability:
         step = _FIRST * self._problem.length / d.norm(PETSc.NormType.INFINITY)
         for _ in range(_HALVINGS):
             lowest = search.evaluate_energy(start.x, d, step, trial)
-            admitted = search.largest_step(start.x, trial.x - start.x) == 1
-            if admitted and lowest < start.energy:
+            if search.admits(start.x, trial.x) and lowest < start.energy:
                 break
             step *= 0.5
         else:

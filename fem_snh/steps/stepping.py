@@ -146,6 +146,8 @@ class Stepper:
             self._last["notes"] = kinds
         if converged:
             self._last |= problem.reaction_sums(problem.x)
+            if rigid := problem.rigid_states(problem.x):
+                self._last["rigid"] = rigid
         self._last |= recorded
         if converged and self.probes:
             self._last["probes"] = self.probes.values()

@@ -21,8 +21,8 @@ INT64_MAX = 2**63 - 1
 #: The built-in geometry with the fewest nodes has one layer of N x N cells: 6 (N + 1)^2 = 6e8
 #: unknowns at this N, where PetscInt ends at 2e9. A cube reaches that at N = 893.
 MAX_CELLS = 10_000
-#: What UFL calls the integrals of a measure ds.
-_FACETS = "exterior_facet"
+#: What UFL calls the integrals of measures dx and ds.
+_CELLS, _FACETS = "cell", "exterior_facet"
 #: run.json has a row of some 500 bytes for each step: 0.5 GB.
 MAX_STEPS = 1_000_000
 
@@ -99,9 +99,33 @@ Surface = Annotated[
 ]
 
 
+def _check_part(value: object) -> object:
+    """Reject what is no UFL measure of cells or of exterior facets."""
+    ufl: Any = sys.modules.get("ufl")
+    known = ufl is not None and isinstance(value, ufl.Measure)
+    if not known or getattr(value, "integral_type", str)() not in (_CELLS, _FACETS):
+        raise ValueError
+    return value
+
+
+#: A part of a body: a physical group of a scene, or a measure of a program.
+Part = Annotated[
+    Annotated[str, Field(min_length=1)]
+    | Annotated[int, Field(strict=True, ge=1, le=INT32_MAX)]
+    | Annotated[SkipJsonSchema[Any], AfterValidator(_check_part)],
+    Expect(
+        f"the name of a physical group, or its number from 1 to {INT32_MAX}; in a program a "
+        "measure dx(...) or ds(...)"
+    ),
+]
+
+
 def surface_name(surface: Any) -> str:
     """Return the name of a physical group, or of a measure, in results and messages."""
-    return f"ds({surface.subdomain_id()})" if hasattr(surface, "subdomain_id") else str(surface)
+    if not hasattr(surface, "subdomain_id"):
+        return str(surface)
+    symbol = "dx" if surface.integral_type() == _CELLS else "ds"
+    return f"{symbol}({surface.subdomain_id()})"
 
 
 Groups = Annotated[

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from fem_snh.terms.term import Term
 
 Array = npt.NDArray[Any]
+#: Returns dimension and this rank's entities of a group of cells or of facets, given as facets are.
+Entities = Callable[[str, Any], tuple[int, Array]]
 #: Returns this rank's facets of a surface, given the key that names it, for messages, and its name.
 Facets = Callable[[str, Any], Array]
 
@@ -40,6 +42,11 @@ class MotionInTime(Protocol):
 
 #: Returns the motion of a body, given displacement, regions, Dirichlet conditions and kinematics.
 CreateMotion = Callable[[Any, Sequence[Region], Dirichlet, Kinematics], Any]
+
+
+def _no_entities(key: str, group: Any) -> tuple[int, Array]:
+    """Raise BadInput: errors are estimated in another space, on a body without rigid parts."""
+    raise bad_value(key, surface_name(group), "no rigid part, where errors are estimated")
 
 
 @dataclass(frozen=True)
@@ -67,6 +74,9 @@ class Body:
     kinematics : Kinematics
         How the displacement becomes a deformation gradient. On a body of revolution integrals are
         those of the whole turn.
+    entities : callable
+        As ``facets``, also of groups of cells and of surfaces inside of the body: dimension and
+        entities.
     """
 
     u: Any
@@ -77,6 +87,7 @@ class Body:
     motion: MotionInTime | None = None
     skin: Skin | None = None
     kinematics: Kinematics = SOLID
+    entities: Entities = _no_entities
 
     @property
     def V(self) -> Any:
@@ -188,6 +199,46 @@ def group_facets(mesh: Mesh, key: str, group: Any) -> Array:
         accepted = f"a surface of the body; {inside} of its {found.count} facets are inside of it"
         raise bad_value(key, group, accepted)
     return found.entities
+
+
+def group_entities(mesh: Mesh, key: str, group: Any) -> tuple[int, Array]:
+    """Return dimension and entities of a physical group of cells or facets. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a group that is unknown, or of another dimension.
+    """
+    if not isinstance(group, str | int):
+        raise bad_value(key, group, "a physical group of the scene's mesh, by name or number")
+    found = mesh.group(group)
+    if found.dim < mesh.dim - 1:
+        accepted = f"a {DIMENSIONS[mesh.dim]} or a {DIMENSIONS[mesh.dim - 1]}, not a {found.label}"
+        raise bad_value(key, group, accepted)
+    return found.dim, found.entities
+
+
+def measure_parts(domain: Any, key: str, measure: Any) -> tuple[int, Array]:
+    """Return dimension and entities of a program's measure of cells or facets. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for what is no such measure on the mesh, or has no entities.
+    """
+    dim = domain.topology.dim
+    if getattr(measure, "integral_type", str)() != "cell":
+        return dim - 1, measure_facets(domain, key, measure)
+    shown = surface_name(measure)
+    if measure.ufl_domain() not in (None, domain.ufl_domain()):
+        raise bad_value(key, "a measure on another mesh", "the mesh of the displacement")
+    try:
+        cells = _dolfinx.measure_entities(measure, domain)
+    except ValueError as error:
+        raise bad_value(key, shown, str(error)) from None
+    if domain.comm.allreduce(len(cells)) == 0:
+        raise bad_value(key, shown, "a measure of cells; none has this tag")
+    return dim, cells
 
 
 def measure_facets(domain: Any, key: str, measure: Any) -> Array:

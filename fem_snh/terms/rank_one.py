@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
@@ -66,10 +66,15 @@ class RankOneUpdate:
         found = [term for term in terms if isinstance(term, RankOneTerm)]
         return cls(A, V, found, constrained_dofs) if found else None
 
-    def update(self, u: PETSc.Vec) -> None:
-        """Evaluate the terms at a ghosted displacement. Collective."""
+    def update(self, u: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None) -> None:
+        """Evaluate the terms at a ghosted displacement. Collective.
+
+        ``reduce`` replaces a derivative by displacements by that by fewer unknowns, in place.
+        """
         for column, term in enumerate(self._terms):
             self._factors.array[column] = term.rank_one(u, self._g)
+            if reduce:
+                reduce(self._g)
             self._g.array[self._fixed] = 0.0
             self._U.getDenseArray()[:, column] = np.asarray(self._g.array_r)
         self._U.assemble()

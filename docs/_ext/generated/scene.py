@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 from fem_snh.scenes import _bones, schema
 from fem_snh.tables import shapes
 from fem_snh.tables.validation import Expect
+from fem_snh.terms import rigid
 from generated.table import table
 
 #: The tables of a scene file, in the order of the page, each with the model that validates it.
@@ -29,6 +30,9 @@ TABLES = (
     ("[gravity]", schema.Gravity),
     ("[[pressure]]", schema.Pressure),
     ("[[spring]]", schema.Spring),
+    ("[[rigid]]", schema.Rigid),
+    ("joint", rigid.RigidJoint),
+    ("spring, of a rigid part", rigid.RigidSpring),
     ("[[contact]]", schema.Contact),
     ("[self_contact]", schema.SelfContact),
     ("[[cavity]]", schema.Cavity),

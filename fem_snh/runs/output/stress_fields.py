@@ -158,9 +158,12 @@ class StressFields:
         for cells, loops in self._parts:
             weights, H, P = loops.evaluate(*arrays)
             found.append((cells, {_WEIGHTS: weights, **self._point_fields.evaluate(H, P, names)}))
-        merged = found[0][1]
-        if len(found) > 1:
-            merged = {k: np.empty((self._num_cells, *a.shape[1:])) for k, a in merged.items()}
+        merged, rigid = found[0][1], self._problem.rigid
+        if len(found) > 1 or rigid:
+            # Cells of rigid parts have no stress; any weight will do.
+            merged = {k: np.zeros((self._num_cells, *a.shape[1:])) for k, a in merged.items()}
+            if rigid:
+                merged[_WEIGHTS][rigid.cells] = 1.0
             for cells, values in found:
                 for name, part in values.items():
                     merged[name][cells] = part

@@ -1,0 +1,276 @@
+r"""The motions of rigid parts that joints connect to the world or to each other.
+
+A part is at :math:`x = c + R (X - p)`, p a point of it. Its six unknowns are a translation v and a
+rotation :math:`\omega` from the present pose, of which a joint leaves some:
+
+.. math:: c(s) = c + s v, \qquad R(s) = \exp(s [\omega]_\times) R .
+
+A ball joint at p carries c along with its parent; a hinge leaves a rotation about an axis, and a
+slider a translation, both fixed in the parent. Its motion relative to the parent is then turned
+with the parent. Slopes along these paths are exact at every s, not only at s = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.geometry.rotations import (
+    exponential,
+    inverse_left_jacobian,
+    logarithm,
+    nearest_rotation,
+    skew,
+    turn_about,
+)
+
+Array = npt.NDArray[Any]
+
+#: Unknowns of a part.
+UNKNOWNS = 6
+#: The kinds of joints, and which unknowns each leaves: v, then omega times a length.
+JOINTS = {
+    "": (0, 1, 2, 3, 4, 5),
+    "ball": (3, 4, 5),
+    "hinge": (3,),
+    "slider": (0,),
+}
+
+
+class Poses(NamedTuple):
+    """Positions c (parts, 3) of the parts' points and rotations R (parts, 3, 3)."""
+
+    c: Array
+    R: Array
+
+
+@dataclass(frozen=True)
+class Link:
+    """How a part may move.
+
+    Attributes
+    ----------
+    point : (3,) array
+        The reference coordinates [m] of its point p.
+    length : float
+        The length [m] by which rotations are scaled.
+    joint : str
+        One of `JOINTS`; empty for a part without a joint.
+    axis : (3,) array
+        The unit vector of a hinge or a slider; zero without one.
+    parent : int
+        The part that the joint connects it to; -1 for the world.
+    free : tuple of bool
+        Which components of the translation of a part without a joint, and whether its rotation,
+        are free.
+    """
+
+    point: Array
+    length: float
+    joint: str = ""
+    axis: Array = field(default_factory=lambda: np.zeros(3))
+    parent: int = -1
+    free: tuple[bool, bool, bool, bool] = (True, True, True, True)
+
+    @property
+    def free_unknowns(self) -> Array:
+        """(6,) bool: which unknowns are free."""
+        chosen = np.isin(np.arange(UNKNOWNS), JOINTS[self.joint])
+        return chosen if self.joint else chosen & np.repeat(self.free, (1, 1, 1, 3))
+
+
+class RigidTree:
+    """Rigid parts and their joints, of which no chain is closed.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        The parts.
+    """
+
+    def __init__(self, links: Sequence[Link]) -> None:
+        self.links = list(links)
+        self.points = np.array([link.point for link in links])
+        self.free = np.concatenate([link.free_unknowns for link in links])
+        self.order: list[int] = []  # parents before their children
+        while len(self.order) < len(links):
+            self.order += [
+                i
+                for i, link in enumerate(links)
+                if i not in self.order and (link.parent < 0 or link.parent in self.order)
+            ]
+
+    def ancestors(self, part: int) -> list[int]:
+        """Return a part and the parts whose motion carries it."""
+        found = [part]
+        while (part := self.links[part].parent) >= 0:
+            found.append(part)
+        return found
+
+    def _parent(self, poses: Poses, link: Link) -> tuple[Array, Array, Array]:
+        """Return point p, position and rotation of a link's parent; of the world those of p."""
+        if link.parent < 0:
+            return link.point, link.point, np.eye(3)
+        return self.points[link.parent], poses.c[link.parent], poses.R[link.parent]
+
+    def project(self, poses: Poses, translations: Array, rotations: Array) -> Poses:
+        """Return the poses that joints and prescribed motions admit, near given ones.
+
+        Parameters
+        ----------
+        poses : Poses
+            The poses.
+        translations : (parts, 3) array
+            Displacements [m] of the points; only constrained components are read.
+        rotations : (parts, 3, 3) array
+            Rotations; only constrained ones are read.
+        """
+        c, R = poses.c.copy(), poses.R.copy()
+        for i in self.order:
+            link = self.links[i]
+            point, carrier, turned = self._parent(Poses(c, R), link)
+            if not link.joint:
+                fixed = ~np.array(link.free[:3])
+                c[i, fixed] = (self.points[i] + translations[i])[fixed]
+                if not link.free[3]:
+                    R[i] = rotations[i]
+                continue
+            joint, slide = carrier + turned @ (link.point - point), 0.0
+            if link.joint == "slider":
+                axis = turned @ link.axis
+                slide = float(axis @ (c[i] - joint))
+                joint, R[i] = joint + slide * axis, turned
+            elif link.joint == "hinge":
+                angle = turn_about(link.axis, turned.T @ R[i])
+                R[i] = turned @ exponential(angle * link.axis)
+            c[i] = joint
+        return Poses(c, R)
+
+    def move(self, poses: Poses, q: Array) -> Poses:
+        """Return the poses at the end of the path along unknowns q, (6 parts,)."""
+        c, R, q = poses.c.copy(), poses.R.copy(), q.reshape(-1, UNKNOWNS)
+        for i in self.order:
+            link, v = self.links[i], q[i, :3]
+            omega = q[i, 3:] / link.length
+            if not link.joint:
+                c[i], R[i] = c[i] + v, exponential(omega) @ R[i]
+                continue
+            _, before, turned = self._parent(poses, link)
+            _, after, turned_after = self._parent(Poses(c, R), link)
+            turn, axis = turned_after @ turned.T, turned @ link.axis
+            slide = v[0] * axis if link.joint == "slider" else 0.0
+            c[i] = after + turn @ (poses.c[i] - before + slide)
+            if link.joint == "ball":
+                R[i] = exponential(omega) @ poses.R[i]
+            elif link.joint == "hinge":
+                R[i] = turn @ exponential(omega[0] * axis) @ poses.R[i]
+            else:
+                R[i] = turn @ poses.R[i]
+        return Poses(c, R)
+
+    def jacobian(self, poses: Poses) -> Array:
+        """Return the derivative of the parts' twists (v, omega) by the unknowns, square."""
+        G = np.zeros((UNKNOWNS * len(self.links),) * 2)
+        for i in self.order:
+            link, k = self.links[i], UNKNOWNS * i
+            v, w = slice(k, k + 3), slice(k + 3, k + 6)
+            if not link.joint:
+                G[v, v] = np.eye(3)
+                G[w, w] = np.eye(3) / link.length
+                continue
+            _, carrier, turned = self._parent(poses, link)
+            if link.parent >= 0:
+                p = UNKNOWNS * link.parent
+                G[v] = G[p : p + 3] - skew(poses.c[i] - carrier) @ G[p + 3 : p + 6]
+                if link.joint != "ball":
+                    G[w] = G[p + 3 : p + 6]
+            if link.joint == "ball":
+                G[w, w] = np.eye(3) / link.length
+            elif link.joint == "hinge":
+                G[w, k + 3] += turned @ link.axis / link.length
+            else:
+                G[v, k] += turned @ link.axis
+        return G
+
+    def curvature(self, poses: Poses, G: Array, wrenches: Array, moments: Array) -> Array:
+        """Return the second derivative of the work of forces along the paths, by the unknowns.
+
+        Parameters
+        ----------
+        poses : Poses
+            The poses.
+        G : array
+            Their `jacobian`.
+        wrenches : (6 parts,) array
+            Sums of the forces f on each part and of their moments (x - c) x f.
+        moments : (parts, 3, 3) array
+            The sums of f (x - c)^T.
+        """
+        size = len(G)
+        twists, unknowns = np.zeros((size, size)), np.zeros((size, size))
+        sums = wrenches.reshape(-1, 2, 3).copy()  # with those of the parts that a part carries
+
+        def add_turn(part: int, S: Array) -> None:
+            w = slice(UNKNOWNS * part + 3, UNKNOWNS * part + 6)
+            twists[w, w] += (S + S.T) / 2 - np.trace(S) * np.eye(3)
+
+        for i in reversed(self.order):
+            link, (force, moment) = self.links[i], sums[i]
+            add_turn(i, moments[i])
+            if not link.joint or link.parent < 0:
+                continue
+            a = link.parent
+            _, carrier, turned = self._parent(poses, link)
+            arm, w = poses.c[i] - carrier, slice(UNKNOWNS * a + 3, UNKNOWNS * a + 6)
+            add_turn(a, np.outer(force, arm))
+            sums[a, 0] += force
+            sums[a, 1] += np.cross(arm, force)
+            if link.joint != "ball":
+                sums[a, 1] += moment
+                axis, k = turned @ link.axis, UNKNOWNS * i
+                if link.joint == "hinge":
+                    mixed, k = np.cross(axis, moment) / (2 * link.length), k + 3
+                else:
+                    mixed = np.cross(axis, force)
+                row = mixed @ G[w]
+                unknowns[k] += row
+                unknowns[:, k] += row
+        return np.asarray(G.T @ twists @ G + unknowns)
+
+    def relative_rotation(self, poses: Poses, part: int) -> Array:
+        """Return the rotation vector of a part relative to its parent, in present axes, (3,)."""
+        parent = self.links[part].parent
+        R = poses.R[part]
+        return logarithm(R @ poses.R[parent].T if parent >= 0 else R)
+
+    def spring_stiffness(self, poses: Poses, part: int) -> Array:
+        """Return the second derivative of half the square of `relative_rotation` by the twists."""
+        theta, size = self.relative_rotation(poses, part), UNKNOWNS * len(self.links)
+        J, found = inverse_left_jacobian(theta), np.zeros((size, size))
+        w, parent = slice(UNKNOWNS * part + 3, UNKNOWNS * part + 6), self.links[part].parent
+        found[w, w] = (J + J.T) / 2
+        if parent >= 0:
+            a = slice(UNKNOWNS * parent + 3, UNKNOWNS * parent + 6)
+            found[a, a] = found[w, w]
+            found[a, w], found[w, a] = -J, -J.T
+        return found
+
+
+def fit_poses(points: Array, means: Array, places: Array, products: Array) -> Poses:
+    """Return the poses nearest to the places of nodes, in least squares.
+
+    Parameters
+    ----------
+    points : (parts, 3) array
+        The points p of the parts.
+    means, places : (parts, 3) arrays
+        Means of the nodes' reference coordinates and of their present places.
+    products : (parts, 3, 3) array
+        The sums of x (X - mean X)^T.
+    """
+    R = nearest_rotation(products)
+    return Poses(places + np.einsum("nij,nj->ni", R, points - means), R)

@@ -1,0 +1,81 @@
+"""Rotation matrices and rotation vectors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+#: Angle below which a coefficient of `inverse_left_jacobian` is its series: its error is of the
+#: fourth power.
+_SMALL = 1e-3
+
+
+def skew(v: Array) -> Array:
+    """Return the matrices of the cross products v x, (..., 3, 3)."""
+    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def rotate(omega: Array, r: Array) -> Array:
+    """Return vectors r, (..., 3), rotated by rotation vectors omega (Rodrigues' formula)."""
+    angle = np.linalg.norm(omega, axis=-1, keepdims=True)
+    first, second = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    once = np.cross(omega, r)
+    return np.asarray(r + first * once + second * np.cross(omega, once))
+
+
+def exponential(omega: Array) -> Array:
+    """Return the rotation matrix of a rotation vector (3,)."""
+    return rotate(omega, np.eye(3)).T
+
+
+def logarithm(R: Array) -> Array:
+    """Return the rotation vector (3,) of a rotation matrix; its angle is at most pi."""
+    # The quaternion by the largest of its components (Shepperd 1978), which is accurate near pi.
+    K = np.array(
+        [
+            [R[0, 0] - R[1, 1] - R[2, 2], 0, 0, 0],
+            [R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], 0, 0],
+            [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1], 0],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
+        ]
+    )
+    q = np.linalg.eigh((K + K.T - np.diag(np.diag(K))) / 3)[1][:, -1]
+    q = -q if q[3] < 0 else q
+    sine = float(np.linalg.norm(q[:3]))
+    angle = 2 * np.arctan2(sine, q[3])
+    return np.asarray(q[:3] * (angle / sine if sine > 0 else 2.0))
+
+
+def nearest_rotation(A: Array) -> Array:
+    """Return the rotations that are nearest to matrices A, (..., 3, 3) (Kabsch 1976)."""
+    U, _, Vt = np.linalg.svd(A)
+    U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
+    return np.asarray(U @ Vt)
+
+
+def turn_about(axis: Array, R: Array) -> float:
+    """Return the angle of the rotation about a unit vector that is nearest to R."""
+    axial = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(axis @ axial, np.trace(R) - axis @ R @ axis))
+
+
+def inverse_left_jacobian(theta: Array) -> Array:
+    """Return J^-1, d theta = J^-1 omega dt where the rotation exp(theta) turns with omega.
+
+    Barfoot 2017, eq. 7.77.
+    """
+    angle = float(np.linalg.norm(theta))
+    if angle < _SMALL:
+        second = 1 / 12 + angle**2 / 720
+    else:
+        half = angle / 2
+        second = (1 - half / np.tan(half)) / angle**2
+    K = skew(theta)
+    return np.asarray(np.eye(3) - K / 2 + second * (K @ K))

@@ -1,0 +1,60 @@
+"""Terms that replace the displacements of some nodes by fewer unknowns."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+
+Array = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class EliminatingTerm(Protocol):
+    """A term whose nodes follow a few unknowns: `fem_snh.terms.rigid_parts.RigidParts`.
+
+    The problem's vector x keeps all displacements; gradients and steps have the unknowns at some
+    of these entries, and zeros at the others. All methods are collective.
+
+    Attributes
+    ----------
+    cells : (n,) int
+        This rank's own cells that do not deform: they are not assembled.
+    nodes : (n,) int
+        This rank's own nodes that follow the unknowns.
+    """
+
+    cells: npt.NDArray[Any]
+    nodes: npt.NDArray[Any]
+
+    def fold(self, matrix: BlockMatrix) -> npt.NDArray[Any]:
+        """Fold a problem's matrix from now on; return the entries that are no unknowns."""
+
+    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str) -> None:
+        """Set the fold at x, where the derivative by all displacements is ``gradient``."""
+
+    def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Replace the derivative by displacements by that by the unknowns, with the term's own."""
+
+    def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Replace the derivative of another quantity by displacements by that by the unknowns."""
+
+    def poses(self, x: PETSc.Vec) -> Any:
+        """Return the poses that are nearest to the displacements in ``x``."""
+
+    def prescribe(self, x: PETSc.Vec, load: float, poses: Any = None) -> None:
+        """Set the nodes to the displacements nearest to given poses that a load admits."""
+
+    def move(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
+        """Set the nodes in ``end`` to the end of their path from x along step d."""
+
+    def move_rigidly(self, x: PETSc.Vec) -> None:
+        """Set the nodes to the nearest displacements that are admissible at the present load."""
+
+    def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
+        """Return what run.json has of a state, by name."""

@@ -1,0 +1,179 @@
+"""Parts that move as rigid bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
+from fem_snh.tables.motions import TRANSLATE, Rotate
+from fem_snh.tables.types import NonNegative, Part, Text, Vector, split_text, surface_name
+from fem_snh.tables.validation import Expect, Table
+from fem_snh.terms.feature import Feature
+
+if TYPE_CHECKING:
+    from fem_snh.terms.body import Body
+    from fem_snh.terms.term import Term
+
+#: The motions of a part that may be free where others are prescribed.
+MOTIONS = ("x", "y", "z", "rotation")
+#: What each kind of joint leaves.
+KINDS = ("ball", "hinge", "slider")
+#: Kinds with an axis.
+_WITH_AXIS = KINDS[1:]
+
+
+class RigidJoint(Table):
+    """A joint of a rigid part to the world or to another rigid part."""
+
+    kind: str = Field(
+        description="ball: a rotation about a point is free; hinge: one about an axis; slider: a "
+        "translation along an axis, without rotation."
+    )
+    through: Vector = Field(
+        description="Reference coordinates of the point, or of one of the axis [length]."
+    )
+    axis: Vector | None = Field(
+        default=None, description="Direction of a hinge's or a slider's axis; none of a ball joint."
+    )
+    to: Text | None = Field(
+        default=None,
+        description="Name of the rigid part that the joint connects this one to, and that carries "
+        "point and axis; default: the world.",
+    )
+
+    @model_validator(mode="after")
+    def _check_axis(self) -> RigidJoint:
+        choose("kind", self.kind, KINDS)
+        if (self.axis is None) == (self.kind in _WITH_AXIS):
+            needed = "a direction" if self.axis is None else "no value"
+            raise BadInput(f"axis: expected {needed}, of a {self.kind} joint")
+        if self.axis is not None and not any(self.axis):
+            raise bad_value("axis", list(self.axis), "a vector that is not zero")
+        return self
+
+
+class RigidSpring(Table):
+    """Springs of a rigid part, stress-free in the reference configuration."""
+
+    stiffness: NonNegative = Field(
+        default=0.0, description="Force per displacement of the point ``about`` [N/m]."
+    )
+    rotation: NonNegative = Field(
+        default=0.0,
+        description="Moment per angle of the rotation relative to the part that a joint connects "
+        "to, or to the world, less than half a turn [N m].",
+    )
+
+
+class Rigid(Feature):
+    r"""A group of cells or facets that moves as a rigid body, with six unknowns.
+
+    .. math:: x = c + R (X - p), \qquad p \text{ the point } \mathtt{about}
+
+    It is free, unless ``translate``, ``rotate`` or ``free`` is given: the others of its motions are
+    then prescribed, as those of [[move]], or zero.
+    """
+
+    key = "rigid"
+    group: Part = Field(
+        description="Physical group of volumes or surfaces, by name or number; in a program a "
+        "measure dx(...) or ds(...)."
+    )
+    name: Text | None = Field(default=None, description="Name in the results; default: the group.")
+    about: Vector | None = Field(
+        default=None,
+        description="Reference coordinates of the point at which forces act and to which moments "
+        "and displacements refer [length]; default: a joint's point, or the mean of the nodes.",
+    )
+    translate: Vector | None = Field(default=None, description=TRANSLATE)
+    rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
+    free: (
+        Annotated[
+            tuple[Literal["x", "y", "z", "rotation"], ...],
+            Expect("a list of 'x', 'y', 'z' (of the point), 'rotation'"),
+            BeforeValidator(split_text),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="Components of the point's displacement, or the rotation, that are free where "
+        "the others are prescribed.",
+    )
+    table: TableName | None = Field(default=None, description=MOTION_TABLE)
+    joint: RigidJoint | None = Field(default=None, description="What connects the part.")
+    force: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="Force of constant direction at amplitude 1 [N]."
+    )
+    torque: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Moment at amplitude 1 [N m], of constant direction unless it follows.",
+    )
+    follower: bool = Field(
+        default=False, description="Whether force and torque turn with the part."
+    )
+    load_table: TableName | None = Field(default=None, description=TABLE)
+    spring: RigidSpring | None = Field(default=None, description="Springs that hold the part.")
+
+    @model_validator(mode="after")
+    def _check_motion(self) -> Rigid:
+        prescribed = self.translate is not None or self.rotate is not None
+        if self.joint and (prescribed or self.free is not None):
+            given = next(k for k in ("translate", "rotate", "free") if getattr(self, k) is not None)
+            raise BadInput(f"'joint' and '{given}' exclude each other: expected one of them")
+        if self.joint and self.about is not None:
+            raise BadInput("'joint' and 'about' exclude each other: the joint's point is the point")
+        if self.table is not None and not prescribed:
+            raise BadInput("missing key 'translate' or 'rotate': expected with 'table'")
+        return self
+
+    @property
+    def label(self) -> str:
+        """The part's name in results."""
+        return self.name or surface_name(self.group)
+
+    @property
+    def free_motions(self) -> tuple[bool, bool, bool, bool]:
+        """Whether the components of the translation and the rotation are free, without a joint."""
+        if self.translate is None and self.rotate is None and self.free is None:
+            return (True,) * 4
+        x, y, z, rotation = (motion in (self.free or ()) for motion in MOTIONS)
+        return x, y, z, rotation
+
+    @classmethod
+    def check(cls, features: Sequence[Self], scene: Any) -> None:
+        """Raise BadInput for keys of a scene that rigid parts do not support."""
+        if features and scene.bone:
+            raise BadInput("'rigid' and 'bone' exclude each other: expected one of them")
+        for key in ("modes", "nu_continuation", "error", "accuracy"):
+            if features and getattr(scene, key):
+                raise BadInput(f"'rigid' and '{key}' exclude each other: expected one of them")
+        check_names(features)
+
+    @classmethod
+    def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
+        """Return one term of all parts. Collective."""
+        from fem_snh.terms.rigid_parts import RigidParts  # imports PETSc
+
+        check_names(features)
+        return [RigidParts(features, body)]
+
+
+def check_names(parts: Sequence[Rigid]) -> None:
+    """Raise BadInput if two parts have one name, or for a joint to no part or to itself."""
+    names = [part.label for part in parts]
+    for name in names:
+        if names.count(name) > 1:
+            raise bad_value("rigid.name", name, "a different name for each part")
+    parents = {part.label: part.joint.to for part in parts if part.joint and part.joint.to}
+    for name, parent in parents.items():
+        choose("rigid.joint.to", parent, [other for other in names if other != name])
+        chain = [name]
+        while chain[-1] in parents:
+            chain.append(parents[chain[-1]])
+            if chain[-1] == name:
+                accepted = "joints that connect no part to itself: " + " to ".join(chain)
+                raise bad_value("rigid.joint.to", parent, accepted)

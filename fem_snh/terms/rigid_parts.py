@@ -1,0 +1,381 @@
+r"""Rigid parts of a body: their unknowns instead of the displacements of their nodes.
+
+The vector of unknowns keeps the displacements of all nodes, so that every other term sees the body
+as it is. Residuals, steps and the matrix have the six unknowns of a part at the entries of two of
+its nodes, and zeros at the others (`fem_snh.assembly.folding`). A step ends on the true rigid
+motion, :math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along it is
+
+.. math:: B^T H B + \sum_i \tfrac12 (f_i r_i^T + r_i f_i^T) - (f_i \cdot r_i) I
+
+with the forces f on the nodes at r from the part's point. The second part is the curvature of
+rotations; where a filtered Hessian is asked for, its negative eigenvalues become zero, or their
+absolute value, for all parts together. That and :math:`B^T H B` with a filtered H are positive
+semidefinite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.folding import Folding
+from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.errors import bad_value
+from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
+from fem_snh.geometry.rotations import exponential, logarithm, skew
+from fem_snh.tables.motions import rigid_displacement
+from fem_snh.terms.body import Body
+from fem_snh.terms.rigid import Rigid
+
+Array = npt.NDArray[Any]
+
+#: Smallest second principal extent of a part's nodes over the largest: those of a smaller one are
+#: on a line, about which the rotation is undetermined.
+_ON_A_LINE = 1e-6
+
+
+class RigidParts:
+    """The rigid parts of a body, with their loads, springs and joints. Collective.
+
+    Parameters
+    ----------
+    parts : sequence of Rigid
+        The parts.
+    body : Body
+        The body.
+
+    Attributes
+    ----------
+    names : list of str
+        The parts' names.
+    cells : (n,) int
+        This rank's own cells whose nodes all are on one part.
+    nodes, labels : (n,) int
+        This rank's own nodes of the parts, and the part of each.
+    tree : RigidTree
+        How the parts may move.
+
+    Raises
+    ------
+    BadInput
+        On every rank: for a part without three nodes that are not on a line, and for nodes of two
+        parts, or with another condition.
+    """
+
+    name = "rigid"
+    has_hessian = True
+
+    def __init__(self, parts: Sequence[Rigid], body: Body) -> None:
+        V, self._parts = body.V, list(parts)
+        self._comm: MPI.Comm = V.mesh.comm
+        self.names = [part.label for part in parts]
+        owned, ghosts = _dolfinx.num_nodes(V)
+        self._size = 3 * owned
+        local = np.full(owned + ghosts, -1)
+        for number, part in enumerate(parts):
+            found = _dolfinx.locate_dofs(V, *body.entities("rigid.group", part.group))
+            self._check_nodes(part, local[found])
+            local[found] = number
+        self.nodes = np.flatnonzero(local[:owned] >= 0)
+        self.labels = local[self.nodes]
+        self.cells = self._inner_cells(V, local)
+        self._release(V, local, body.dirichlet)
+        self._X = V.tabulate_dof_coordinates()[self.nodes]
+        self._counts = self._sum(np.ones((len(self.nodes), 1)))
+        self._means = self._sum(self._X) / self._counts
+        self._centred = self._X - self._means[self.labels]
+        self._squares = self._sum(_products(self._centred, self._centred))
+        radii = self._radii(self._squares.reshape(-1, 3, 3))
+        self.tree = RigidTree([self._link(i, radii[i]) for i in range(len(parts))])
+        self._offsets = self._X - self.tree.points[self.labels]
+        self._slots = self._choose_slots(_dolfinx.local_to_global(V))
+        self._folding: Folding | None = None
+        amplitudes = body.amplitudes
+        self._motions = [amplitudes.motion(part.table) for part in parts]
+        self._turns = [
+            amplitudes.motion(part.rotate.table if part.rotate else None, motion)
+            for part, motion in zip(parts, self._motions, strict=True)
+        ]
+        self._factors = [amplitudes.force(part.load_table) for part in parts]
+        self._force = np.array([part.force for part in parts])
+        self._torque = np.array([part.torque for part in parts])
+        self._follows = np.array([part.follower for part in parts])
+        self._loads = np.zeros((len(parts), 2, 3))
+        springs = [part.spring for part in parts]
+        self._stiffness = np.array([s.stiffness if s else 0.0 for s in springs])
+        self._rotational = np.array([s.rotation if s else 0.0 for s in springs])
+        self.has_energy = not (self._torque.any() or self._force[self._follows].any())
+        moved = any(part.translate is not None or part.rotate is not None for part in parts)
+        self.depends_on_load = bool(moved or self._force.any() or self._torque.any())
+        self.set_load(0.0)
+
+    # --- the parts -------------------------------------------------------------------------------
+
+    def _check_nodes(self, part: Rigid, taken: Array) -> None:
+        """Raise BadInput on every rank for nodes of another part."""
+        others = self._comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
+        if others >= 0:
+            accepted = f"a part without nodes of part {self.names[others]!r}"
+            raise bad_value("rigid.group", part.label, accepted)
+
+    def _release(self, V: Any, local: Array, dirichlet: Dirichlet) -> None:
+        """Release nodes of Dirichlet conditions that are on the parts' surfaces: parts override.
+
+        Raises
+        ------
+        BadInput
+            On every rank, for a condition on nodes inside of a part, or on all of its nodes.
+        """
+        owned = len(local) - _dolfinx.num_nodes(V)[1]
+        flesh = _dolfinx.create_vector(V)
+        cells = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), self.cells)
+        writable_values(flesh).reshape(-1, 3)[_dolfinx.node_dofs(V)[cells]] = 1.0
+        add_ghosts(flesh)
+        inside = flesh.array_r.reshape(-1, 3)[self.nodes, 0] == 0
+        fixed = dirichlet.constrained[:owned][self.nodes].any(axis=1)
+        counts = np.stack([inside & fixed, fixed, np.ones_like(fixed)], axis=1).astype(float)
+        for part, (within, given, every) in zip(self._parts, self._sum(counts), strict=True):
+            if within or given == every:
+                accepted = "a part that no Dirichlet condition constrains beyond its surface: it "
+                accepted += "has 'translate', 'rotate' and 'free'"
+                raise bad_value("rigid.group", part.label, accepted)
+        dirichlet.constrained[local >= 0] = False
+        dirichlet.dofs = np.flatnonzero(dirichlet.constrained[:owned])
+
+    def _inner_cells(self, V: Any, local: Array) -> Array:
+        """Return this rank's own cells whose nodes all are on one part."""
+        cells = local[_dolfinx.node_dofs(V)[: _dolfinx.num_owned(V.mesh)]]
+        return np.flatnonzero((cells[:, 0] >= 0) & (cells == cells[:, :1]).all(axis=1))
+
+    def _radii(self, squares: Array) -> Array:
+        """Return the root mean square distance of the nodes from their mean, (parts,)."""
+        extents = np.sqrt(np.maximum(np.linalg.eigvalsh(squares), 0.0))
+        for part, (_, second, largest) in zip(self._parts, extents, strict=True):
+            if not second > _ON_A_LINE * largest:
+                accepted = "a group with three nodes that are not on a line"
+                raise bad_value("rigid.group", part.label, accepted)
+        return np.asarray(np.sqrt(np.trace(squares, axis1=1, axis2=2) / self._counts[:, 0]))
+
+    def _link(self, number: int, radius: float) -> Link:
+        """Return how a part may move."""
+        part, joint = self._parts[number], self._parts[number].joint
+        if joint is None:
+            point = self._means[number] if part.about is None else np.array(part.about)
+            return Link(point, radius, free=part.free_motions)
+        axis = np.zeros(3)
+        if joint.axis:
+            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+        parent = self.names.index(joint.to) if joint.to else -1
+        return Link(np.array(joint.through), radius, joint.kind, axis, parent)
+
+    def _choose_slots(self, to_global: Array) -> Array:
+        """Return the two nodes with the least numbers of each part, (parts, 2)."""
+        own = to_global[self.nodes]
+        parts = range(len(self._parts))
+        least = [np.sort(own[self.labels == i])[:2] for i in parts]
+        every = self._comm.allgather(least)
+        return np.array([np.sort(np.concatenate([e[i] for e in every]))[:2] for i in parts])
+
+    def fold(self, matrix: BlockMatrix) -> Array:
+        """Fold a problem's matrix from now on; return the entries that are no unknowns."""
+        chains = [self.tree.ancestors(i) for i in range(len(self._parts))]
+        parts = self.nodes, self.labels, self._slots, self.tree.free, chains
+        self._folding = matrix.fold(lambda dof_map: Folding(dof_map, *parts))
+        return self._folding.eliminated
+
+    # --- poses -----------------------------------------------------------------------------------
+
+    def _sum(self, values: Array) -> Array:
+        """Return the sums over each part's nodes, (parts, columns), of (nodes, columns)."""
+        sums = np.zeros((len(self._parts), values.shape[1]))
+        np.add.at(sums, self.labels, values)
+        return np.asarray(self._comm.allreduce(sums))
+
+    def poses(self, x: PETSc.Vec) -> Poses:
+        """Return the poses that are nearest to the displacements in ``x``. Collective."""
+        u = x.array_r[: self._size].reshape(-1, 3)[self.nodes]
+        sums = self._sum(np.hstack([u, _products(u, self._centred)]))
+        products = (sums[:, 3:] + self._squares).reshape(-1, 3, 3)
+        places = self._means + sums[:, :3] / self._counts
+        return fit_poses(self.tree.points, self._means, places, products)
+
+    def _set_poses(self, x: PETSc.Vec, poses: Poses) -> None:
+        """Set the nodes' displacements to those of poses."""
+        r = np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets)
+        u = x.array[: self._size].reshape(-1, 3)
+        u[self.nodes] = poses.c[self.labels] + r - self._X
+
+    def _arms(self, poses: Poses) -> Array:
+        """Return the nodes' present positions from their part's point, (nodes, 3)."""
+        return np.asarray(np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets))
+
+    def prescribe(self, x: PETSc.Vec, load: float, poses: Poses | None = None) -> None:
+        """Set the parts' nodes to the poses nearest to given ones that a load admits. Collective.
+
+        By default those of ``x``.
+        """
+        translations = np.zeros((len(self._parts), 3))
+        rotations = np.tile(np.eye(3), (len(self._parts), 1, 1))
+        for i, part in enumerate(self._parts):
+            amplitude, turn = self._motions[i](load), self._turns[i](load)
+            point = self.tree.points[i : i + 1]
+            motion = part.translate, part.rotate, amplitude, turn
+            translations[i] = rigid_displacement(point, *motion)[0]
+            if part.rotate:
+                axis = np.array(part.rotate.axis) / np.linalg.norm(part.rotate.axis)
+                rotations[i] = exponential(turn * part.rotate.angle * axis)
+        self._set_poses(x, self.tree.project(poses or self.poses(x), translations, rotations))
+
+    def move(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
+        """Set the nodes in ``end`` to the end of the parts' path from x along a step. Collective.
+
+        ``d`` has the unknowns at their entries.
+        """
+        poses = self.poses(x)
+        self._set_poses(end, self.tree.move(poses, step * self._unknowns(d)))
+
+    def move_rigidly(self, x: PETSc.Vec) -> None:
+        """Make the parts' displacements rigid, as joints admit, in place. Collective."""
+        self.prescribe(x, self._load)
+
+    def _unknowns(self, d: PETSc.Vec) -> Array:
+        """Return the unknowns at their entries of a vector, (6 parts,). Collective."""
+        assert self._folding is not None
+        entries, which = self._folding.own_unknowns
+        found = np.zeros(UNKNOWNS * len(self._parts))
+        found[which] = d.array_r[entries]
+        return np.where(self.tree.free, self._comm.allreduce(found), 0.0)
+
+    # --- forces ----------------------------------------------------------------------------------
+
+    def set_load(self, load: float) -> None:
+        """Set the load."""
+        self._load = load
+        for i, factor in enumerate(self._factors):
+            self._loads[i] = factor(load) * np.stack([self._force[i], self._torque[i]])
+
+    def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
+        """Return the energy of forces and springs [J]. Collective."""
+        poses = self.poses(u)
+        moved = poses.c - self.tree.points
+        energy = float(self._stiffness @ (moved**2).sum(axis=1)) / 2
+        for i in np.flatnonzero(self._rotational):
+            angle = self.tree.relative_rotation(poses, i)
+            energy += self._rotational[i] / 2 * float(angle @ angle)
+        return energy - float((self._loads[:, 0] * moved)[~self._follows].sum())
+
+    def _acting(self, poses: Poses) -> Array:
+        """Return minus the forces and moments of loads and springs on the parts, (6 parts,)."""
+        loads = self._loads.copy()
+        for i in np.flatnonzero(self._follows):
+            loads[i] = loads[i] @ poses.R[i].T
+        found = -loads
+        found[:, 0] += self._stiffness[:, None] * (poses.c - self.tree.points)
+        for i in np.flatnonzero(self._rotational):
+            moment = self._rotational[i] * self.tree.relative_rotation(poses, i)
+            found[i, 1] += moment
+            if (parent := self.tree.links[i].parent) >= 0:
+                found[parent, 1] -= moment
+        return found.ravel()
+
+    def add_residual(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
+    ) -> None:
+        """Do nothing: loads and springs act on the unknowns, to which `reduce` adds them."""
+
+    def add_hessian(
+        self, u: PETSc.Vec, p: PETSc.Vec | None, filter: str, target: BlockMatrix
+    ) -> int:
+        """Return how often curvatures were filtered: `prepare` has added them to the fold."""
+        return self._filtered if self._comm.rank == 0 else 0
+
+    def wrenches(self, poses: Poses, gradient: Array) -> Array:
+        """Return the sums of nodal forces and of their moments, (6 parts,). Collective.
+
+        ``gradient`` is this rank's part of dE/du [N], the displacement's first.
+        """
+        f = gradient[: self._size].reshape(-1, 3)[self.nodes]
+        moments = np.cross(self._arms(poses), f)
+        return self._sum(np.hstack([f, moments])).ravel()
+
+    def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Replace the forces on the parts' nodes by those on the unknowns, in place. Collective."""
+        poses = self.poses(x)
+        forces = self.wrenches(poses, r.array_r) + self._acting(poses)
+        self._set_unknowns(r, self.tree.jacobian(poses).T @ forces)
+
+    def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Replace a gradient by nodal displacements by one by the unknowns, in place."""
+        poses = self.poses(x)
+        self._set_unknowns(g, self.tree.jacobian(poses).T @ self.wrenches(poses, g.array_r))
+
+    def _set_unknowns(self, r: PETSc.Vec, values: Array) -> None:
+        """Set the entries of the parts' nodes to values of the unknowns, and zero."""
+        assert self._folding is not None
+        entries, which = self._folding.own_unknowns
+        own = r.array
+        own[: self._size].reshape(-1, 3)[self.nodes] = 0.0
+        own[entries] = np.where(self.tree.free, values, 0.0)[which]
+
+    def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str) -> None:
+        """Set the fold of the Hessian at x, where the forces dE/du are ``gradient``. Collective.
+
+        ``filter`` is that of `fem_snh.terms.term.Term.add_hessian`.
+        """
+        assert self._folding is not None
+        poses, tree = self.poses(x), self.tree
+        G, arms = tree.jacobian(poses), self._arms(poses)
+        f = gradient.array_r[: self._size].reshape(-1, 3)[self.nodes]
+        products = self._sum(_products(f, arms)).reshape(-1, 3, 3)
+        acting = self._acting(poses)
+        wrenches = self.wrenches(poses, gradient.array_r) + acting
+        K = tree.curvature(poses, G, wrenches, products)
+        springs = np.zeros_like(K)
+        for i in np.flatnonzero(self._stiffness):
+            k = slice(UNKNOWNS * i, UNKNOWNS * i + 3)
+            springs[k, k] += self._stiffness[i] * np.eye(3)
+        for i in np.flatnonzero(self._rotational):
+            springs += self._rotational[i] * tree.spring_stiffness(poses, i)
+        K += G.T @ springs @ G
+        K *= np.outer(tree.free, tree.free)
+        self._filtered = 0
+        if filter != "exact":
+            values, vectors = np.linalg.eigh(K)
+            self._filtered = int((values < 0).sum())
+            values = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
+            K = (vectors * values) @ vectors.T
+        basis = np.zeros((len(self.nodes), 3, UNKNOWNS))
+        basis[:, :, :3], basis[:, :, 3:] = np.eye(3), -skew(arms)
+        self._folding.set_state(basis.reshape(-1, UNKNOWNS), G, K)
+
+    def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
+        """Return what run.json has of the parts in a state. Collective.
+
+        The "position" [m] of each part's point and its "rotation", a rotation vector [rad]; the
+        "force" [N] and the "moment" [N m] about this point that hold the part against the flesh.
+        """
+        poses = self.poses(x)
+        forces = self.wrenches(poses, gradient.array_r).reshape(-1, 2, 3)
+        return {
+            name: {
+                "position": poses.c[i].tolist(),
+                "rotation": logarithm(poses.R[i]).tolist(),
+                "force": forces[i, 0].tolist(),
+                "moment": forces[i, 1].tolist(),
+            }
+            for i, name in enumerate(self.names)
+        }
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Return the products a b^T of vectors (n, 3), (n, 9)."""
+    return np.asarray((a[:, :, None] * b[:, None]).reshape(-1, 9))

@@ -1,0 +1,76 @@
+"""Bodies with rigid parts: a bushing with a sleeve, and programs on a cube."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from dolfinx_programs import unit_cube, vector_space
+from gmsh_files import write_msh
+
+import fem_snh
+from fem_snh.scenes import Hold, MaterialChoice, Rigid, Scene
+
+#: Inner radius of the sleeve, radii of the rubber, height; Young's modulus and Poisson's ratio.
+BORE, INNER, OUTER, HEIGHT = 0.8, 1.0, 2.0, 0.3
+E, NU = 1e6, 0.49
+MU = E / (2 * (1 + NU))
+
+
+def bushing_mesh(comm: Any, folder: Any, around: int = 6, layers: int = 4, order: int = 1) -> Any:
+    """Write the mesh of a bushing: volumes "sleeve", "rubber"; surfaces "outer", "ends"."""
+    script = f"""
+    Point(1) = {{{BORE}, 0, 0}};
+    a[] = Extrude {{{INNER - BORE}, 0, 0}} {{ Point{{1}}; Layers{{1}}; Recombine; }};
+    b[] = Extrude {{{OUTER - INNER}, 0, 0}} {{ Point{{a[0]}}; Layers{{{layers}}}; Recombine; }};
+    sa[] = Extrude {{0, 0, {HEIGHT}}} {{ Line{{a[1]}}; Layers{{1}}; Recombine; }};
+    sb[] = Extrude {{0, 0, {HEIGHT}}} {{ Line{{b[1]}}; Layers{{1}}; Recombine; }};
+    x = sa[1]; y = sb[1]; sleeve[] = {{}}; rubber[] = {{}}; outer[] = {{}}; ends[] = {{}};
+    For k In {{1:4}}
+      p[] = Extrude {{{{0, 0, 1}}, {{0, 0, 0}}, Pi/2}} {{
+        Surface{{x}}; Layers{{{around}}}; Recombine; }};
+      q[] = Extrude {{{{0, 0, 1}}, {{0, 0, 0}}, Pi/2}} {{
+        Surface{{y}}; Layers{{{around}}}; Recombine; }};
+      sleeve[] += {{p[1]}}; rubber[] += {{q[1]}}; outer[] += {{q[3]}}; ends[] += {{q[2], q[4]}};
+      x = p[0]; y = q[0];
+    EndFor
+    Physical Volume("sleeve") = {{sleeve[]}};
+    Physical Volume("rubber") = {{rubber[]}};
+    Physical Surface("outer") = {{outer[]}};
+    Physical Surface("ends") = {{ends[]}};
+    """
+    return write_msh(comm, folder, script, order=order)
+
+
+def bushing(path: Any, rigid: dict[str, Any], **keys: Any) -> Scene:
+    """Return the scene of a bushing in plane strain whose outer face is fixed."""
+    given = {
+        "element": "Q1P0",
+        "material": [MaterialChoice(name="stable_neo_hookean", E=E, nu=NU)],
+        "hold": [Hold(group="outer"), Hold(group="ends", components=("z",))],
+        "petsc": {"snes_scaled_tol": 1e-11},
+    }
+    return Scene(name="bushing", mesh=path, rigid=[Rigid(group="sleeve", **rigid)], **given | keys)
+
+
+def corner_program(comm: Any, parts: Any, cells: int = 4, **keys: Any) -> Any:
+    """Return a cube with a fixed bottom and rigid parts, dx(2) and dx(3) at the upper corners."""
+    domain = unit_cube(comm, cells)
+    V = vector_space(domain)
+    u = fem.Function(V)
+    index = domain.topology.index_map(3)
+    tags = np.ones(index.size_local + index.num_ghosts, np.int32)
+    for tag, low, high in ((2, 0.49, 1.0), (3, -1.0, 0.26)):
+        inside = mesh.locate_entities(
+            domain, 3, lambda x, a=low, b=high: (x[0] > a) & (x[0] < b + 1e-9) & (x[2] > 0.49)
+        )
+        tags[inside] = tag
+    tagged = mesh.meshtags(domain, 3, np.arange(len(tags), dtype=np.int32), tags)
+    dx = ufl.Measure("dx", domain=domain, subdomain_data=tagged)
+    facets = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0))
+    fixed = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)
+    m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
+    terms = [fem_snh.Rigid(group=dx(part.pop("tag")), **part) for part in parts]
+    return fem_snh.NonlinearProblem(u, {m: dx}, bcs=[fixed], terms=terms, **keys)

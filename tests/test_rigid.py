@@ -1,0 +1,174 @@
+"""Rigid parts: exact solutions, derivatives, and loads that are the inverse of motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx_programs import converged
+from rigid_bodies import HEIGHT, INNER, MU, OUTER, bushing, bushing_mesh, corner_program
+from running import solve
+
+from fem_snh.geometry.rotations import exponential, logarithm
+from fem_snh.scenes import Geometry, MaterialChoice, Move, Rigid, Scene
+from fem_snh.scenes import Hold as HoldTable
+
+mpi = pytest.mark.mpi
+
+TIGHT = {"snes_scaled_tol": 1e-12, "ksp_rtol": 1e-8}
+JOINTED = [
+    {"tag": 2, "spring": {"stiffness": 30.0, "rotation": 3.0}},
+    {
+        "tag": 3,
+        "joint": {
+            "kind": "hinge",
+            "axis": (0.3, 1, 0.2),
+            "through": (0.4, 0.5, 0.8),
+            "to": "dx(2)",
+        },
+        "spring": {"rotation": 5.0},
+    },
+]
+SLIDING = [
+    {"tag": 2, "joint": {"kind": "ball", "through": (0.6, 0.5, 0.8)}, "spring": {"rotation": 2.0}},
+    {
+        "tag": 3,
+        "joint": {"kind": "slider", "axis": (1, 0, 0.2), "through": (0.4, 0.5, 0.8), "to": "dx(2)"},
+        "spring": {"stiffness": 7.0},
+    },
+]
+
+
+def copy(parts):
+    return [dict(part) for part in parts]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, 3.0, np.pi - 1e-9])
+def test_logarithm_is_the_inverse_of_the_exponential(angle):
+    axis = np.array([2.0, -3.0, 6.0]) / 7
+    assert logarithm(exponential(angle * axis)) == pytest.approx(angle * axis, abs=2e-15)
+
+
+@mpi
+@pytest.mark.parametrize("parts", [JOINTED, SLIDING], ids=["hinge", "slider"])
+def test_residual_and_hessian_are_derivatives_along_the_rigid_motion(comm, parts):
+    problem = corner_program(comm, copy(parts))._problem
+    x, end = problem.x, problem.x.duplicate()
+
+    def step(wave, size):
+        d = x.duplicate()
+        d.array[: problem.owned_displacements] = np.sin(wave * problem.coordinates + wave).ravel()
+        d.array[problem.constrained_dofs] = 0.0
+        d.scale(size)
+        return d
+
+    problem.retraction(x, step(9.0, 0.05), 1.0, end)
+    end.copy(x)
+    d, f, Hd = step(5.0, 0.1), x.duplicate(), x.duplicate()
+
+    def energy(s):
+        problem.retraction(x, d, s, end)
+        return problem.energy(end)
+
+    problem.residual(x, f)
+    h = 1e-3
+    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
+    assert f.dot(d) == pytest.approx(slope, rel=1e-7)
+    problem.jacobian(x, "exact")
+    problem.A.mult(d, Hd)
+    h = 1e-2
+    inner, outer = energy(h) + energy(-h), energy(2 * h) + energy(-2 * h)
+    curvature = (16 * inner - 30 * energy(0.0) - outer) / (12 * h**2)
+    assert d.dot(Hd) == pytest.approx(curvature, rel=1e-6)
+    # The residual at the end of a path is the slope there, too.
+    problem.retraction(x, d, 0.7, end)
+    problem.residual(end, f)
+    h = 1e-3
+    slope = (
+        8 * (energy(0.7 + h) - energy(0.7 - h)) - energy(0.7 + 2 * h) + energy(0.7 - 2 * h)
+    ) / 12
+    assert f.dot(d) == pytest.approx(slope / h, rel=1e-7)
+
+
+def test_filtered_hessian_is_positive_semidefinite_and_keeps_its_blocks(comm):
+    problem = corner_program(comm, [{"tag": 2, "rotate": {"axis": (0, 1, 0), "angle": 0.9}}])
+    problem.solve()
+    loaded = corner_program(comm, [{"tag": 2}])._problem
+    problem._problem.x.copy(loaded.x)
+    for filter in ("exact", "clamp", "abs"):
+        loaded.jacobian(loaded.x, filter)
+        indptr, indices, values = loaded.A.getValuesCSR()
+        dense = np.zeros((loaded.dofs, loaded.dofs))
+        dense[np.repeat(np.arange(loaded.dofs), np.diff(indptr)), indices] = values
+        assert abs(dense - dense.T).max() <= 1e-9 * abs(dense).max()
+        lowest = np.linalg.eigvalsh(dense)[0]
+        assert lowest < 0 if filter == "exact" else lowest > 0
+    # Entries of the part beside its six unknowns are those of constrained dofs.
+    assert len(loaded.constrained_dofs) == 3 * (25 + 3 * 3 * 5) - 6
+
+
+@mpi
+def test_forces_and_motion_of_a_part_are_inverse_to_each_other(comm):
+    turn = {"axis": (0, 1, 0.3), "angle": 0.3, "through": (0.75, 0.5, 0.75)}
+    motion = {"translate": (0.05, 0.02, 0.1), "rotate": turn}
+    moved = corner_program(comm, [{"tag": 2, **motion}], petsc_options=TIGHT)
+    moved.solve()
+    state = moved._problem.rigid_states(moved.x)["dx(2)"]
+    assert converged(moved)
+    axis = np.array([0, 1, 0.3]) / np.hypot(1, 0.3)
+    assert state["rotation"] == pytest.approx(0.3 * axis, abs=1e-13)
+    loads = {"force": state["force"], "torque": state["moment"]}
+    loaded = corner_program(comm, [{"tag": 2, **loads}], petsc_options=TIGHT)
+    loaded.solve()
+    assert converged(loaded)
+    assert loaded.u.x.array == pytest.approx(moved.u.x.array, abs=1e-8)
+
+
+@mpi
+def test_prescribed_motion_of_a_face_is_that_of_move(comm):
+    """A turn of 2 rad about an axis beside the body, in four steps."""
+    keys = {
+        "mesh": Geometry(source="cube"),
+        "cells": 3,
+        "element": "Q1",
+        "steps": 4,
+        "material": MaterialChoice(name="stable_neo_hookean", E=1.0, nu=0.4),
+        "hold": [HoldTable(group="bottom")],
+        "reactions": ["top"],
+        "petsc": TIGHT,
+    }
+    motion = {
+        "translate": (0.1, 0, 0.2),
+        "rotate": {"axis": (0, 0, 1), "angle": 2.0, "through": (1, 1, 0)},
+    }
+    moved = solve(Scene(name="a", move=[Move(group="top", **motion)], **keys), comm)
+    rigid = solve(Scene(name="a", rigid=[Rigid(group="top", **motion)], **keys), comm)
+    assert moved.converged and rigid.converged
+    a, b = (r.record["steps"][-1] for r in (moved, rigid))
+    assert b["energy"] == pytest.approx(a["energy"], rel=1e-9)
+    assert b["max_u"] == pytest.approx(a["max_u"], rel=1e-9)
+    assert b["rigid"]["top"]["force"] == pytest.approx(a["reactions"]["top"], abs=1e-8)
+
+
+@pytest.fixture(scope="module")
+def mesh_file(comm, tmp_path_factory):
+    folder = comm.bcast(tmp_path_factory.mktemp("bushing"))
+    return bushing_mesh(comm, folder)
+
+
+@mpi
+def test_torque_on_a_sleeve_turns_it_as_the_closed_form_says(comm, mesh_file):
+    r"""Azimuthal shear of a neo-Hookean ring: :math:`\varphi = T / (4 \pi \mu h) (a^-2 - b^-2)`.
+
+    It is exact for an incompressible material at any angle (Ogden 1984, section 5.2.2), and in the
+    mean for a finite element solution, whose chords of the circles are 1 % inside.
+    """
+    angle = 0.3
+    torque = 4 * np.pi * MU * HEIGHT * angle / (INNER**-2 - OUTER**-2)
+    result = solve(bushing(mesh_file, {"torque": (0, 0, torque)}), comm)
+    state = result.record["steps"][-1]["rigid"]["sleeve"]
+    assert result.converged
+    assert state["rotation"] == pytest.approx([0, 0, angle], rel=0.03, abs=1e-6)
+    assert state["moment"] == pytest.approx([0, 0, torque], rel=1e-8, abs=1e-8 * torque)
+    back = solve(bushing(mesh_file, {"rotate": {"axis": (0, 0, 1), "angle": state["rotation"][2]}}))
+    moment = back.record["steps"][-1]["rigid"]["sleeve"]["moment"]
+    assert moment[2] == pytest.approx(torque, rel=1e-8)
