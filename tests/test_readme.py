@@ -43,13 +43,13 @@ def test_example(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "gent.py").write_text(block("python", "def gent", "docs/howto/own_material.md"))
+    (tmp_path / "gel.py").write_text(block("python", "def gel", "docs/howto/own_material.md"))
     monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
-    assert "gent" in fem_snh.materials()
-    m = fem_snh.material("gent", E=2.0, nu=0.3)
+    assert "gel" in fem_snh.materials()
+    m = fem_snh.material("gel", E=2.0, nu=0.3)
     assert m.lame == pytest.approx(materials.make_energy("neo_hookean", 2.0, 0.3).lame)
     assert m.energy(np.diag([6.0, 1.0, 1.0])) == np.inf
-    result = fem_snh.run("twist", material="gent", cells=2, steps=4, progress=False)
+    result = fem_snh.run("twist", material="gel", cells=2, steps=4, progress=False)
     assert result.converged
 
 

@@ -200,6 +200,9 @@ def _short(value: Any) -> str:
 def _without_barriers(expression: Any, barriers: set[sympy.Expr]) -> sympy.Expr:
     """Return the expression without `positive`, whose arguments are added to ``barriers``."""
     expression = sympy.sympify(expression)
-    found = expression.atoms(positive)
-    barriers |= {p.args[0] for p in found}
-    return expression.xreplace({p: p.args[0] for p in found})
+
+    def plain(x: sympy.Expr) -> sympy.Expr:
+        return x.replace(positive, lambda inside: inside)
+
+    barriers |= {plain(p.args[0]) for p in expression.atoms(positive)}
+    return plain(expression)

@@ -34,6 +34,7 @@ import sympy
 
 from fem_snh.kernels.codegen.divided_differences import DividedDifference
 from fem_snh.materials.energy import Energy
+from fem_snh.materials.functions import where
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
 
 I1, I_C, II_C, J = INVARIANTS
@@ -72,9 +73,9 @@ class Derivatives:
                 self._add(self.second, (s, t), f"psi_{s}_{t}", derivative)
             return
         for m in energy.measures:
-            self._add(self.first, m, f"psi_{m}", sympy.simplify(sympy.diff(energy.psi, m)))
+            self._add(self.first, m, f"psi_{m}", _simplified(sympy.diff(energy.psi, m)))
         for m, n in combinations_with_replacement(energy.measures, 2):
-            second = sympy.simplify(sympy.diff(energy.psi, m, n))
+            second = _simplified(sympy.diff(energy.psi, m, n))
             self._add(self.second, (m, n), f"psi_{m}_{n}", second)
 
     def _add(self, table: dict, key: object, name: str, expression: sympy.Expr) -> None:
@@ -139,6 +140,16 @@ class Derivatives:
         if self.energy.inversion_safe and _is_zero(divided.exchange(stress_j) + stress_k):
             return sympy.Function("quotient")(total, sj + sk, sj - sk, divided(stress_j))
         return total * sympy.Function("inverse_sum")(sj, sk)
+
+
+def _simplified(expression: sympy.Expr) -> sympy.Expr:
+    """Return a simpler form; the pieces of a `where` are left as they are written.
+
+    sympy would expand the small differences in them, such as I_C - 3, and lose their digits.
+    """
+    pieces = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
+    simpler = sympy.simplify(expression.xreplace(pieces))
+    return simpler.xreplace({dummy: w for w, dummy in pieces.items()})
 
 
 def _is_zero(expression: sympy.Expr) -> bool:

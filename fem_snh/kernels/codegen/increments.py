@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
+from typing import Any
 
 import sympy
 from sympy.codegen.cfunctions import expm1, log1p
@@ -71,12 +72,17 @@ class Increments:
         if isinstance(f, sympy.exp):
             return sympy.exp(f0), sympy.exp(f0) * expm1(df)
         if isinstance(f, where):
-            (a0, da), (b0, db) = rest
             # The condition depends on the measures alone, so its value at rest is a number.
-            at_rest = a0 if f0.is_positive else b0
-            return at_rest, where(f0 + df, da + (a0 - at_rest), db + (b0 - at_rest))
+            at_rest = rest[0 if f0.is_positive else 1][0]
+            changes = [self._change(f, *p, at_rest) for f, p in zip(f.args[1:], rest, strict=True)]
+            return at_rest, where(f0 + df, *changes)
         at_rest = f.subs(self._rest)
         return at_rest, f.subs(self._whole) - at_rest
+
+    def _change(self, piece: sympy.Expr, f0: sympy.Expr, df: sympy.Expr, rest: Any) -> Any:
+        """Return ``piece - rest``; the piece that excludes the rest state may be singular there."""
+        singular = (f0 + df).has(sympy.zoo, sympy.nan, sympy.oo)
+        return piece.subs(self._whole) - rest if singular else df + (f0 - rest)
 
 
 def _product(f: Pair, g: Pair) -> Pair:

@@ -26,7 +26,8 @@ class Collapse:
     energy, stress : numpy.ndarray
         psi and dpsi/ds2 [Pa]; NaN where they are infinite or there is no energy.
     at_zero, stress_at_zero : float
-        Limits of psi and dpsi/ds2 as s -> 0 from above [Pa]; infinite if unbounded.
+        Limits of psi and dpsi/ds2 as s -> 0 from above [Pa]; infinite if unbounded. Where psi is
+        infinite before s = 0, there is no stress: NaN.
     """
 
     path: str
@@ -54,7 +55,9 @@ def collapse(m: Material, path: str) -> Collapse:
 
     s = np.linspace(-1.5, 2, 281)
     near = along(np.array([1e-2, 1e-5, 1e-8]))
-    return Collapse(path, s, *along(s), _limit(near[0]), _limit(near[1]))
+    outside = m.expression.has_energy and np.isnan(near[0]).any()
+    limits = (np.inf, np.nan) if outside else (_limit(near[0]), _limit(near[1]))
+    return Collapse(path, s, *along(s), *limits)
 
 
 def _limit(values: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -169,6 +170,8 @@ def _stretches(product: str) -> set[str]:
 
 
 def _short(x: float) -> str:
+    if math.isnan(x):
+        return "none"
     return "0" if abs(x) < 1e-12 else f"{x:.3g}"
 
 

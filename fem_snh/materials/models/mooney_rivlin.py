@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sympy import Rational
+from fem_snh.materials.models import _isochoric
 
 
 def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 1.0):
@@ -22,5 +22,5 @@ def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 
     -----
     Infinite for J <= 0. Without the volume term lambda_lame would be negative.
     """
-    isochoric = C1 * (J ** Rational(-2, 3) * I_C - 3) + C2 * (J ** Rational(-4, 3) * II_C - 3)
-    return isochoric + kappa / 2 * (J - 1) ** 2
+    first, second = _isochoric.first_invariant(I_C, J), _isochoric.second_invariant(II_C, J)
+    return C1 * (first - 3) + C2 * (second - 3) + _isochoric.volume(J, kappa)

@@ -1,0 +1,38 @@
+"""The material ``gent``."""
+
+from sympy import log
+
+from fem_snh.errors import bad_value
+from fem_snh.materials.functions import exact
+from fem_snh.materials.models import _isochoric
+
+
+def gent(I_C, J, mu, kappa, *, J_m: float = 77.931):
+    """Gent's energy of rubber with a limit of its stretch (Gent 1996, eq. 1), with a volume term.
+
+    ::
+
+        psi = -mu J_m/2 log(1 - (I1 - 3)/J_m) + kappa/2 (J - 1)^2,  I1 = J^(-2/3) I_C
+
+    Parameters
+    ----------
+    mu, kappa : sympy.Symbol
+        Constants [Pa]: mu_lame = mu, lambda_lame = kappa - 2/3 mu.
+    J_m : float
+        The limit of I1 - 3. The default is that of Treloar's tension (Ogden, Saccomandi & Sgura
+        2004), which locks at a stretch of 9.
+
+    Notes
+    -----
+    Infinite for J <= 0, and where I1 - 3 >= J_m: no chain is longer than its contour. The limit
+    J_m to infinity is a Neo-Hookean energy.
+
+    References
+    ----------
+    Gent 1996.
+    """
+    if not J_m > 0:
+        raise bad_value("J_m", J_m, "a number > 0")
+    limit = exact(J_m)
+    x = _isochoric.first_invariant(I_C, J) - 3
+    return -mu * limit / 2 * log(1 - x / limit) + _isochoric.volume(J, kappa)
