@@ -38,12 +38,14 @@ if TYPE_CHECKING:
     from fem_snh.terms.pressure import Pressure
     from fem_snh.terms.rigid import Rigid
     from fem_snh.terms.spring import Spring
+    from fem_snh.terms.symmetry import Symmetry
     from fem_snh.terms.term import Term
     from fem_snh.terms.traction import Traction
 
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
+    "Symmetry",
     "Term", "Traction", "fit", "material", "materials", "register_feature", "run",
 ]  # fmt: skip
 
@@ -66,6 +68,7 @@ _MODULES = {
     "Pressure": "terms.pressure",
     "Rigid": "terms.rigid",
     "Spring": "terms.spring",
+    "Symmetry": "terms.symmetry",
     "Term": "terms.term",
     "Traction": "terms.traction",
 }

@@ -36,6 +36,8 @@ from fem_snh.steps.time_steps import TimeSteps
 PREDICTORS = {"tangent": "extrapolate", "none": "none"}
 #: Largest number of load steps.
 _MAX_STEPS = 1_000_000
+#: Relative change of boundary values that is rounding: of nodes in inclined planes, of one step.
+_ROUNDING = 1e-14
 
 
 class NonlinearProblem(EstimatesErrors, HasReactions):
@@ -56,8 +58,9 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         ``{m1: dx(1), m2: dx(2)}``: the cells that each material fills, by meshtags, or ``{m: dx}``.
         The measures' ``quadrature_degree`` replaces that of the element; other quadrature rules
         are refused. May be empty.
-    bcs : sequence of dolfinx DirichletBC, optional
-        Dirichlet conditions on the displacement's space or on its components.
+    bcs : sequence of dolfinx DirichletBC or Symmetry, optional
+        Dirichlet conditions on the displacement's space or on its components, and planes of
+        symmetry: `fem_snh.Symmetry`.
     terms : sequence of ufl.Form, feature or Term, optional
         Energies [J] (rank 0) and residuals [N] (rank 1, as for dolfinx) of ``u``, over cells and
         exterior facets. An energy is better than its residual, as it can be minimised. The terms of
@@ -322,7 +325,9 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         """Whether the boundary values differ from those of ``x``. Collective."""
         prescribed = self.x.copy()
         self._problem.prescribe(prescribed)
-        return not bool(prescribed.equal(self.x))
+        prescribed.axpy(-1.0, self.x)
+        norm = PETSc.NormType.INFINITY
+        return bool(prescribed.norm(norm) > _ROUNDING * self.x.norm(norm))
 
     def _petsc_options(self) -> AbstractContextManager[list[str]]:
         """Put the options into PETSc's database: parts of the solver are set up when it solves."""

@@ -53,7 +53,7 @@ class Linearisation:
 
     def solve_free(self, g: PETSc.Vec) -> PETSc.Vec:
         """Return z for the derivative of a goal by all unknowns."""
-        g.array[self.problem.constrained_dofs] = 0.0
+        self.problem.project(g.array)
         return self.solve(g)
 
 
@@ -212,11 +212,12 @@ def _dual_of_reaction(at: Linearisation, mask: Array, virtual: Array) -> PETSc.V
     The derivative is H e, and -e is the dual solution on the constrained dofs.
     """
     problem = at.problem
-    constrained = np.zeros(mask.size, dtype=bool)
-    constrained[problem.constrained_dofs[problem.constrained_dofs < mask.size]] = True
     e = problem.x.duplicate()
     e.set(0.0)
-    e.array[: mask.size] = np.where(mask.ravel() & constrained, virtual.ravel(), 0.0)
+    e.array[: mask.size] = np.where(mask.ravel(), virtual.ravel(), 0.0)
+    free = e.copy()
+    problem.project(free.array)
+    e.axpy(-1.0, free)
     return at.solve_free(_hessian_product(problem, e)) - e
 
 

@@ -71,7 +71,7 @@ def stiffness_factor(problem: Problem, make: Callable[[Element], Problem]) -> fl
     first_energy, first_elastic = energies(mixed)
     mixed.residual(x, gradient)
     mixed.gradient(x, external, mixed.terms[1:])
-    external.array[mixed.constrained_dofs] = 0.0
+    mixed.project(external.array)
     snes = solver.create(mixed, prefix=_PREFIX)
     try:
         with solver.callback_errors():

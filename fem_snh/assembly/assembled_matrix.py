@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from fem_snh._petsc import aij_blocks
 from fem_snh.assembly.couplings import Couplings
+from fem_snh.assembly.inclined_planes import InclinedPlanes, MatrixProjection
 from fem_snh.assembly.matrix_layout import MatrixLayout
 from fem_snh.assembly.numbering import MixedDofMap, dof_map
 from fem_snh.assembly.sent_rows import SentRows
@@ -52,6 +53,8 @@ class BlockMatrix:
         Constrained components of the displacement, ghost nodes included. Default: none.
     layout : MatrixLayout, optional
         The layout of another matrix of the dof map, to share.
+    planes : InclinedPlanes, optional
+        Nodes with other constrained directions, which are eliminated as constrained dofs are.
 
     Attributes
     ----------
@@ -84,8 +87,9 @@ class BlockMatrix:
         dof_map: MixedDofMap,
         constrained: Array | None = None,
         layout: MatrixLayout | None = None,
+        planes: InclinedPlanes | None = None,
     ) -> None:
-        self._dof_map = dof_map
+        self._dof_map, self._planes = dof_map, planes
         self._set_layout(layout or MatrixLayout(dof_map))
         if layout is not None:
             self.mat = layout.mat.duplicate()
@@ -128,6 +132,8 @@ class BlockMatrix:
             self._folding.apply(self.mat)
         # Preconditioners compare this counter; writing to the arrays does not increase it.
         self.mat.stateIncrease()
+        if self._planes:
+            self._projection.apply(self.mat)
         self._add_constrained_diagonal()
 
     def add_matrices(self, cells: Array, matrices: Array) -> None:
@@ -200,7 +206,7 @@ class BlockMatrix:
     def _set_layout(self, layout: MatrixLayout) -> None:
         self.layout, self.mat = layout, layout.mat
         self.block_positions, self.row_strides = layout.block_positions, layout.row_strides
-        for name in ("_addition", "_sent_rows"):
+        for name in ("_addition", "_sent_rows", "_projection"):
             self.__dict__.pop(name, None)  # of the former pattern
 
     def without_constraints(self) -> BlockMatrix:
@@ -219,6 +225,11 @@ class BlockMatrix:
     @cached_property
     def _sent_rows(self) -> SentRows:
         return SentRows(self._dof_map, self.layout)
+
+    @cached_property
+    def _projection(self) -> MatrixProjection:
+        assert self._planes
+        return MatrixProjection(self.mat, self._dof_map, self._planes)
 
     @cached_property
     def _addition(self) -> MatrixAddition:
@@ -253,9 +264,16 @@ class BlockMatrix:
             values[:] = 0.0
             values[constrained] = self._constrained_diagonal
         self.mat.setDiagonal(self._diagonal_vec, addv=PETSc.InsertMode.ADD)
+        if self._planes and self._constrained_diagonal:
+            self._projection.add_diagonal(self.mat, self._constrained_diagonal)
 
 
-def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> BlockMatrix:
+def create_matrix(
+    V: Any,
+    Q: Any = None,
+    constrained: Array | None = None,
+    planes: InclinedPlanes | None = None,
+) -> BlockMatrix:
     """Return a zero matrix of a displacement and a pressure space. Collective.
 
     Parameters
@@ -265,7 +283,8 @@ def create_matrix(V: Any, Q: Any = None, constrained: Array | None = None) -> Bl
     Q : dolfinx function space, optional
         The space of an unknown pressure.
     constrained : (local nodes, components) bool, optional
+    planes : InclinedPlanes, optional
         As for `BlockMatrix`.
     """
     spaces = [dof_map(space) for space in (V, Q) if space is not None]
-    return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained)
+    return BlockMatrix(MixedDofMap(V.mesh.comm, spaces), constrained, planes=planes)

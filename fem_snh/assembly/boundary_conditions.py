@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.inclined_planes import InclinedPlanes, NodePlane, plane_through
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.mesh.mesh_checks import ON_AXIS
 
 Array = npt.NDArray[Any]
@@ -44,6 +45,14 @@ class PrescribedDisplacement(Constraint, Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
+class SymmetryPlane(Protocol):
+    """A plane physical group whose nodes slide in its plane."""
+
+    @property
+    def group(self) -> Any:
+        """Name or number of the physical group."""
+
+
 class NodalMotion(Protocol):
     """The displacement of some nodes, in all components, as a function of the load."""
 
@@ -59,8 +68,8 @@ class NodalMotion(Protocol):
         """Return the (n, 3) displacement [m] of reference points X (n, 3) at a load of 0 to 1."""
 
 
-class Dirichlet(Protocol):
-    """The constrained dofs of a displacement space and their values.
+class Dirichlet:
+    """The constrained directions of a displacement space and their values.
 
     Attributes
     ----------
@@ -68,19 +77,46 @@ class Dirichlet(Protocol):
         Which components of which nodes, ghosts included, are constrained.
     dofs : (n,) int
         The constrained dofs this rank owns, as indices into a vector's local array.
+    planes : InclinedPlanes or None
+        The nodes with a constrained direction that is no component.
     depends_on_load : bool
         Whether any value depends on the load.
     """
 
     constrained: Array
     dofs: Array
+    planes: InclinedPlanes | None = None
     depends_on_load: bool
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set the constrained entries of ``x`` to their values at this load."""
+        """Set what is constrained of ``x`` to its values at this load."""
+        raise NotImplementedError(f"{type(self).__name__}.set_values")
+
+    def project(self, values: Array, ghosts: bool = False) -> None:
+        """Set what is constrained of displacements or forces to zero, in place.
+
+        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
+        nodes.
+        """
+        values[self.constrained.ravel() if ghosts else self.dofs] = 0.0
+        if self.planes:
+            self.planes.project(values, ghosts)
+
+    def work(self, forces: Array, moved: Array) -> float:
+        """Return the work of forces [N] along constrained displacements of this rank's nodes."""
+        found = float(forces[self.dofs] @ moved[self.dofs])
+        return found + (self.planes.work(forces, moved) if self.planes else 0.0)
+
+    @property
+    def constrained_nodes(self) -> Array:
+        """(local nodes,) bool: which nodes have a constrained direction."""
+        found: Array = self.constrained.any(axis=1)
+        if self.planes:
+            found[self.planes.nodes] = True
+        return found
 
 
-class DirichletConditions:
+class DirichletConditions(Dirichlet):
     """Dirichlet conditions on physical groups, with the attributes of `Dirichlet`. Collective.
 
     Parameters
@@ -97,6 +133,8 @@ class DirichletConditions:
         ``hold``.
     bones : sequence of NodalMotion, optional
         Displacements of nodes, different ones, which override all others.
+    symmetry : sequence of SymmetryPlane, optional
+        Planes in which nodes slide. Conditions prescribe no displacement out of them.
     kinematics : Kinematics, optional
         Conditions have the components that it has. On a body of revolution the radial and
         rotational displacements are zero on the axis, whatever else is prescribed there.
@@ -104,8 +142,8 @@ class DirichletConditions:
     Raises
     ------
     BadInput
-        On every rank, for an unknown physical group, and for a condition that a later one with
-        other values overrides at all of its nodes.
+        On every rank, for an unknown physical group, for a condition that a later one with other
+        values overrides at all of its nodes, and for a plane that is none, or that nodes leave.
     """
 
     def __init__(
@@ -116,6 +154,7 @@ class DirichletConditions:
         move: Sequence[PrescribedDisplacement],
         bones: Sequence[NodalMotion] = (),
         kinematics: Kinematics = SOLID,
+        symmetry: Sequence[SymmetryPlane] = (),
     ) -> None:
         owned, ghosts = _dolfinx.num_nodes(V)
         self._kinematics, components = kinematics, kinematics.components
@@ -140,8 +179,12 @@ class DirichletConditions:
             self.constrained[nodes[:, None], kinematics.off_axis] = True
             nodes = nodes[nodes < owned]
             self._on_axis = (components * nodes[:, None] + kinematics.off_axis).ravel()
-        self.dofs: Array = np.flatnonzero(self.constrained[:owned])
+        planes = [_plane_of_group(V, mesh, plane.group) for plane in symmetry]
+        self.planes = InclinedPlanes.of(planes, self.constrained, owned)
+        self.dofs = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
+        if planes:
+            self._check_planes(V, planes, symmetry)
 
     def _constrain(self, V: Any, mesh: Mesh, condition: Constraint) -> tuple[Array, list[int]]:
         """Mark a condition's components as constrained; return its local nodes and components."""
@@ -189,14 +232,33 @@ class DirichletConditions:
                     raise bad_value("move.group", motion.group, accepted)
             earlier.append(("move", motion, nodes, axes))
 
+    def _check_planes(
+        self, V: Any, planes: Sequence[NodePlane], symmetry: Sequence[SymmetryPlane]
+    ) -> None:
+        """Raise BadInput if a motion takes nodes out of a plane of symmetry. Collective."""
+        u = _dolfinx.create_vector(V)
+        components, owned = self._kinematics.components, _dolfinx.num_nodes(V)[0]
+        for load in _LOADS if self.depends_on_load else ():
+            self.set_values(u, load)
+            values = u.array_r.reshape(-1, components)
+            for plane, table in zip(planes, symmetry, strict=True):
+                moved = values[plane.nodes[plane.nodes < owned]] @ plane.normal
+                sizes = np.array([abs(moved).max(initial=0.0), abs(values).max(initial=0.0)])
+                V.mesh.comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+                if sizes[0] > _ROUNDING * sizes[1]:
+                    accepted = "a plane that no [[move]] and no [[bone]] takes nodes out of"
+                    raise bad_value("symmetry.group", table.group, accepted)
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set the constrained entries of ``x`` to their values at this load."""
+        """Set what is constrained of ``x`` to its values at this load."""
         values, components = x.array, self._kinematics.components
         values[self.dofs] = 0.0
         for nodes, axes, motion, points in self._moved:
             displacement = motion.displacement(points, load)
             values[components * nodes[:, None] + axes] = displacement[:, axes]
         values[self._on_axis] = 0.0
+        if self.planes:
+            self.planes.prescribe(values)
 
 
 def _displacement(condition: Any, X: Array, load: float) -> Array:
@@ -212,6 +274,30 @@ def axis_nodes(V: Any) -> Array:
     x = V.tabulate_dof_coordinates()
     size = V.mesh.comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
     return np.flatnonzero(x[:, 0] <= ON_AXIS * size)
+
+
+def facets_plane(V: Any, facets: Array, key: str, name: Any) -> NodePlane:
+    """Return the plane in which this rank's facets (n,), with those of other ranks, lie.
+
+    Collective. It raises BadInput on every rank, with the key and the name, if they lie in none.
+    """
+    dim = _dolfinx.mesh_dimension(V.mesh)[0]
+    nodes = _dolfinx.locate_dofs(V, dim - 1, facets)
+    owned = nodes[nodes < _dolfinx.num_nodes(V)[0]]
+    normal = plane_through(V.mesh.comm, V.tabulate_dof_coordinates()[owned, :dim])
+    if normal is None:
+        shape = "plane surface" if dim == 3 else "straight curve"
+        raise bad_value(key, name, f"a {shape}; several are several conditions of symmetry")
+    return NodePlane(nodes, np.pad(normal, (0, _dolfinx.num_components(V) - dim)))
+
+
+def _plane_of_group(V: Any, mesh: Mesh, key: str | int) -> NodePlane:
+    """Return the plane in which a physical group lies. Collective."""
+    group = mesh.group(key)
+    if group.dim != mesh.dim - 1:
+        accepted = f"a {DIMENSIONS[mesh.dim - 1]}, not a {group.label}"
+        raise bad_value("symmetry.group", key, accepted)
+    return facets_plane(V, group.entities, "symmetry.group", key)
 
 
 def group_nodes(V: Any, mesh: Mesh, key: str | int) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -13,7 +15,7 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 def rigid_motions(
     comm: MPI.Intracomm,
     coordinates: np.ndarray,
-    free: np.ndarray,
+    project: Callable[[np.ndarray], None],
     kinematics: Kinematics = SOLID,
 ) -> PETSc.NullSpace:
     """Return the rigid motions of a displacement, orthonormal. Collective.
@@ -24,16 +26,17 @@ def rigid_motions(
         The communicator of the mesh.
     coordinates : (n, 3) array
         Reference coordinates of the nodes that this rank owns.
-    free : (n, components) array
-        0 for constrained components, where the motions are set to zero; else 1.
+    project : callable
+        Sets what is constrained of the nodes' displacements (components * n,) to zero, in place.
     kinematics : Kinematics, optional
         Which motions there are: six in a solid, three in a plane, and of a body of revolution the
         translation along its axis and, with torsion, the rotation about it.
     """
     basis = []
     for motion in _motions(coordinates, kinematics):
-        vector = PETSc.Vec().createMPI((free.size, None), bsize=free.shape[1], comm=comm)
-        vector.array[:] = (motion * free).ravel()
+        vector = PETSc.Vec().createMPI((motion.size, None), bsize=motion.shape[1], comm=comm)
+        vector.array[:] = motion.ravel()
+        project(vector.array)
         basis.append(vector)
     for i, vector in enumerate(basis):
         for other in basis[:i]:

@@ -13,7 +13,7 @@ vector needs no message, and the sum over ranks is that of the other terms' resi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -138,7 +138,7 @@ class NodalMass:
         pattern = self.matrix.indptr, self.matrix.indices
         target.add_node_pairs(pattern, self._positions[1], factor, self.matrix.data)
 
-    def solve(self, matrix: BlockMatrix, constrained: Array, force: Array) -> Array:
+    def solve(self, matrix: BlockMatrix, project: Callable[[Array], None], force: Array) -> Array:
         """Return the solution of m a = force over the free dofs, zero at constrained ones.
 
         Collective.
@@ -147,8 +147,8 @@ class NodalMass:
         ----------
         matrix : BlockMatrix
             A problem's matrix, which is overwritten.
-        constrained : (n,) int
-            The constrained dofs this rank owns.
+        project : callable
+            Sets what is constrained of this rank's part of a vector to zero, in place.
         force : (owned dofs,)
             The right-hand side.
 
@@ -174,7 +174,7 @@ class NodalMass:
         a, b = matrix.mat.createVecs()
         b.set(0.0)
         b.array[: self.num_owned] = force
-        b.array[constrained] = 0.0
+        project(b.array)
         ksp.solve(b, a)
         # The solution is used as it is, so its residual decides, not what the KSP reports of it.
         residual = b - matrix.mat * a

@@ -13,6 +13,7 @@ from fem_snh.assembly.boundary_conditions import (
     DirichletConditions,
     NodalMotion,
     PrescribedDisplacement,
+    SymmetryPlane,
 )
 from fem_snh.assembly.elements import Element, names_for
 from fem_snh.assembly.regions import Filling, Region, regions_of_groups
@@ -38,6 +39,7 @@ def create_problem(
     *,
     hold: Sequence[Constraint] = (),
     move: Sequence[PrescribedDisplacement] = (),
+    symmetry: Sequence[SymmetryPlane] = (),
     bones: Callable[[Any, Mesh], Sequence[NodalMotion]] | None = None,
     features: Sequence[Feature | Term] = (),
     amplitudes: Amplitudes = LOAD_ITSELF,
@@ -61,6 +63,8 @@ def create_problem(
         Components of the displacement that are zero on physical groups.
     move : sequence of PrescribedDisplacement, optional
         Components of the displacement that follow the load on physical groups.
+    symmetry : sequence of SymmetryPlane, optional
+        Plane physical groups in which nodes slide.
     bones : callable, optional
         Returns displacements of nodes, given the displacement's space and the mesh.
     features : sequence of Feature or Term, optional
@@ -98,7 +102,7 @@ def create_problem(
     regions = regions_of_groups(mesh, fillings)
     u = _dolfinx.function(V, "displacement")
     placed = bones(V, mesh) if bones else ()
-    dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics)
+    dirichlet = DirichletConditions(V, mesh, hold, move, placed, kinematics, symmetry)
     moving = motion(u, regions, dirichlet, kinematics) if motion else None
     facets = partial(group_facets, mesh)
     entities = partial(group_entities, mesh)

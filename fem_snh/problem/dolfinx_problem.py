@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import axis_nodes
+from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
 from fem_snh.assembly.elements import (
     ELEMENTS,
     MAX_QUADRATURE_DEGREE,
@@ -22,6 +22,7 @@ from fem_snh.assembly.elements import (
     names_for,
 )
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.kinematics import PLANE_CELLS, SOLID, Kinematics, find_kinematics
 from fem_snh.assembly.regions import Region, check_partition
 from fem_snh.assembly.unknowns import create_unknowns
@@ -30,8 +31,10 @@ from fem_snh.kernels.material import Material
 from fem_snh.mesh.mesh_checks import check_geometry, check_half_plane
 from fem_snh.problem.problem import Problem
 from fem_snh.tables.amplitudes import Amplitudes
+from fem_snh.tables.types import surface_name
 from fem_snh.terms.body import Body, CreateMotion, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
+from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.term import Term
 from fem_snh.terms.ufl_term import TERM, UFLTerm, check_form
 
@@ -64,17 +67,19 @@ class LoadFunction:
             self.function(load)
 
 
-class DolfinxConditions:
-    """Dirichlet conditions of dolfinx: see `fem_snh.assembly.boundary_conditions.Dirichlet`.
-    Collective.
+class DolfinxConditions(Dirichlet):
+    """Dirichlet conditions of dolfinx, and planes of symmetry. Collective.
+
+    With the attributes of `fem_snh.assembly.boundary_conditions.Dirichlet`.
 
     Parameters
     ----------
     V : dolfinx function space
         The displacement's space.
-    bcs : sequence of dolfinx DirichletBC
+    bcs : sequence of dolfinx DirichletBC or Symmetry
         Conditions on V or on components of it; where they overlap, a later one overrides an
-        earlier one. Their values are read whenever `set_values` is called.
+        earlier one, and any overrides symmetry. Their values are read whenever `set_values` is
+        called.
     on_load : callable, optional
         ``on_load(load)`` sets these values for a load parameter.
     kinematics : Kinematics, optional
@@ -83,7 +88,9 @@ class DolfinxConditions:
     Attributes
     ----------
     bcs : list of dolfinx DirichletBC
-        The conditions.
+        The conditions of dolfinx.
+    symmetry : list of (n,) arrays
+        This rank's facets in each plane of symmetry.
     start : (n,) or None
         The values of `dofs` at load 0, from which they go to the present ones at load 1, in
         proportion to the load; None: the present ones at every load.
@@ -101,13 +108,17 @@ class DolfinxConditions:
         on_load: Callable[[float], None] | None = None,
         kinematics: Kinematics = SOLID,
     ) -> None:
-        self.bcs, self._on_load, self.depends_on_load = list(bcs), on_load, on_load is not None
+        self.bcs = [bc for bc in bcs if not isinstance(bc, Symmetry)]
+        self._on_load, self.depends_on_load = on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
         self._V, self._dofs = V, list[Array]()
         sizes = []
-        for number, bc in enumerate(self.bcs):
+        numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
+        for number, bc in zip(numbers, self.bcs, strict=True):
             if not hasattr(bc, "dof_indices"):
-                raise bad_value(f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc")
+                raise bad_value(
+                    f"bcs[{number}]", bc, "a condition made by dolfinx.fem.dirichletbc, or Symmetry"
+                )
             if not _dolfinx.bc_space_is_within(bc, V):
                 accepted = "a condition on the displacement's function space or a component of it"
                 raise bad_value(f"bcs[{number}]", "a condition on another space", accepted)
@@ -117,21 +128,34 @@ class DolfinxConditions:
             mask.array[owned] = 1.0
             self._dofs.append(owned)
             sizes.append(len(owned))
-        for number, size in enumerate(V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))):
+        totals = V.mesh.comm.allreduce(np.array(sizes, dtype=np.int64))
+        for number, size in zip(numbers, totals, strict=True):
             if size == 0:
                 accepted = "a condition on at least one node of the mesh"
                 raise bad_value(f"bcs[{number}]", "a condition on no dof", accepted)
         components = kinematics.components
-        self._axis = np.empty(0, np.int64)
+        on_axis = np.empty(0, np.int64)
         if kinematics.revolved:
             owned = mask.getLocalSize() // components
             nodes = axis_nodes(V)
             nodes = nodes[nodes < owned]
-            self._axis = np.concatenate([components * nodes + i for i in kinematics.off_axis])
-            mask.array[self._axis] = 1.0
+            on_axis = np.concatenate([components * nodes + i for i in kinematics.off_axis])
+            mask.array[on_axis] = 1.0
         update_ghosts(mask)
-        self.constrained: Array = local_values(mask).reshape(-1, components) > 0
-        self.dofs: Array = np.flatnonzero(mask.array_r)
+        self.constrained = local_values(mask).reshape(-1, components) > 0
+        self.symmetry: list[Array] = []
+        planes = []
+        for number, bc in enumerate(bcs):
+            if isinstance(bc, Symmetry):
+                key = f"bcs[{number}].group"
+                facets = measure_facets(V.mesh, key, bc.group)
+                planes.append(facets_plane(V, facets, key, surface_name(bc.group)))
+                self.symmetry.append(facets)
+        owned_nodes = mask.getLocalSize() // components
+        self.planes = InclinedPlanes.of(planes, self.constrained, owned_nodes)
+        self.dofs = np.flatnonzero(self.constrained[:owned_nodes])
+        given = np.concatenate([np.empty(0, np.int64), *self._dofs])
+        self._zero = np.union1d(np.setdiff1d(self.dofs, given), on_axis)
         self.start: Array | None = None
 
     @property
@@ -147,13 +171,15 @@ class DolfinxConditions:
         return found
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set the constrained entries of ``x`` to their values at a load."""
+        """Set what is constrained of ``x`` to its values at a load."""
         if self._on_load is not None:
             self._on_load(load)
         _dolfinx.set_bcs(x.array, self.bcs)
-        x.array[self._axis] = 0.0
+        x.array[self._zero] = 0.0
         if self.start is not None:
             x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
+        if self.planes:
+            self.planes.prescribe(x.array)
 
 
 def create_dolfinx_problem(
@@ -177,8 +203,8 @@ def create_dolfinx_problem(
         The displacement [m].
     materials : mapping of Material to ufl.Measure
         The cells that each material fills, as ``dx`` or ``dx(1)``: at least one.
-    bcs : sequence of dolfinx DirichletBC
-        The Dirichlet conditions.
+    bcs : sequence of dolfinx DirichletBC or Symmetry
+        The Dirichlet conditions, and planes of symmetry.
     terms : sequence of ufl.Form, Feature or Term
         Energies and residuals: see `UFLTerm`; loads and contact; other terms.
     element_name : str, optional

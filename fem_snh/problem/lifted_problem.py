@@ -16,6 +16,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import Dirichlet, facets_plane
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -24,6 +25,7 @@ from fem_snh.assembly.ghosted_vectors import (
     update_ghosts,
     writable_values,
 )
+from fem_snh.assembly.inclined_planes import InclinedPlanes
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, set_modulus
@@ -41,7 +43,7 @@ _ON_FACET = 1e-9
 _ROUNDING = 1e-9
 
 
-class LiftedConditions:
+class LiftedConditions(Dirichlet):
     """The Dirichlet conditions of a program on another space: see `Dirichlet`. Collective.
 
     A node is constrained where a node of the program's space is that is, and on facets of the
@@ -63,8 +65,10 @@ class LiftedConditions:
         self._masks = [lift(mask) for mask in conditions.masks]
         owned = _dolfinx.num_nodes(W)[0]
         empty = np.zeros((sum(_dolfinx.num_nodes(W)), 3), dtype=bool)
-        self.constrained: Array = np.logical_or.reduce([empty, *self._masks])
-        self.dofs: Array = np.flatnonzero(self.constrained[:owned])
+        self.constrained = np.logical_or.reduce([empty, *self._masks])
+        planes = [facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry]
+        self.planes = InclinedPlanes.of(planes, self.constrained, owned)
+        self.dofs = np.flatnonzero(self.constrained[:owned])
         self._values = lifted.x.array[self.dofs].copy()
 
     @property
@@ -73,8 +77,10 @@ class LiftedConditions:
         return self._masks
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
-        """Set the constrained entries of ``x`` to the program's values."""
+        """Set what is constrained of ``x`` to the program's values."""
         x.array[self.dofs] = self._values
+        if self.planes:
+            self.planes.prescribe(x.array)
 
 
 class _Nodes:

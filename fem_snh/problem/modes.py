@@ -72,13 +72,11 @@ class Eigenproblem:
         same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
         rho = densities[0] if same else cell_constant(domain, regions, densities)
         self._scale = problem.modulus / (self.density * problem.length**2)
-        owned = problem.x.getLocalSize()
-        self._free = np.delete(np.arange(owned), problem.constrained_dofs)
-        first = problem.x.getOwnershipRange()[0]
-        rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), problem.comm)
         problem.jacobian(problem.x, "exact")
-        self.K = problem.A.createSubMatrix(rows, rows)
-        self.M = mass_matrix(problem.V, rho, revolved).createSubMatrix(rows, rows)
+        self._basis = _free_basis(problem)
+        # M has constrained rows and columns, which K lacks but for its diagonal.
+        self.K = problem.A.ptap(self._basis)
+        self.M = mass_matrix(problem.V, rho, revolved).ptap(self._basis)
         for A in (self.K, self.M):
             A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._size = int(self.K.getSize()[0])
@@ -193,11 +191,32 @@ class Eigenproblem:
     def shape(self, v: PETSc.Vec, factor: float) -> PETSc.Vec:
         """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
         x = self._x.duplicate()
-        x.set(0.0)
-        high, low = v.max()[1], v.min()[1]
+        self._basis.mult(v, x)
+        high, low = x.max()[1], x.min()[1]
         sign = -1.0 if -low > high * (1 + 1e-6) else 1.0
-        x.array[self._free] = sign * factor * v.array_r
+        x.scale(sign * factor)
         return x
+
+
+def _free_basis(problem: Problem) -> PETSc.Mat:
+    """Return the matrix whose orthonormal columns span the free directions. Collective."""
+    owned, dirichlet = problem.x.getLocalSize(), problem.dirichlet
+    is_free = np.ones(owned, dtype=bool)
+    is_free[problem.constrained_dofs] = False
+    directions, dofs = np.empty((0, 1)), np.empty((0, 1), dtype=np.int64)
+    if dirichlet.planes:
+        directions, dofs = dirichlet.planes.free_directions()
+        is_free[dofs] = False
+    single, first = np.flatnonzero(is_free), problem.x.getOwnershipRange()[0]
+    lengths = np.repeat([1, dofs.shape[1]], [len(single), len(dofs)])
+    csr = (
+        np.concatenate([[0], np.cumsum(lengths)]).astype(PETSc.IntType),
+        (first + np.concatenate([single, dofs.ravel()])).astype(PETSc.IntType),
+        np.concatenate([np.ones(len(single)), directions.ravel()]),
+    )
+    sizes = (len(lengths), None), (owned, None)
+    basis = PETSc.Mat().createAIJ(sizes, csr=csr, comm=problem.comm)
+    return basis.transpose()
 
 
 #: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,
@@ -308,8 +327,7 @@ def check(problem: Problem, count: int) -> None:
             f"modes: element '{problem.element.name}' has a pressure without mass: "
             "take one with the displacement alone, P2P0 or Q1P0 where nu is close to 0.5"
         )
-    free = problem.x.getLocalSize() - len(problem.constrained_dofs)
-    free = problem.comm.allreduce(free)
+    free = problem.comm.allreduce(_free_basis(problem).getLocalSize()[1])
     if count > free:
         raise BadInput(f"modes: count = {count}: there are only {free} free degrees of freedom")
     with _library_errors():

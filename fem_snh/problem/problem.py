@@ -167,7 +167,7 @@ class Problem:
         scale = pressure_unit(element, self.num_cells) * self.modulus / self.length
         elastic = elastic_term(choose("assembly", assembly, ASSEMBLIES))
         self.elastic = elastic(self.V, element, regions, unknowns.Q, scale)
-        self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained)
+        self.matrix = create_matrix(self.V, unknowns.Q, dirichlet.constrained, dirichlet.planes)
         self.A = self.matrix.mat
         if self.rigid:
             eliminated = self.rigid.fold(self.matrix)
@@ -176,15 +176,13 @@ class Problem:
         if isinstance(unknowns, DisplacementPressure):
             self.saddle_point = PressureBlock(unknowns, self.elastic.parts, scale, self.A)
         else:
-            free = ~dirichlet.constrained[: unknowns.num_owned_nodes]
-            self.A.setNearNullSpace(
-                rigid_motions(self.comm, self.coordinates, free, self.kinematics)
-            )
+            motions = rigid_motions(self.comm, self.coordinates, dirichlet.project, self.kinematics)
+            self.A.setNearNullSpace(motions)
         self.terms: list[Term] = [self.elastic, *terms]
         self.history = TermHistory(self.terms)
         self.largest_step = StepLimit.of(self.terms, unknowns.num_owned_nodes)
         self._coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
-        self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.constrained_dofs)
+        self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A
         self.seconds = {"jit": self.elastic.jit_seconds, "assemble": 0.0}
 
@@ -200,8 +198,8 @@ class Problem:
 
     @property
     def constrained_nodes(self) -> Array:
-        """(n,) bool: which of this rank's own nodes have a constrained component."""
-        found = np.asarray(self.dirichlet.constrained[: len(self.coordinates)].any(axis=1))
+        """(n,) bool: which of this rank's own nodes have a constrained direction."""
+        found = self.dirichlet.constrained_nodes[: len(self.coordinates)]
         if self.rigid:
             found[self.rigid.nodes] = True
         return found
@@ -216,6 +214,11 @@ class Problem:
     def retraction(self) -> Paths | None:
         """The path of a step, along which stiff and rigid parts turn, or None. Collective."""
         return Paths.of(self.V, self.regions, self.constrained_nodes, self.rigid)
+
+    @property
+    def step_end(self) -> Callable[[PETSc.Vec], None] | None:
+        """`prescribe`, for nodes in inclined planes, which inexact linear solves leave; or None."""
+        return self.prescribe if self.dirichlet.planes else None
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
@@ -278,11 +281,16 @@ class Problem:
         return self.history.update_lagged(self.split(self.x)[0])
 
     def prescribe(self, x: PETSc.Vec) -> None:
-        """Set the constrained entries of ``x`` to their values at the present load."""
+        """Set what is constrained of ``x`` to its values at the present load."""
         poses = self.rigid.poses(x) if self.rigid else None
         self.dirichlet.set_values(x, self.load)
         if self.rigid:
             self.rigid.prescribe(x, self.load, poses)
+
+    def project(self, values: Array) -> None:
+        """Set what is constrained of this rank's part of a vector like ``x`` to zero, in place."""
+        values[self.constrained_dofs] = 0.0
+        self.dirichlet.project(values)
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec | None]:
         """Update ``u``, and the pressure, from ``x``; return their ghosted vectors. Collective."""
@@ -300,11 +308,11 @@ class Problem:
         return energy
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Assemble r = dE/dx [N], with zeros at constrained dofs. Collective."""
+        """Assemble r = dE/dx [N], zero in constrained directions. Collective."""
         self.gradient(x, r)
         if self.rigid:
             self.rigid.reduce(x, r)
-        r.array[self.constrained_dofs] = 0.0
+        self.project(r.array)
 
     @timed
     def gradient(self, x: PETSc.Vec, r: PETSc.Vec, terms: Sequence[Term] | None = None) -> None:

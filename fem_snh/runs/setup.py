@@ -199,8 +199,7 @@ def make_problem(
 
     fillings = []
     for chosen in scene.materials:
-        ratio = chosen.nu if nu is None else nu
-        ratio = min(ratio, chosen.nu) if len(scene.materials) > 1 else ratio
+        ratio = chosen.nu if nu is None or (len(scene.materials) > 1 and chosen.nu < nu) else nu
         made = material(chosen.name, chosen.E, ratio, **chosen.parameters)
         fillings.append(Filling(made, chosen.group, chosen.density))
     return create_problem(
@@ -209,6 +208,7 @@ def make_problem(
         fillings,
         hold=scene.hold,
         move=scene.motions,
+        symmetry=scene.symmetry,
         bones=place if scene.bone else None,
         features=scene.features,
         amplitudes=scene.amplitudes,

@@ -41,6 +41,7 @@ from fem_snh.scenes.schema import (
     SelfContact,
     Spring,
     Start,
+    Symmetry,
     Tetrahedra,
     Time,
     Traction,
@@ -50,8 +51,8 @@ __all__ = [
     "FEATURES", "GROUP", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes",
     "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
-    "SelfContact",
-    "Spring", "Start", "Tetrahedra", "Time", "Traction", "describe", "function",
+    "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction", "describe",
+    "function",
     "group_references", "load", "names", "own_parameters", "read_goal",
     "read_toml", "register_feature", "validate", "why_condensed",
 ]  # fmt: skip

@@ -33,7 +33,7 @@ _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
 _SOLID = ("bone", "rig", "error", "accuracy")
 
 #: Tables with a key ``group``.
-_GROUP_TABLES = ("hold", "move", "bone")
+_GROUP_TABLES = ("hold", "move", "symmetry", "bone")
 
 
 def check_consistency(scene: Scene) -> None:

@@ -57,12 +57,14 @@ from fem_snh.terms.gravity import Gravity
 from fem_snh.terms.pressure import Pressure
 from fem_snh.terms.rigid import Rigid
 from fem_snh.terms.spring import Spring
+from fem_snh.terms.symmetry import Symmetry
 from fem_snh.terms.traction import Traction
 
 __all__ = [
     "Accuracy", "Amplitude", "BoneChoice", "Cavity", "Contact", "Damping", "Geometry", "Gravity",
     "Hold", "Lattice", "MaterialChoice", "Modes", "Move", "Obstacle",
     "Pressure", "Probe", "Reaction", "Rigid", "Rotate", "Scene", "SelfContact", "Spring", "Start",
+    "Symmetry",
     "Tetrahedra", "Time", "Traction",
 ]  # fmt: skip
 
@@ -142,6 +144,9 @@ class Scene(Table):
     )
     hold: list[Hold] = Field(default=[], description="Groups that do not move.")
     move: list[Move] = Field(default=[], description="Groups that move with the load.")
+    symmetry: list[Symmetry] = Field(
+        default=[], description="Plane groups whose nodes slide in the plane."
+    )
     bone: list[BoneChoice] = Field(
         default=[], description="Solids in the flesh that follow a motion."
     )

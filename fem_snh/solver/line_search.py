@@ -63,6 +63,8 @@ class LineSearch:
         See `LargestStep`. Default: every step is admissible.
     retraction : CurvedPaths, optional
         The paths of steps. Default: straight lines.
+    prescribe : callable, optional
+        Sets what is constrained of the end of a step, in place. Default: all steps keep it.
     """
 
     def __init__(
@@ -74,10 +76,12 @@ class LineSearch:
         min_step: float = 1e-10,
         largest_step: LargestStep | None = None,
         retraction: CurvedPaths | None = None,
+        prescribe: Callable[[PETSc.Vec], None] | None = None,
     ) -> None:
         self.snes, self.energy_scale, self.has_energy = snes, energy_scale, has_energy
         self.armijo, self.min_step = armijo, min_step
         self._largest_step, self._retraction = largest_step, retraction
+        self._prescribe = prescribe
         self._stored: State | None = None
 
     def slope(self, f: PETSc.Vec, d: PETSc.Vec, Ad: PETSc.Vec) -> float | None:
@@ -154,6 +158,8 @@ class LineSearch:
                 return inf
         if straight:
             trial.x.waxpy(step, d, x)
+        if self._prescribe:
+            self._prescribe(trial.x)
         trial.energy = float(self.snes.computeObjective(trial.x)) if self.has_energy else 0.0
         return trial.energy
 

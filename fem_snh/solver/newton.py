@@ -76,6 +76,8 @@ class ProjectedNewton:
         The part of a step that is admissible: see `fem_snh.solver.protocol.SolvableProblem`.
     retraction : CurvedPaths, optional
         The paths of steps.
+    prescribe : callable, optional
+        See `fem_snh.solver.protocol.SolvableProblem.step_end`.
     acting_force : callable, optional
         ``acting_force(x)`` returns the largest norm of a term's forces [N]; without it the
         tolerance depends on ``force_scale`` alone.
@@ -111,11 +113,13 @@ class ProjectedNewton:
         saddle_point: SaddlePoint | None = None,
         largest_step: LargestStep | None = None,
         retraction: CurvedPaths | None = None,
+        prescribe: Callable[[PETSc.Vec], None] | None = None,
         acting_force: Callable[[PETSc.Vec], float] | None = None,
         rounding_force: float = 0.0,
         stability: EquilibriumStability | None = None,
     ) -> None:
         self.largest_step, self.retraction = largest_step, retraction
+        self._prescribe = prescribe
         self._acting_force, self._rounding_force = acting_force, rounding_force
         self._assemble, self.has_energy, self.saddle_point = jacobian, has_energy, saddle_point
         self.force_scale, self.energy_scale = force_scale, energy_scale
@@ -258,7 +262,7 @@ class ProjectedNewton:
         armijo, shortest = (float(self.options[f"snes_{key}"]) for key in ("armijo", "min_step"))
         common = (
             snes, self.energy_scale, self.has_energy, armijo, shortest, self.largest_step,
-            self.retraction,
+            self.retraction, self._prescribe,
         )  # fmt: skip
         if self.saddle_point is not None:
             return MeritLineSearch(self.saddle_point, *common)

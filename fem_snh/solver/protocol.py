@@ -114,11 +114,8 @@ class SolvableProblem(Protocol):
         E V^(2/3) [N]: the unit of the residual's norm.
     load : float
         The present load, in [0, 1].
-    constrained_dofs : (n,) int
-        The constrained unknowns of this rank, as indices into its part of ``x``.
     """
 
-    constrained_dofs: npt.NDArray[Any]
     comm: Any
     x: PETSc.Vec
     A: PETSc.Mat
@@ -146,6 +143,13 @@ class SolvableProblem(Protocol):
     @property
     def retraction(self) -> CurvedPaths | None:
         """Return the paths of steps, or None if they are straight."""
+
+    @property
+    def step_end(self) -> Callable[[PETSc.Vec], None] | None:
+        """Return a function that sets what is constrained of a step's end, in place.
+
+        None if it is constrained by components, which every solution of a linear system keeps.
+        """
 
     @property
     def acting_force(self) -> Callable[[PETSc.Vec], float] | None:
@@ -187,3 +191,6 @@ class SolvableProblem(Protocol):
 
     def prescribe(self, x: PETSc.Vec) -> None:
         """Set the constrained unknowns to their boundary values at the present load."""
+
+    def project(self, values: Array) -> None:
+        """Set what is constrained of this rank's part of a vector to zero, in place."""

@@ -92,6 +92,7 @@ def create(
         saddle,
         problem.largest_step,
         problem.retraction,
+        problem.step_end,
         problem.acting_force,
         problem.rounding_force,
         EquilibriumStability(problem) if is_conservative(problem) else None,

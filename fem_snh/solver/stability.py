@@ -144,5 +144,5 @@ class EquilibriumStability:
         wave.set(0.0)
         waves = np.sin(phases + np.sqrt([29.0, 31.0, 37.0]))[:, : problem.regime.dimension]
         wave.array[: waves.size] = waves.ravel()
-        wave.array[problem.constrained_dofs] = 0.0
+        problem.project(wave.array)
         return wave

@@ -63,10 +63,6 @@ class JumpDetector:
 
     def __init__(self, problem: Problem, snes: PETSc.SNES) -> None:
         self._problem, self._snes = problem, snes
-        size = problem.owned_displacements
-        self._free = np.ones(size, dtype=bool)
-        constrained = problem.constrained_dofs
-        self._free[constrained[constrained < size]] = False
         self._rate = 0.0  # distance over load of the last step
         self._guess: PETSc.Vec | None = None
 
@@ -130,8 +126,9 @@ class JumpDetector:
 
     def _distance(self, start: PETSc.Vec, end: PETSc.Vec) -> float:
         """Return the norm of the displacement [m] of the free dofs from one state to another."""
-        size = len(self._free)
-        moved = (end.array_r[:size] - start.array_r[:size])[self._free]
+        moved = (end - start).array
+        self._problem.project(moved)
+        moved = moved[: self._problem.owned_displacements]
         return float(np.sqrt(self._problem.comm.allreduce(moved @ moved, op=MPI.SUM)))
 
 

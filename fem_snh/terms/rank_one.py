@@ -32,8 +32,8 @@ class RankOneUpdate:
         The displacement's space, the only unknown.
     terms : sequence of RankOneTerm
         The terms that have such matrices.
-    constrained_dofs : (n,) int
-        This rank's constrained dofs, whose rows and columns are zero.
+    project : callable
+        Sets what is constrained of this rank's part of a vector to zero, in place.
 
     Attributes
     ----------
@@ -46,9 +46,9 @@ class RankOneUpdate:
         A: PETSc.Mat,
         V: Any,
         terms: Sequence[RankOneTerm],
-        constrained_dofs: npt.NDArray[Any],
+        project: Callable[[npt.NDArray[Any]], None],
     ) -> None:
-        self._terms, self._fixed = list(terms), constrained_dofs
+        self._terms, self._project = list(terms), project
         self._g = _dolfinx.create_vector(V)
         rows = A.getSizes()[0]
         columns = (PETSc.DECIDE, len(self._terms))
@@ -60,11 +60,11 @@ class RankOneUpdate:
 
     @classmethod
     def of(
-        cls, terms: Sequence[Any], A: PETSc.Mat, V: Any, constrained_dofs: npt.NDArray[Any]
+        cls, terms: Sequence[Any], A: PETSc.Mat, V: Any, project: Callable[[npt.NDArray[Any]], None]
     ) -> RankOneUpdate | None:
         """Return the update of those terms that have such a matrix; None if none has one."""
         found = [term for term in terms if isinstance(term, RankOneTerm)]
-        return cls(A, V, found, constrained_dofs) if found else None
+        return cls(A, V, found, project) if found else None
 
     def update(self, u: PETSc.Vec, reduce: Callable[[PETSc.Vec], None] | None = None) -> None:
         """Evaluate the terms at a ghosted displacement. Collective.
@@ -75,7 +75,7 @@ class RankOneUpdate:
             self._factors.array[column] = term.rank_one(u, self._g)
             if reduce:
                 reduce(self._g)
-            self._g.array[self._fixed] = 0.0
+            self._project(self._g.array)
             self._U.getDenseArray()[:, column] = np.asarray(self._g.array_r)
         self._U.assemble()
         self.mat.assemble()

@@ -103,15 +103,17 @@ class SweptVolume:
         copy_to_function(u, self._u)
         return _dolfinx.assemble_scalar(self._compiled) - self.at_rest
 
-    def compare(self, states: Sequence[PETSc.Vec], fixed: Array) -> tuple[Array, Array, Array]:
+    def compare(
+        self, states: Sequence[PETSc.Vec], dirichlet: Dirichlet
+    ) -> tuple[Array, Array, Array]:
         """Compare the derivative of S with the residual, at this rank's dofs. Collective.
 
         Parameters
         ----------
         states : sequence of PETSc.Vec
             Ghosted displacements; the results are those of one state after the other.
-        fixed : (k,) int
-            This rank's constrained dofs, at which nothing is compared: the results are zero.
+        dirichlet : Dirichlet
+            What is constrained: there nothing is compared, and the results are zero.
 
         Returns
         -------
@@ -129,7 +131,7 @@ class SweptVolume:
             self._point.value[:] = point
             _dolfinx.assemble_vector(vector, form)
             values = np.array(vector.array_r)
-            values[fixed] = 0.0
+            dirichlet.project(values)
             return values
 
         rows = []
@@ -188,8 +190,8 @@ def fit_points(
     V = volumes[0].V
     dim = _dolfinx.mesh_dimension(V.mesh)[0]
     length = body_volume(V.mesh) ** (1 / dim)
-    states, fixed = _states(V, dirichlet, length), dirichlet.dofs
-    found = [(p, *v.compare(states, fixed)) for p, v in zip(pressures, volumes, strict=True)]
+    states = _states(V, dirichlet, length)
+    found = [(p, *v.compare(states, dirichlet)) for p, v in zip(pressures, volumes, strict=True)]
     columns = [length * p * change for p, _, _, change in found]
     missing = np.sum([p * column for p, _, column, _ in found], axis=0)
     sizes = np.stack([p * residual for p, residual, _, _ in found], axis=1)
@@ -230,7 +232,7 @@ def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> 
     """
     V = volume.V
     length = body_volume(V.mesh) ** (1 / 3)
-    size, _, change = volume.compare(_states(V, dirichlet, length), dirichlet.dofs)
+    size, _, change = volume.compare(_states(V, dirichlet, length), dirichlet)
     table = np.concatenate([length * change, size[:, None]], axis=1)
     R = np.concatenate(V.mesh.comm.allgather(np.linalg.qr(table, mode="r")))
     _, values, directions = np.linalg.svd(R[:, :3])

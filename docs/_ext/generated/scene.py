@@ -21,6 +21,7 @@ TABLES = (
     ("[material], [[material]]", schema.MaterialChoice),
     ("[[hold]]", schema.Hold),
     ("[[move]]", schema.Move),
+    ("[[symmetry]]", schema.Symmetry),
     ("[[bone]]", schema.BoneChoice),
     ("motion, of a skeleton", _bones.SkeletonMotion),
     ("[rig]", schema.Rig),

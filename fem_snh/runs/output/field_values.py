@@ -92,12 +92,13 @@ class FieldValues:
         return self._projection.project(state.values, _SYMMETRIC)
 
     def _reaction_force(self) -> Array:
-        """Return dE/du [N] at constrained dofs and 0 at the others, (nodes, 3)."""
+        """Return dE/du [N] in constrained directions and 0 in the others, (nodes, 3)."""
         problem = self._problem
         r = problem.x.duplicate()
         problem.gradient(problem.x, r)
-        force = _dolfinx.create_vector(problem.V)
-        force.array[problem.constrained_dofs] = r.array_r[problem.constrained_dofs]
+        free, force = r.copy(), _dolfinx.create_vector(problem.V)
+        problem.project(free.array)
+        force.array[:] = (r - free).array_r[: problem.owned_displacements]
         update_ghosts(force)
         return problem.kinematics.padded(np.array(local_values(force)))
 

@@ -138,19 +138,19 @@ class Dynamics:
         self.dissipated = self.work = 0.0
         self._first_energy = self._before = None
         motion = self._motion.at(problem.load, _FIRST_SPACING, problem.load)
-        v, fixed = self.v.x.array, self._motion.constrained
+        v = self.v.x.array
         v[:] = 0.0
         if velocity is not None:
             nodes = problem.V.tabulate_dof_coordinates()
             columns = self._kinematics.components
             v[:] = on_every(problem.comm, _values, velocity, nodes, columns).ravel()
-        v[fixed] = motion.v[fixed]
-        prescribed = np.where(fixed, motion.a, 0.0)
+        self._motion.project(v)
+        v += motion.v
         balance = self._balance
         balance.update_stiffness(problem, v, 0.0)
         self._damping = balance.damping_forces(v)
         self._forces = balance.other_forces(problem) + self._damping
-        self.a.x.array[:] = balance.acceleration(problem, self._forces, prescribed)
+        self.a.x.array[:] = balance.acceleration(problem, self._forces, motion.a)
         balance.set_motion(self.a.x.array, self._damping)
         if problem.has_energy:
             self._first_energy = total_energy(self.energies(problem))
@@ -165,18 +165,18 @@ class Dynamics:
         u = np.array(local_values(problem.split(problem.x)[0]))
         state = MotionState(u, self.v.x.array.copy(), self.a.x.array.copy(), self._before)
         formulas = self.integrator.formulas(h, state)
-        fixed = self._motion.constrained
+        project = self._motion.project
         spacing = -_SPACING * (load - problem.load)
         motion = self._motion.at(load, spacing, problem.load)
-        formulas.velocity.set_values(fixed, motion.u, motion.v)
-        formulas.acceleration.set_values(fixed, motion.u, motion.a)
+        formulas.velocity.set_values(project, motion.u, motion.v)
+        formulas.acceleration.set_values(project, motion.u, motion.a)
         self._step = _Step(h, problem.load, state, formulas)
         balance = self._balance
         balance.update_stiffness(problem, state.v, formulas.tangent * h)
         new, old = formulas.inertia
         rate, origin = formulas.acceleration.rate, formulas.acceleration.origin
         inertia = Affine(new * rate, origin - old / (new * rate) * formulas.old_acceleration)
-        inertia.set_values(fixed, motion.u, motion.a + formulas.old_forces * state.a)
+        inertia.set_values(project, motion.u, motion.a + formulas.old_forces * state.a)
         constant = formulas.old_forces * self._forces if formulas.old_forces else None
         balance.set_step(inertia, formulas.velocity, constant)
 
@@ -203,8 +203,7 @@ class Dynamics:
                 new = self._acceleration(a, formulas.old_acceleration)
                 mean = weight * (forces + balance.inertial_forces(new))
                 mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
-                dofs = problem.constrained_dofs
-                self.work += problem.comm.allreduce(float(mean[dofs] @ moved[dofs]))
+                self.work += problem.comm.allreduce(problem.dirichlet.work(mean, moved))
             self._forces = forces
         self._damping = damping
         self.v.x.array[:], self.a.x.array[:] = v, a
@@ -221,7 +220,7 @@ class Dynamics:
         new, old = formulas.error
         u = np.array(local_values(problem.split(problem.x)[0]))
         error = new * formulas.acceleration(u) + old * formulas.old_acceleration
-        error[self._motion.constrained] = 0.0
+        self._motion.project(error)
         return float(np.sqrt(self.mass.dot(error, error) / self.mass.total))
 
     def energies(self, problem: Problem) -> dict[str, Any]:
@@ -319,7 +318,9 @@ class Dynamics:
         if not shift or before is None:
             return a
         # That of constrained dofs is the prescribed motion's.
-        return np.where(self._motion.constrained, a, a - shift * (a - before))
+        change = shift * (a - before)
+        self._motion.project(change)
+        return np.asarray(a - change)
 
 
 def _values(velocity: Callable[[Array], Array], nodes: Array, columns: int) -> Array:

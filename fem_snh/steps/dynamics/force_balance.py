@@ -134,7 +134,7 @@ class ForceBalance:
         forces : (owned dofs,)
             All forces but those of inertia [N].
         prescribed : (local dofs,)
-            The acceleration of constrained dofs, zero at others.
+            The acceleration in constrained directions, zero in others.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class ForceBalance:
         """
         force = -forces - self.inertial_forces(prescribed)
         found = _dolfinx.create_vector(self._V)
-        found.array[:] = self._mass.solve(problem.matrix, problem.constrained_dofs, force)
+        found.array[:] = self._mass.solve(problem.matrix, problem.project, force)
         update_ghosts(found)
         return prescribed + local_values(found)
 

@@ -14,6 +14,7 @@ docs/theory/dynamics.md).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -24,6 +25,8 @@ from fem_snh.choices import DEFAULT_RHO_INFINITY, INTEGRATORS
 from fem_snh.errors import bad_value, check_number, choose
 
 Array = npt.NDArray[Any]
+#: Sets what is constrained of displacements (local dofs,) to zero, in place.
+Project = Callable[[Array], None]
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,13 @@ class Affine:
         """Return the function at a displacement, (local dofs,)."""
         return np.asarray(self.rate * (u - self.origin))
 
-    def set_values(self, where: Array, u: Array, values: Array) -> None:
-        """Change the origin so that the function has these values at u where ``where`` is true."""
-        self.origin[where] = u[where] - values[where] / self.rate
+    def set_values(self, project: Project, u: Array, values: Array) -> None:
+        """Change the origin so that the function has these values at u, where it is constrained."""
+        origin = u - values / self.rate
+        free = origin.copy()
+        project(free)
+        project(self.origin)
+        self.origin[:] += origin - free
 
 
 class Before(NamedTuple):

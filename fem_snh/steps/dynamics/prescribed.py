@@ -61,17 +61,18 @@ class PrescribedMotion:
 
     Attributes
     ----------
-    constrained : (local dofs,) bool
-        The constrained dofs, ghosts included.
     moves : bool
         Whether a value depends on the load.
     """
 
     def __init__(self, V: Any, dirichlet: Dirichlet, duration: float) -> None:
         self._dirichlet, self._duration = dirichlet, duration
-        self.constrained: Array = dirichlet.constrained.ravel()
         self.moves = dirichlet.depends_on_load
         self._vector, self._comm = _dolfinx.create_vector(V), V.mesh.comm
+
+    def project(self, values: Array) -> None:
+        """Set what is constrained of displacements (local dofs,) to zero, in place."""
+        self._dirichlet.project(values, ghosts=True)
 
     def displacement(self, load: float) -> Array:
         """Return the prescribed displacement [m], (local dofs,), zero at free dofs."""

@@ -1,0 +1,257 @@
+r"""Nodes that slide in planes: the normal component of their displacement is constrained.
+
+A plane whose normal is a coordinate axis constrains a component. At the nodes of any other plane a
+direction is constrained that is none. With an orthonormal basis B of what the planes of a node
+constrain beside its components, and the projection :math:`P = I - B B^T - \sum_i e_i e_i^T` (the
+sum: constrained components i), forces, Hessian and near null space are
+
+.. math:: P f, \qquad P_i A_{ij} P_j + \delta_{ij} d B_i B_i^T, \qquad P v,
+
+with the diagonal entry d of constrained components. These are, in Cartesian components, the entries
+that the elimination of a component in a rotated frame gives: the matrix stays symmetric, and as
+positive definite as it is on the free directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh._petsc import aij_blocks
+from fem_snh.assembly.numbering import MixedDofMap
+
+Array = npt.NDArray[Any]
+
+#: Sine of the angle below which a plane's normal is an axis, or two normals are the same: a mesh
+#: file has at least 8 digits.
+_SAME_DIRECTION = 1e-7
+#: Largest distance of a plane's nodes from it, relative to its extent: as above.
+_FLAT = 1e-6
+
+
+class NodePlane(NamedTuple):
+    """A plane in which nodes slide.
+
+    Attributes
+    ----------
+    nodes : (n,) int
+        The local nodes, ghosts included.
+    normal : (components,)
+        The plane's unit normal.
+    """
+
+    nodes: Array
+    normal: Array
+
+
+class InclinedPlanes:
+    """The nodes with a constrained direction that is no component.
+
+    Attributes
+    ----------
+    nodes : (n,) int
+        The local nodes, ghosts included, ascending.
+    num_owned : int
+        How many of them this rank owns: the first ones.
+    projections : (n, components, components)
+        The projections P of displacements, onto free directions.
+    bases : (n, components, components)
+        The projections :math:`B B^T`.
+    prescriptions : (n, components, components)
+        Maps of a displacement with the prescribed values of its components to the one that is in
+        the planes, too.
+    """
+
+    def __init__(
+        self, nodes: Array, num_owned: int, projections: Array, bases: Array, prescriptions: Array
+    ) -> None:
+        self.nodes, self.num_owned, self.projections = nodes, num_owned, projections
+        self.bases, self.prescriptions = bases, prescriptions
+
+    @classmethod
+    def of(
+        cls, planes: Sequence[NodePlane], constrained: Array, num_owned_nodes: int
+    ) -> InclinedPlanes | None:
+        """Return the inclined planes; None if there is none on any rank.
+
+        Parameters
+        ----------
+        planes : sequence of NodePlane
+            All planes, the same on all ranks.
+        constrained : (local nodes, components) bool
+            The constrained components of nodes, ghosts included. Those that planes constrain are
+            added.
+        num_owned_nodes : int
+            The nodes that this rank owns, before ghosts.
+        """
+        inclined = []
+        for plane in planes:
+            axis = int(np.abs(plane.normal).argmax())
+            if np.linalg.norm(np.delete(plane.normal, axis)) < _SAME_DIRECTION:
+                constrained[plane.nodes, axis] = True
+            else:
+                inclined.append(plane)
+        if not inclined:
+            return None
+        nodes = np.unique(np.concatenate([plane.nodes for plane in inclined]))
+        size = constrained.shape[1]
+        rows = np.zeros((len(nodes), len(inclined), size))
+        for number, plane in enumerate(inclined):
+            rows[np.searchsorted(nodes, plane.nodes), number] = plane.normal
+        free = ~constrained[nodes]
+        # The planes of a node act on its free components: sum_free n_i u_i = - sum_given n_i u_i.
+        U, values, W = np.linalg.svd(rows * free[:, None], full_matrices=False)
+        kept = values > _SAME_DIRECTION
+        inverses = np.einsum(
+            "nkj,nk,nik->nji", W, np.where(kept, 1 / np.where(kept, values, 1), 0), U
+        )
+        bases = np.einsum("nki,nk,nkj->nij", W, kept.astype(float), W)
+        units = np.eye(size)
+        projections = units * free[:, None] - bases
+        given = -np.einsum("nik,nkj->nij", inverses, rows * ~free[:, None])
+        prescriptions = projections + given + units * ~free[:, None]
+        # A component that the planes of a node constrain together is one of `constrained`.
+        whole = free & (np.abs(projections).max(axis=2) < _SAME_DIRECTION)
+        constrained[nodes] |= whole
+        projections[whole], bases[whole] = 0.0, 0.0
+        bases.swapaxes(1, 2)[whole] = projections.swapaxes(1, 2)[whole] = 0.0
+        owned = int(np.searchsorted(nodes, num_owned_nodes))
+        return cls(nodes, owned, projections, bases, prescriptions)
+
+    def project(self, values: Array, ghosts: bool = False) -> None:
+        """Leave of displacements or forces what is in the planes, in place.
+
+        ``values`` begins with the components of this rank's nodes, with ``ghosts`` of all local
+        nodes.
+        """
+        self._apply(self.projections, values, None if ghosts else self.num_owned)
+
+    def prescribe(self, values: Array) -> None:
+        """Move displacements of this rank's nodes, whose components are prescribed, into the
+        planes, in place.
+        """
+        self._apply(self.prescriptions, values, self.num_owned)
+
+    def work(self, forces: Array, moved: Array) -> float:
+        """Return the work of forces on this rank's nodes in constrained directions."""
+        dofs = self._dofs(self.num_owned)
+        return float(np.einsum("nij,ni,nj->", self.bases[: len(dofs)], forces[dofs], moved[dofs]))
+
+    def _apply(self, maps: Array, values: Array, count: int | None) -> None:
+        """Replace the values u of each node by M u."""
+        dofs = self._dofs(count)
+        values[dofs] = np.einsum("nij,nj->ni", maps[:count], values[dofs])
+
+    def _dofs(self, count: int | None) -> Array:
+        """Return the dofs of the first nodes, (count, components)."""
+        size = self.projections.shape[-1]
+        dofs: Array = size * self.nodes[:count, None] + np.arange(size)
+        return dofs
+
+    def free_directions(self) -> tuple[Array, Array]:
+        """Return orthonormal free directions at this rank's nodes, and their dofs.
+
+        Both are (n, components); a node may have several rows, or none.
+        """
+        values, vectors = np.linalg.eigh(self.projections[: self.num_owned])
+        node, number = np.nonzero(values > 0.5)  # of a projection they are 0 and 1
+        return vectors[node, :, number], self._dofs(self.num_owned)[node]
+
+
+class MatrixProjection:
+    """The elimination of inclined planes from an assembled matrix. Collective.
+
+    Parameters
+    ----------
+    mat : PETSc.Mat
+        The AIJ matrix; its pattern is read.
+    dof_map : MixedDofMap
+        The numbering of the unknowns, the displacement's first.
+    planes : InclinedPlanes
+        The nodes.
+    """
+
+    def __init__(self, mat: PETSc.Mat, dof_map: MixedDofMap, planes: InclinedPlanes) -> None:
+        self._size, own = dof_map.components, planes.num_owned
+        self._own, self._bases = planes.projections[:own], planes.bases[:own]
+        nodes, comm = planes.nodes[:own], dof_map.comm
+        first = mat.getOwnershipRange()[0] + self._size * nodes
+        # The columns of rows of this rank may be nodes that no cell of this rank has.
+        starts, P = (np.concatenate(part) for part in zip(*comm.allgather((first, self._own))))
+        self._all = P
+        begin, end = mat.getOwnershipRange()
+        self._rows: list[tuple[Array, Array]] = []
+        self._columns: list[tuple[Array, Array]] = []
+        with aij_blocks(mat, read_only=True) as blocks:
+            for k, block in enumerate(blocks):
+                indptr, indices = block.csr()
+                self._rows.append(_row_entries(indptr, self._size * nodes, self._size))
+                if k == 0:
+                    inside = np.flatnonzero((starts >= begin) & (starts < end))
+                    column_of = starts[inside] - begin
+                    width = end - begin
+                else:
+                    width = len(block.ghosts)
+                    at = np.searchsorted(block.ghosts, starts)
+                    known = at < width
+                    known[known] = block.ghosts[at[known]] == starts[known]
+                    inside, column_of = np.flatnonzero(known), at[known]
+                node_of = np.full(width, -1)
+                node_of[column_of] = inside
+                entries = np.flatnonzero(node_of[indices] >= 0)
+                self._columns.append((entries, node_of[indices[entries]]))
+                if k == 0:
+                    rows, number = self._rows[0]
+                    self._diagonal = rows[:, indices[rows[0]] == self._size * nodes[number]].T
+
+    def apply(self, mat: PETSc.Mat) -> None:
+        """Replace the blocks of nodes i, j by P_i A_ij P_j."""
+        components = np.arange(self._size)
+        with aij_blocks(mat) as blocks:
+            for block, rows, columns in zip(blocks, self._rows, self._columns, strict=True):
+                values = block.array()
+                entries, number = rows
+                values[entries] = np.einsum("nab,bn->an", self._own[number], values[entries])
+                entries, number = columns
+                at = entries[:, None] + components
+                values[at] = np.einsum("na,nab->nb", values[at], self._all[number])
+
+    def add_diagonal(self, mat: PETSc.Mat, factor: float) -> None:
+        """Add ``factor`` times B B^T to the diagonal blocks."""
+        at = self._diagonal[:, :, None] + np.arange(self._size)
+        with aij_blocks(mat) as blocks:
+            blocks[0].array()[at] += factor * self._bases
+
+
+def _row_entries(indptr: Array, first_rows: Array, size: int) -> tuple[Array, Array]:
+    """Return the entries of the rows of nodes, (size, n), and the node of each, (n,).
+
+    The rows of a node have the same columns.
+    """
+    lengths = indptr[first_rows + 1] - indptr[first_rows]
+    number = np.repeat(np.arange(len(first_rows)), lengths)
+    within = np.arange(len(number)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    starts = np.stack([indptr[first_rows + a] for a in range(size)])
+    return starts[:, number] + within, number
+
+
+def plane_through(comm: MPI.Intracomm, points: Array) -> Array | None:
+    """Return the unit normal of the plane, or line, in which points lie; None if in none.
+
+    Collective. ``points``, (n, dim), are this rank's.
+    """
+    total, count = comm.allreduce(points.sum(axis=0)), comm.allreduce(len(points))
+    from_mean = points - total / max(count, 1)
+    _, directions = np.linalg.eigh(comm.allreduce(from_mean.T @ from_mean))
+    normal = directions[:, 0] * np.sign(directions[np.abs(directions[:, 0]).argmax(), 0])
+    sizes = np.array(
+        [np.abs(from_mean @ normal).max(initial=0.0), np.abs(from_mean).max(initial=0.0)]
+    )
+    comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+    return normal if sizes[0] <= _FLAT * sizes[1] else None
