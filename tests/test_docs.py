@@ -131,8 +131,8 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     assert found <= listed
     assert listed - found <= {
         "accuracy", "bones", "cavities", "contacts", "fields", "files", "lagged_change",
-        "linear_residual", "mixed_newton", "mixed_reason", "notes", "obstacles", "resumed",
-        "self_contact", "solves", "static_condensation", "volumes",
+        "linear_residual", "mixed_newton", "mixed_reason", "moments", "notes", "obstacles",
+        "resumed", "rigid", "self_contact", "solves", "static_condensation", "volumes",
     }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from mpi4py import MPI
@@ -116,6 +117,20 @@ class Dirichlet:
         return found
 
 
+@dataclass
+class StartPath:
+    """The path of the constrained dofs from a start to the conditions.
+
+    Attributes
+    ----------
+    offset : (n,) array or None
+        Their values at the start minus those of the conditions at load 0, which decrease to zero
+        in proportion to the load; None before the start is known.
+    """
+
+    offset: Array | None = None
+
+
 class DirichletConditions(Dirichlet):
     """Dirichlet conditions on physical groups, with the attributes of `Dirichlet`. Collective.
 
@@ -138,6 +153,11 @@ class DirichletConditions(Dirichlet):
     kinematics : Kinematics, optional
         Conditions have the components that it has. On a body of revolution the radial and
         rotational displacements are zero on the axis, whatever else is prescribed there.
+
+    Attributes
+    ----------
+    path : StartPath or None
+        The path from the state of another run; problems of one scene share it.
 
     Raises
     ------
@@ -183,6 +203,7 @@ class DirichletConditions(Dirichlet):
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
         self.depends_on_load = bool(move) or any(bone.moves for bone in bones)
+        self.path: StartPath | None = None
         if planes:
             self._check_planes(V, planes, symmetry)
 
@@ -249,6 +270,17 @@ class DirichletConditions(Dirichlet):
                     accepted = "a plane that no [[move]] and no [[bone]] takes nodes out of"
                     raise bad_value("symmetry.group", table.group, accepted)
 
+    def share_path(self, path: StartPath) -> None:
+        """Let the values go along a path, which problems of one scene share."""
+        self.path, self.depends_on_load = path, True
+
+    def start_from(self, x: PETSc.Vec) -> None:
+        """Let the `path`, which has no offset yet, begin at the values of ``x``."""
+        assert self.path is not None
+        own = x.copy()
+        self.set_values(own, 0.0)
+        self.path.offset = x.array_r[self.dofs] - own.array_r[self.dofs]
+
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to its values at this load."""
         values, components = x.array, self._kinematics.components
@@ -257,6 +289,8 @@ class DirichletConditions(Dirichlet):
             displacement = motion.displacement(points, load)
             values[components * nodes[:, None] + axes] = displacement[:, axes]
         values[self._on_axis] = 0.0
+        if self.path is not None and self.path.offset is not None:
+            values[self.dofs] += (1 - load) * self.path.offset
         if self.planes:
             self.planes.prescribe(values)
 

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
+#: The array of `StartPath.offset` at the nodes of the displacement.
+_OFFSET = "start_offset"
 #: Seconds between two checkpoints that are flushed to the disk. A flush takes longer than many
 #: steps; a loss of power costs at most this time.
 _FLUSH_INTERVAL = 1.0
@@ -82,6 +84,11 @@ class Writer:
             if before:
                 arrays[f"{name}_before"] = field.gather(before[1])
         arrays |= gather_terms(problem)
+        path = getattr(problem.dirichlet, "path", None)
+        if path is not None:
+            offset = problem.x.duplicate()
+            offset.array[problem.dirichlet.dofs] = path.offset
+            arrays[_OFFSET] = self._fields["u"].gather(offset)
         motion: dict[str, Any] | None = None
         if steps := self._stepper.motion:
             arrays["motion"], motion = gather_motion(problem, steps.dynamics)
@@ -166,13 +173,21 @@ class Checkpoint:
         """
         problem, about = stepper.problem, self._about
         fields = nodal_values.fields(problem)
-        on_root(self.folder.comm, self._check_parts, list(fields), stepper.motion is not None)
+        path = getattr(problem.dirichlet, "path", None)
+        needed = [_OFFSET] if path is not None else []
+        on_root(
+            self.folder.comm, self._check_parts, list(fields), needed, stepper.motion is not None
+        )
         before = problem.x.duplicate() if about["load_before"] is not None else None
         for name, field in fields.items():
             order = self._order(field, name)
             self._scatter(field, name, order, problem.x)
             if before is not None:
                 self._scatter(field, f"{name}_before", order, before)
+            if name == "u" and path is not None:
+                offset = problem.x.duplicate()
+                self._scatter(field, _OFFSET, order, offset)
+                path.offset = offset.array_r[problem.dirichlet.dofs]
             if name == "u" and (steps := stepper.motion):
                 rows = self._rows("motion", order)
                 restore_motion(problem, steps.dynamics, rows, about["motion"])
@@ -184,9 +199,9 @@ class Checkpoint:
         if before is not None:
             stepper.solver.predictor.before = (about["load_before"], before)
 
-    def _check_parts(self, fields: list[str], moves: bool) -> None:
+    def _check_parts(self, fields: list[str], arrays: list[str], moves: bool) -> None:
         """Raise BadInput unless the checkpoint has what this problem needs. On rank 0."""
-        needed = [*(f"{name}_nodes" for name in fields), *(["motion"] if moves else [])]
+        needed = [*(f"{name}_nodes" for name in fields), *arrays, *(["motion"] if moves else [])]
         if moves and self._about["motion"] is None:
             raise _unusable(self.folder.path, "motion: missing")
         if missing := [name for name in needed if name not in self._arrays]:

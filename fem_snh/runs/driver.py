@@ -124,11 +124,13 @@ def _run(
         default_options(solver.PREFIX, scene.petsc) as given,
         default_options(solver.PREFIX, defaults),
     ):
-        setup = set_up(comm, scene)
+        setup = set_up(comm, scene, stored is not None)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
-        if folder and folder.note:
-            about["notes"] = [*about.get("notes", ()), Note("folder", folder.note).record()]
+        notes = [Note("folder", folder.note)] if folder and folder.note else []
+        notes += [setup.note] if setup.note else []
+        if notes:
+            about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note
         printed.start(about)
         if stored and folder:

@@ -67,8 +67,8 @@ class Recorder:
             record |= {key: value for key, value in earlier.items() if key not in record}
             record.pop("notes", None)
             record["steps"] = list(earlier["steps"])
-            jumps = [note for note in earlier.get("notes", ()) if note["kind"] == "jump"]
-            if notes := [*notes, *jumps]:
+            kept = [note for note in earlier.get("notes", ()) if note["kind"] in ("jump", "start")]
+            if notes := [*notes, *kept]:
                 record["notes"] = notes
             record["resumed"] = [*earlier.get("resumed", []), self._problem.load]
         elif folder:

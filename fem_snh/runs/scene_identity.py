@@ -30,7 +30,9 @@ def identity(scene: Scene) -> dict[str, Any]:
     data = scene.model_dump(mode="json", exclude=set(_MAY_CHANGE))
     if scene.time:
         del data["time"]["output_every"]
-    return _flat(data) | {key: _digest(key, path) for key, path in scene.files.items()}
+    # A resumed run has the state from which it started in its checkpoint.
+    files = {key: path for key, path in scene.files.items() if key != "start.run"}
+    return _flat(data) | {key: _digest(key, path) for key, path in files.items()}
 
 
 def _digest(key: str, path: Path) -> str:

@@ -18,11 +18,13 @@ from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
 from fem_snh.mesh import mesh as meshes
+from fem_snh.notes import Note
 from fem_snh.problem.create_problem import create_problem
 from fem_snh.problem.initial_state import set_initial_state
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.runs.result import Result
+from fem_snh.runs.scene_mesh import make_mesh
 from fem_snh.steps.condensation import Condensation, choose_condensation, chosen_for_condensed
 from fem_snh.steps.poisson_continuation import PoissonContinuation
 from fem_snh.steps.step_solver import StepSolver
@@ -54,6 +56,8 @@ class Setup:
         The mesh.
     make : callable or None
         Makes the problem on the same mesh with another element; None of a scene in time.
+    note : Note or None
+        What to know of the state of another run, from which this one starts.
     """
 
     problem: Problem
@@ -64,6 +68,7 @@ class Setup:
     condensation: Condensation
     mesh: meshes.Mesh
     make: Callable[[elements.Element], Problem] | None = None
+    note: Note | None = None
 
     def result(
         self, converged: bool, status: str, record: dict[str, Any], out: Path | None
@@ -79,8 +84,10 @@ class Setup:
         self.stepper.solver.destroy()
 
 
-def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
+def set_up(comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False) -> Setup:
     """Return a scene's problem, solver and load stepping. Collective.
+
+    The state of a run that is ``resumed`` is not read here, nor that of the run it started from.
 
     Raises
     ------
@@ -96,10 +103,18 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     meshed = perf_counter()
 
     def make(nu: float | None = None, element: elements.Element = element) -> Problem:
-        return make_problem(scene, mesh, element, nu)
+        made = make_problem(scene, mesh, element, nu)
+        if path is not None and made.element.degree == problem.element.degree:
+            made.dirichlet.share_path(path)  # type: ignore[attr-defined]
+        return made
 
+    path, note = None, None
     problem = make()
-    if scene.start and (scene.start.displaces or not scene.time):
+    if scene.start and scene.start.run is not None:
+        from fem_snh.runs.start import start_from_run
+
+        path, note = start_from_run(problem, scene.start, read=not resumed)
+    elif scene.start and (scene.start.displaces or not scene.time):
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
     if scene.modes:
@@ -135,14 +150,14 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene) -> Setup:
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
     other = None if scene.time else lambda element: make(element=element)
-    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other)
+    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other, note)
 
 
 def _why_condensed(scene: scenes.Scene) -> str:
     """Return why the pressures of a scene's cells are eliminated at any ratio; empty if not."""
     if reason := scenes.why_condensed(scene):
         return reason
-    if scene.start is not None:
+    if scene.start is not None and scene.start.run is None:
         return "a start far from equilibrium, where the energy has to be minimised"
     choices = {"hessian": scene.hessian, "globalization": scene.globalization}
     return chosen_for_condensed(solver.PREFIX, choices)
@@ -155,24 +170,6 @@ def _check_groups(scene: scenes.Scene, mesh: meshes.Mesh) -> None:
             mesh.group(key)
         except BadInput as error:
             raise BadInput(f"{where} = {key!r}: {error}") from None
-
-
-def make_mesh(comm: MPI.Comm, scene: scenes.Scene, element: elements.Element) -> meshes.Mesh:
-    """Return the scene's mesh, generated or read. Collective."""
-    if isinstance(scene.mesh, Path):
-        return meshes.read(comm, scene.mesh)
-    if isinstance(scene.mesh, scenes.Tetrahedra):
-        from fem_snh.mesh import lattice
-
-        return lattice.create_tetrahedra(comm, scene.mesh.body, scene.mesh.size)
-    if isinstance(scene.mesh, scenes.Lattice):
-        from fem_snh.mesh import lattice
-
-        chosen = scene.mesh
-        choices = chosen.cell, chosen.weighting, chosen.parts, chosen.samples, chosen.skin
-        return lattice.create(comm, chosen.body, *choices)
-    cells = {} if scene.cells is None else {"cells": scene.cells}
-    return meshes.generate(comm, scene.mesh.source, element.cell, **cells, **scene.mesh.parameters)
 
 
 def make_problem(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
@@ -11,6 +13,7 @@ from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, rigid_displacement
 from fem_snh.tables.types import (
     Components,
+    FilePath,
     GroupKey,
     Matrix,
     NonNegative,
@@ -64,8 +67,19 @@ class Move(Table):
 class Start(Table):
     """The initial displacement and velocity of a run; without this table they are zero.
 
-    Prescribed nodes take their prescribed displacement and velocity.
+    Prescribed nodes take their prescribed displacement and velocity. From the state of another run
+    they go to their prescribed displacement in proportion to the load.
     """
+
+    run: FilePath | None = Field(
+        default=None,
+        description="Folder of another run, relative to this file, whose displacement is the "
+        "start; its mesh may be another one of the same body.",
+    )
+    step: int = Field(
+        default=-1,
+        description="Number of its stored state: 0 is its start, -1 its last.",
+    )
 
     map: Matrix | None = Field(
         default=None, description="Matrix A of an affine map: x = A (X - through) + through."
@@ -95,6 +109,12 @@ class Start(Table):
 
     @model_validator(mode="after")
     def _check_kind(self) -> Start:
+        if self.run is not None and self.displaces:
+            raise BadInput(
+                "'run' excludes 'map', 'scatter' and 'noise': expected one kind of initial state"
+            )
+        if self.run is None and self.step != -1:
+            raise BadInput("missing key 'run': expected with 'step', the number of its state")
         if self.map is not None and self.scatter is not None:
             raise BadInput("'map' and 'scatter' exclude each other: expected one of them")
         if self.through is not None and self.map is None and self.angular_velocity is None:
@@ -105,8 +125,13 @@ class Start(Table):
         return self
 
     @property
+    def files(self) -> dict[str, Path]:
+        """The record of the other run, which is not to be replaced by this one."""
+        return {"run": self.run / "run.json"} if self.run is not None else {}
+
+    @property
     def displaces(self) -> bool:
-        """Whether the body does not start undeformed."""
+        """Whether the body starts with a displacement that this table itself states."""
         return self.map is not None or self.scatter is not None or self.noise > 0
 
     @property

@@ -116,7 +116,8 @@ def _check_plane(scene: Scene) -> None:
     """Raise BadInput for a key of three dimensions in a scene of two."""
     accepted = f"no value, with kinematics = '{scene.kinematics}'"
     for key in _SOLID:
-        if given := getattr(scene, key):
+        given = getattr(scene, key)
+        if given and not (key == "start" and given.run is not None):
             raise bad_value(key, given if isinstance(given, bool) else "given", accepted)
     for feature in scene.features:
         if not feature.planar:
@@ -169,7 +170,7 @@ def _check_quasi_static(scene: Scene) -> None:
     for name in scene.fields:
         if name in IN_TIME:
             raise bad_value("fields", name, "another field, as the scene has no table [time]")
-    if scene.start is not None and scene.predictor != "none":
+    if scene.start is not None and scene.start.run is None and scene.predictor != "none":
         raise bad_value("predictor", scene.predictor, "'none', as the scene has a 'start'")
 
 

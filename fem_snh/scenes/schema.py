@@ -167,8 +167,8 @@ class Scene(Table):
     table: list[Amplitude] = Field(default=[], description="Amplitudes of loads and motions.")
     start: Start | None = Field(
         default=None,
-        description="Initial displacement, which needs predictor = 'none' without [time]; "
-        "initial velocity.",
+        description="Initial displacement, which needs predictor = 'none' without [time] unless "
+        "it is that of another run; initial velocity.",
     )
     nu_continuation: PoissonRatios = Field(
         default=[],

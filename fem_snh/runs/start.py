@@ -1,0 +1,130 @@
+"""Start from the state of another run: ``[start] run`` of scenes, and a function for programs.
+
+The displacement is that of a stored state of the run, interpolated where the mesh is another one.
+Its loads and its contact are not taken over: they are those of the new problem from the first step.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.boundary_conditions import DirichletConditions, StartPath
+from fem_snh.errors import ResultNote, on_root
+from fem_snh.notes import Note
+from fem_snh.problem.dolfinx_problem import check_displacement
+from fem_snh.problem.problem import Problem
+from fem_snh.runs.output.nodal_values import gather_rows, scatter_rows
+from fem_snh.scenes import Start
+
+Array = npt.NDArray[np.float64]
+
+
+def interpolate_run(
+    u: Any, run: str | Path, step: int = -1, *, kinematics: str | None = None
+) -> None:
+    """Set the displacement of a program to that of a run. Collective.
+
+    ``NonlinearProblem.steps`` then goes from its values at constrained nodes to those of ``bcs``.
+
+    Parameters
+    ----------
+    u : dolfinx Function
+        The displacement, on any mesh of the run's body.
+    run : str or Path
+        The folder of the run.
+    step : int, optional
+        Number of its stored state: 0 is its start, -1 its last.
+    kinematics : str, optional
+        The kinematics of a mesh of two dimensions.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if there is no such state, or it is of another body.
+
+    Warns
+    -----
+    ResultNote
+        On rank 0, if nodes are outside of the run's mesh.
+
+    Examples
+    --------
+    >>> fem_snh.interpolate_run(u, "out/press")
+    >>> for step in problem.steps(4):
+    ...     print(step["load"], step["newton"])
+    """
+    check_displacement(u, kinematics)
+    values, note = _displacement(u.function_space, Path(run), step, kinematics)
+    u.x.array[: values.size] = values.ravel()
+    u.x.scatter_forward()
+    if note and u.function_space.mesh.comm.rank == 0:
+        warnings.warn(note.text, ResultNote, stacklevel=2)
+
+
+def start_from_run(
+    problem: Problem, start: Start, read: bool = True
+) -> tuple[StartPath, Note | None]:
+    """Set ``problem.x`` to the state of ``start.run``, from which its conditions go. Collective.
+
+    A pressure is zero. Unless the run is ``read``, the state is that of a checkpoint, which is
+    still to be set.
+
+    Returns
+    -------
+    path : StartPath
+        The path of the problem's conditions.
+    note : Note or None
+        Which nodes are outside of the run's mesh.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if there is no such state, or it is of another body.
+    """
+    assert start.run is not None
+    conditions = problem.dirichlet
+    assert isinstance(conditions, DirichletConditions)
+    conditions.share_path(path := StartPath())
+    if not read:
+        return path, None
+    name = None if problem.kinematics.dim == 3 else problem.kinematics.name
+    values, note = _displacement(problem.V, start.run, start.step, name)
+    problem.x.array[: values.size] = values.ravel()
+    conditions.start_from(problem.x)
+    problem.set_load(0.0)
+    problem.prescribe(problem.x)
+    problem.split(problem.x)
+    return path, note
+
+
+def _displacement(
+    V: Any, run: Path, step: int, kinematics: str | None
+) -> tuple[Array, Note | None]:
+    """Return a run's displacement at the owned nodes (n, components), and a note. Collective."""
+    comm, owned = V.mesh.comm, _dolfinx.num_nodes(V)[0]
+    components = _dolfinx.num_components(V)
+    nodes = gather_rows(comm, V.tabulate_dof_coordinates()[:owned])
+    read: list[Array] = []
+
+    def interpolate() -> str:
+        from fem_snh.viewing.stored_state import displacement_at
+
+        found, distance = displacement_at(run, step, kinematics, nodes)
+        read.append(found[:, :components])
+        outside = np.count_nonzero(distance)
+        if not outside:
+            return ""
+        return (
+            f"start.run = '{run}': {outside} of {len(nodes)} nodes are outside of its mesh, by at "
+            f"most {distance.max():.3g}: they have the displacement of its closest point"
+        )
+
+    text = on_root(comm, interpolate)
+    values = scatter_rows(comm, read[0] if read else None, (owned, components))
+    return values, Note("start", text) if text else None
