@@ -92,7 +92,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         problem that is solved first. Default: unknowns from nu = 0.499 on, where the condensed
         problem takes many iterations, unless a term has a state of its own or the condensed
         problem's solver was chosen.
-    kinematics : {"plane_strain", "axisymmetric", "axisymmetric_torsion"}, optional
+    kinematics : {"plane_strain", "plane_stress", "axisymmetric", "axisymmetric_torsion"}, optional
         Of a mesh of two dimensions, with triangles or quadrilaterals. ``u`` then has 2 components,
         (u_x, u_y) or (u_r, u_z); with torsion 3, (u_r, u_z, u_theta), in the basis of the reference
         position. Coordinates are (x, y) or (r, z), r >= 0; u_r and u_theta are zero where r = 0.

@@ -460,7 +460,12 @@ def test_no_locking(element):
 @pytest.mark.parametrize(
     "kinematics, components, low, message",
     [
-        (None, 2, 0.0, "missing key 'kinematics': expected one of plane_strain, axisymmetric, "),
+        (
+            None,
+            2,
+            0.0,
+            "missing key 'kinematics': expected one of plane_strain, plane_stress",
+        ),
         ("plane", 2, 0.0, "kinematics = 'plane': expected one of plane_strain"),
         ("plane_strain", 3, 0.0, "degree 1 or 2 with 2 components"),
         ("axisymmetric_torsion", 2, 0.0, "degree 1 or 2 with 3 components"),

@@ -46,8 +46,11 @@ _ROUNDING = 1e-3
 
 
 def may_lock(problem: Problem) -> list[Part]:
-    """Return the materials that can lock: nearly incompressible, with a pointwise volume term."""
-    if problem.element.volume != "pointwise":
+    """Return the materials that can lock: nearly incompressible, with a pointwise volume term.
+
+    In plane stress none does: the thickness changes with the area.
+    """
+    if problem.element.volume != "pointwise" or problem.kinematics.plane_stress:
         return []
     moduli = [(part, *part.region.material.lame) for part in problem.elastic.parts]
     return [part for part, mu, lam in moduli if lam >= _LEAST_RATIO * mu]

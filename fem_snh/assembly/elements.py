@@ -111,6 +111,10 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
     """
     found = ELEMENTS[choose("element", name, ELEMENTS)]
     if kinematics.dim == 2:
+        if kinematics.plane_stress and found.volume != "pointwise":
+            names = ", ".join(e.name for e in ELEMENTS.values() if e.volume == "pointwise")
+            accepted = f"one of {names}, in plane stress: a sheet that thins does not lock"
+            raise bad_value("element", name, accepted)
         cell = PLANE_CELLS[found.cell]
         least = max(found.least, _LEAST_REVOLVED) if kinematics.revolved else found.least
         default = max(found.quadrature, least)

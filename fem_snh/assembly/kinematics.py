@@ -10,7 +10,8 @@ all kinematics. With coordinates (x, y) in the plane, (r, z) in a half plane tha
     F_\text{revolved} = \begin{pmatrix} 1 + u_{r,r} & u_{r,z} & -u_\theta / r \\
         u_{z,r} & 1 + u_{z,z} & 0 \\ u_{\theta,r} & u_{\theta,z} & 1 + u_r / r \end{pmatrix}
 
-in the basis (e_r, e_z, e_theta) of the reference position. Both are linear in the nodal values.
+in the basis (e_r, e_z, e_theta) of the reference position. Both are linear in the nodal values. In
+plane stress F_33 is a function of the others, at each point: P_33 = 0.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ class Kinematics:
         Dimension of the mesh.
     components : {2, 3}
         Components of the displacement.
+    plane_stress : bool
+        Whether F_33 is not given, but such that P_33 = 0.
     revolved : bool
         Whether the body is the mesh revolved about the axis x = 0, in which x is the radius.
     """
@@ -50,6 +53,7 @@ class Kinematics:
     dim: int
     components: int
     revolved: bool = False
+    plane_stress: bool = False
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -75,10 +79,11 @@ class Kinematics:
     def definitions(self) -> list[str]:
         """The C definitions that kinematics.h reads."""
         kind = "REVOLVED" if self.revolved else "PLANE" if self.dim == 2 else "SOLID"
+        kind = "PLANE_STRESS" if self.plane_stress else kind
         return [f"#define COMPONENTS {self.components}", f"#define KINEMATICS {kind}"]
 
     def gradient(self, u: Any, gradient: Any, radius: Any) -> Sequence[Sequence[Any]]:
-        """Return the rows of H = F - I.
+        """Return the rows of H = F - I, in plane stress those of plane strain.
 
         Parameters
         ----------
@@ -131,6 +136,7 @@ PLANAR = {
     kinematics.name: kinematics
     for kinematics in (
         Kinematics("plane_strain", 2, 2),
+        Kinematics("plane_stress", 2, 2, plane_stress=True),
         Kinematics("axisymmetric", 2, 2, revolved=True),
         Kinematics("axisymmetric_torsion", 2, 3, revolved=True),
     )

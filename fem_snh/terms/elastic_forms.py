@@ -66,6 +66,8 @@ class ElasticForms(Elastic):
         Q: Any = None,
         pressure_scale: float = 1.0,
     ) -> None:
+        if element.kinematics.plane_stress:
+            raise bad_value("assembly", "ufl", "'kernels', in plane stress")
         for material in (region.material for region in regions):
             if not material.has_energy:
                 accepted = f"'kernels' for '{material.name}', which has a stress but no energy"

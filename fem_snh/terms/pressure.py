@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from pydantic import Field
 
+from fem_snh.errors import bad_value
 from fem_snh.tables.amplitudes import TABLE, TableName
 from fem_snh.tables.types import SURFACE, Number, Surface
 from fem_snh.terms.feature import Feature
@@ -34,4 +35,6 @@ class Pressure(Feature):
         """Return one term of all pressures: a closed surface may have several. Collective."""
         from fem_snh.terms.follower_pressure import FollowerPressure  # imports PETSc
 
+        if body.kinematics.plane_stress:  # the edge's area has the unknown thickness
+            raise bad_value(cls.key, "given", "no value, in plane stress")
         return [FollowerPressure(features, body)]

@@ -28,4 +28,5 @@
   for (int q = 0; q < POINTS; ++q) {                           \
     geometry_point(c, x, fraction, q, G, &weight);             \
     deformation_point(G, v, F, H);                             \
-    const Parameters p = volume_parameters(c, &volume, q);
+    const Parameters p = volume_parameters(c, &volume, q);     \
+    THIRD_STRETCH(p, F, H)

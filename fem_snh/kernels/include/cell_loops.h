@@ -42,6 +42,7 @@ long jacobian_cells(const Cells *c, const double *u, const double *pressure, int
     FOR_EACH_POINT
       const mask found = hessian_point(p, F, filter, solver, C);
       for (int l = 0; l < lanes; ++l) negative -= found[l];
+      CONDENSE(F, C)
       pull_back_matrix(C);
       add_stiffness(C, G, weight, K);
       volume_jacobian_point(c, &volume, q, p, F, G, weight);

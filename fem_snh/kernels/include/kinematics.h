@@ -3,6 +3,7 @@
  * The code generator defines COMPONENTS, the displacement components of a node (2 or 3), and KINEMATICS:
  *   SOLID ....... H = sum_a u_a (grad N_a)^T
  *   PLANE ....... the same with d/dx_3 = 0: F_33 = 1
+ *   PLANE_STRESS  PLANE with the F_33 > 0 at which P_33 = 0 (third_stretch)
  *   REVOLVED .... the body of revolution of a half plane with coordinates (r, z) and components (u_r, u_z, u_theta)
  *                 in the basis (e_r, e_z, e_theta) of the reference position:
  *                 H's third column is (du/dtheta)/r = (-u_theta, 0, u_r)/r = S u/r
@@ -12,6 +13,7 @@
 #define SOLID 0
 #define PLANE 1
 #define REVOLVED 2
+#define PLANE_STRESS 3
 
 /* v[NODES][3] = the nodal displacements of W cells. */
 #if COMPONENTS == 3
@@ -26,7 +28,7 @@
  * "derivatives" of the basis are zero on a plane, and the basis functions on a body of revolution: T + 6 is then
  * the point's (r, z, 0), and dx/dtheta has the length r. */
 INLINE void third_tangent(real *T) {
-#if KINEMATICS == PLANE
+#if KINEMATICS == PLANE || KINEMATICS == PLANE_STRESS
   T[8] = splat(1);
 #elif KINEMATICS == REVOLVED
   T[8] = T[6];
@@ -66,3 +68,81 @@ INLINE void pull_back_matrix(real *C) {
   }
 #endif
 }
+
+#if KINEMATICS == PLANE_STRESS
+/* The smallest and largest F_33: the energy is minimised between them. */
+#define THINNEST 1e-3
+#define THICKEST 1e3
+
+/* Set H_33 and F_33 to the minimum of psi in F_33 that continues the one at rest: P_33 = 0, or F_33 is one of the
+ * bounds (a cell that is turned over in its plane has no root in F_33 > 0).
+ *
+ * The secant method in a bracket P_33(lower) < 0 < P_33(upper), which grows from F_33 = 1. A step that leaves the
+ * bracket, or after eight steps does not halve it in three, is replaced by the geometric mean of its ends. A lane that has
+ * converged does not change any more, so that its result does not depend on the others. */
+SHARED void third_stretch(const Parameters *p, real *F, real *H) {
+  real P[9], size = splat(0);
+  for (int i = 0; i < 9; ++i) size = i == 8 ? size : lane_max(size, absolute(H[i]));
+  const real lowest = splat(THINNEST - 1), highest = splat(THICKEST - 1);
+  real lower = lowest, upper = highest, width = splat(INFINITY), h = splat(0), before, slope_h;
+  mask known_lower = (mask){0}, known_upper = (mask){0}, done = size == 0; /* at rest F_33 = 1 */
+  H[8] = h;
+  F[8] = 1 + h;
+  stress_point(*p, F, H, P);
+  real value = P[8];
+  before = value;
+  slope_h = h;
+  done |= value == 0;
+  /* The second point: half of the change of the area, at small strain exact for nu = 1/3; with almost none,
+   * another one at the distance of the strain. */
+  real next = -0.5 * (H[0] + H[4]);
+  next = select(absolute(next) < 0.125 * size, select(value > 0, -0.125 * size, 0.125 * size), next);
+  for (int step = 0; step < 100 && any(~done); ++step) {
+    /* The bracket with the last value; then the next point within it. */
+    const mask below = ~done & (value < 0), above = ~done & (value > 0);
+    lower = select(below & (h > lower), h, lower);
+    upper = select(above & (h < upper), h, upper);
+    known_lower |= below;
+    known_upper |= above;
+    const real ends = (1 + upper) / (1 + lower);
+    const mask slow = (step > 8 && step % 3 == 2 ? ~(mask){0} : (mask){0}) & (ends - 1 > 0.5 * width);
+    if (step % 3 == 2) width = ends - 1;
+    real middle = lane_sqrt((1 + lower) * (1 + upper)) - 1;
+    middle = select(known_upper, middle, 2 * (1 + h) - 1); /* the bracket is open: double or halve F_33 */
+    middle = select(known_lower, middle, select(known_upper, 0.5 * (1 + upper) - 1, middle));
+    const mask inside = (next > lower) & (next < upper) & ~slow;
+    next = select(inside, next, middle);
+    next = lane_max(lowest, lane_min(highest, next));
+    next = select(done, h, next);
+    const real change = absolute(next - h);
+    slope_h = select(done, slope_h, h);
+    before = select(done, before, value);
+    h = next;
+    H[8] = h;
+    F[8] = 1 + h;
+    stress_point(*p, F, H, P);
+    value = select(done, value, P[8]);
+    const real scale = lane_max(size, absolute(h));
+    done |= (value == 0) | (change <= 4e-15 * scale);
+    done |= (h == lowest) & (value > 0);
+    done |= (h == highest) & (value < 0);
+    const real slope = (value - before) / (h - slope_h);
+    next = h - value / slope; /* not finite, or out of the bracket: the middle replaces it */
+  }
+}
+
+/* Replace C by its Schur complement in F_33, the second derivative of the minimum, where F_33 is not a bound. It is
+ * positive semidefinite where C is. */
+INLINE void condense(const real *F, real *C) {
+  const real pivot = C[80];
+  const mask free = (F[8] > THINNEST) & (F[8] < THICKEST) & (pivot > 0);
+  const real inverse = select(free, 1 / select(free, pivot, splat(1)), splat(0));
+  for (int i = 0; i < 8; ++i)
+    for (int j = 0; j < 8; ++j) C[9 * i + j] -= C[9 * i + 8] * C[72 + j] * inverse;
+}
+#define THIRD_STRETCH(p, F, H) third_stretch(&(p), F, H);
+#define CONDENSE(F, C) condense(F, C);
+#else
+#define THIRD_STRETCH(p, F, H)
+#define CONDENSE(F, C)
+#endif

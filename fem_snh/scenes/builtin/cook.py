@@ -17,7 +17,7 @@ def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -
     force : float
         Total shear force on the right edge [N].
     kinematics : str, optional
-        "plane_strain" for a mesh of two dimensions in place of the layer.
+        "plane_strain" or "plane_stress" for a mesh of two dimensions in place of the layer.
     """
     faces = [] if kinematics else [Hold(group="faces", components=("z",))]
     z = 0.0 if kinematics else 0.5
