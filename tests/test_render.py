@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from picture_runs import CELLS, bad, record, write_record, write_run
 
+import fem_snh
 from fem_snh import _dolfinx
 from fem_snh.errors import BadInput, on_root
 from fem_snh.viewing import plots, render
@@ -74,6 +76,42 @@ def test_render_draws_every_load(comm, folder, element):
 def test_render_other_fields_and_chosen_loads(twisted, field):
     out = render.main(twisted, twisted / "pictures" / "a.png", loads=[1.0], field=field)
     assert matplotlib.image.imread(out).shape[1] == 1600
+
+
+@pytest.fixture(scope="module")
+def section(tmp_path_factory) -> Path:
+    """An axisymmetric run: half of a section of a cylinder of radius 1/2, length 1."""
+    out = tmp_path_factory.mktemp("section")
+    changes = {"stretch": 1.2, "steps": 1, "element": "Q2", "nu": 0.3}
+    fem_snh.run("stretch", kinematics="axisymmetric", cells=4, out=out, progress=False, **changes)
+    return out
+
+
+def test_two_dimensions_are_drawn_in_their_plane(section):
+    """The camera looks along z, with y upwards; the section fills the picture."""
+    item = surfaces.body([str(f) for f in render.stored_loads(section / "fields.pvd")[1.0]], "J")
+    where = drawing.view([item])
+    assert where.towards == pytest.approx([0, 0, 1])
+    assert (where.width, where.height) == pytest.approx((1.04 * 0.5, 1.04 * 1.2))
+    assert item.edges is not None
+    assert render.main(section, section / "flat.png").is_file()
+
+
+def test_a_revolved_section_is_three_quarters_of_the_body(section):
+    """Closed, with the volume of run.json's ratio; the axis is upright."""
+    files = render.stored_loads(section / "fields.pvd")[1.0]
+    item = surfaces.revolve(surfaces.body([str(f) for f in files], "J"), "J")
+    closed = item.surface.extract_surface().triangulate().clean(tolerance=1e-7)
+    assert closed.n_open_edges == 0
+    ratio = json.loads((section / "run.json").read_text())["steps"][-1]["volume_ratio"]
+    assert closed.volume == pytest.approx(0.75 * math.pi / 4 * ratio, rel=5e-3)
+    assert np.ptp(item.surface.points[:, 2]) == pytest.approx(1.2)
+    assert np.isfinite(item.surface["J"]).all()
+    assert render.main(section, section / "turned.png", revolve=True).is_file()
+
+
+def test_only_axisymmetric_runs_are_revolved(twisted):
+    assert bad(lambda: render.main(twisted, revolve=True)).startswith("--revolve: expected an axi")
 
 
 def write_modes(comm: MPI.Intracomm, folder: Path, frequencies: list[float]) -> Path:

@@ -48,6 +48,7 @@ def render_parser() -> Parser:
         --modes N,N  draw eigenmodes: these numbers, or all
         --field NAME  field of the run that the colours show, or a component: cauchy_stress.xy;
             default: J
+        --revolve  draw an axisymmetric body revolved, with a quarter left open; not in movies
         --opacity A  opacity of the body, e.g. 0.4 to show its bones; default: 1
         --movie FILE  draw a movie instead: a file .mp4 or .gif
         --seconds S  length of the movie; default: 4
@@ -78,13 +79,18 @@ def render(argv: list[str]) -> int:
 
     pictured = loads if args.modes is None else modes
     modal = args.modes is not None
-    print(main(args.folder, args.out, pictured, args.field, modal, args.opacity))
+    print(main(args.folder, args.out, pictured, args.field, modal, args.opacity, args.revolve))
     return 0
 
 
 def _movie(args: Namespace) -> int:
     """Draw the movie that the options request, with a progress bar; return 0."""
-    for option, given in (("--out", args.out), ("--loads", args.loads), ("--modes", args.modes)):
+    for option, given in (
+        ("--out", args.out),
+        ("--loads", args.loads),
+        ("--modes", args.modes),
+        ("--revolve", args.revolve or None),
+    ):
         if given is not None:
             raise BadInput(f"{option} and --movie: expected one of the two")
 
@@ -108,6 +114,7 @@ def view_parser() -> Parser:
         folder DIR  folder of a run
         --out HTML  the page; default: DIR/view.html
         --field NAME  field that the colours show; default: J
+        --revolve  show an axisymmetric body revolved, with a quarter left open
         """,
         folder=Path,
         out=output,
@@ -122,7 +129,7 @@ def view(argv: list[str]) -> int:
 
     from fem_snh.viewing.view import main
 
-    print(main(args.folder, args.out, args.field))
+    print(main(args.folder, args.out, args.field, args.revolve))
     return 0
 
 

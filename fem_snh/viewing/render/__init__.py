@@ -44,13 +44,17 @@ class Panel:
 
 @dataclass(frozen=True)
 class Job:
-    """The input of a drawing process; ``out`` is the file, or the folder of the files."""
+    """The input of a drawing process; ``out`` is the file, or the folder of the files.
+
+    With ``revolve`` sections are drawn as bodies of revolution.
+    """
 
     field: str
     title: str
     panels: list[Panel]
     out: str
     opacity: float = 1.0
+    revolve: bool = False
 
 
 def main(
@@ -60,6 +64,7 @@ def main(
     field: str = "J",
     modes: bool = False,
     opacity: float = 1.0,
+    revolve: bool = False,
 ) -> Path:
     """Draw the body of a run at some loads or times side by side and return the path of the PNG.
 
@@ -80,6 +85,9 @@ def main(
     opacity : float
         Opacity of the body, between 0 and 1: bones are seen through a translucent one.
 
+    revolve : bool
+        Draw an axisymmetric body revolved, with a quarter left open, in place of its section.
+
     Raises
     ------
     BadInput
@@ -92,8 +100,9 @@ def main(
         return draw_modes(folder, out, loads)
     run = StoredRun(folder, field)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
+    run.check_revolved(revolve)
     panels = [run.panel(t) for t in choose_loads(list(run.states), loads)]
-    draw(Job(field, title(run.record), panels, str(out), check_opacity(opacity)))
+    draw(Job(field, title(run.record), panels, str(out), check_opacity(opacity), revolve))
     return out
 
 
@@ -148,6 +157,16 @@ class StoredRun:
         }
         if field is not None:
             check_field(self.pvd, field)
+
+    def check_revolved(self, revolve: bool) -> None:
+        """Raise BadInput for a body that is to be drawn revolved and is no body of revolution."""
+        kinematics = self.record.get("kinematics")
+        if revolve and not str(kinematics).startswith("axisymmetric"):
+            raise BadInput(f"--revolve: expected an axisymmetric run; kinematics = {kinematics!r}")
+        if revolve and self.record.get("obstacles"):
+            raise BadInput(
+                "--revolve: expected a run without obstacles: only sections of them are known"
+            )
 
     def panel(self, load: float) -> Panel:
         """Return the panel of a stored load or time."""

@@ -24,7 +24,7 @@ from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.render.fields import label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
-from fem_snh.viewing.render.surfaces import DrawnBody, body
+from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat, revolve
 from fem_snh.viewing.render.worker import serve
 
 #: Width of the picture [pixels].
@@ -93,14 +93,16 @@ class View:
     height: float
 
     def place(self, camera: Any, distance: float) -> None:
-        """Place a camera at a distance, with z upwards."""
+        """Place a camera at a distance, with z upwards, or y if it looks along z."""
         camera.focal_point = self.centre
         camera.position = self.centre + distance * self.towards
-        camera.up = (0.0, 0.0, 1.0)
+        camera.up = (0.0, 0.0, 1.0) if self.towards[2] < 1 else (0.0, 1.0, 0.0)
 
 
 def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
     """Return a view from the front, right and above, or from the side of a long body.
+
+    One of two dimensions is drawn in its plane.
 
     ``obstacles`` are the surfaces of all panels; with some, the view is that of all together.
     """
@@ -110,8 +112,10 @@ def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]]
     towards = np.array(TOWARDS)
     if size.max() > 2 * np.median(size) and size.argmax() != 2:
         towards = np.array(TOWARDS_LONG[size.argmax()])
+    if all(is_flat(b.rest.points) for b in bodies):
+        towards = np.array([0.0, 0.0, 1.0])
     towards /= np.linalg.norm(towards)
-    right = np.cross([0.0, 0.0, 1.0], towards)
+    right = np.cross([0.0, 0.0, 1.0] if towards[2] < 1 else [0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(towards, right), towards])
     seen = points @ axes.T
@@ -157,6 +161,8 @@ class Drawing:
         """Return the drawing and the bodies of the panels of a `render.Job`."""
         panels, field = job["panels"], job["field"]
         bodies = [body(panel["files"], field) for panel in panels]
+        if job["revolve"]:
+            bodies = [revolve(item, field) for item in bodies]
         obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
         return cls(field, bodies, obstacles, loads), bodies
 

@@ -90,11 +90,11 @@ def main(
         [Panel(files, "", load) for load, files in run.states.items()],
         str(out),
         check_opacity(opacity),
-        [parameter(run.record, load) for load in run.states],
-        load_name(run.record),
-        load_unit(run.record),
-        obstacle_poses(run.record, run.folder),
-        frames,
+        names=[parameter(run.record, load) for load in run.states],
+        load_name=load_name(run.record),
+        load_unit=load_unit(run.record),
+        obstacles=obstacle_poses(run.record, run.folder),
+        frames=frames,
     )
 
     def show(line: str) -> None:

@@ -121,6 +121,63 @@ class DrawnBody:
     values: np.ndarray
 
 
+def is_flat(points: np.ndarray) -> bool:
+    """Return whether points (n, 3) are those of a mesh of two dimensions: in the plane z = 0."""
+    return not np.any(points[:, 2])
+
+
+#: Angles of a revolved section in a picture [rad]: a quarter is left open, towards the viewer.
+_FIRST, _LAST = np.deg2rad(103), np.deg2rad(373)
+#: Steps between them.
+_STEPS = 72
+
+
+def revolve(item: DrawnBody, field: str) -> DrawnBody:
+    """Return three quarters of the body of revolution of which ``item`` is the section.
+
+    The axis, y in the section, is upright, along z. Displacements out of the section, by torsion,
+    turn with it.
+    """
+    surface = item.surface
+    outline = surface.extract_feature_edges(
+        boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
+    )
+    lines = np.asarray(outline.lines).reshape(-1, 3)[:, 1:]
+    off_axis = np.abs(outline.points[:, [0, 2]]).max(axis=1) > 1e-9 * surface.length
+    kept = off_axis[lines].any(axis=1)
+    lines, count = lines[kept], outline.n_points
+    angles = np.linspace(_FIRST, _LAST, _STEPS + 1)
+    points = np.concatenate([_turned(outline.points, angle) for angle in angles])
+    firsts = count * np.arange(_STEPS)[:, None, None]
+    quads = np.concatenate([lines, lines[:, ::-1] + count], axis=1) + firsts
+    quads = quads.reshape(-1, 4)
+    side = pv.PolyData(points, np.column_stack([np.full(len(quads), 4), quads]).ravel())
+    if field in outline.cell_data:
+        side.cell_data[field] = np.tile(outline.cell_data[field][kept], _STEPS)
+    else:
+        side.point_data[field] = np.tile(outline.point_data[field], _STEPS + 1)
+    whole = pv.merge([side, _caps(surface)], merge_points=False)
+    edges = None if item.edges is None else _caps(item.edges)
+    return DrawnBody(whole, edges, _caps(item.rest), _caps(item.ghost), item.values)
+
+
+def _turned(points: np.ndarray, angle: float) -> np.ndarray:
+    """Return points (n, 3) of a section, (r, z, theta), turned about the axis, which is upright."""
+    c, s = np.cos(angle), np.sin(angle)
+    r, z, t = np.asarray(points).T
+    return np.column_stack([c * r - s * t, -s * r - c * t, z])
+
+
+def _caps(mesh: pv.PolyData) -> pv.PolyData:
+    """Return a section at the first and at the last angle."""
+    ends = []
+    for angle in (_FIRST, _LAST):
+        end = mesh.copy()
+        end.points = _turned(mesh.points, angle)
+        ends.append(end)
+    return pv.merge(ends, merge_points=False)
+
+
 def body(files: list[str], field: str) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks."""
     grid = read_grid(files, field)
@@ -137,7 +194,8 @@ def body_of(grid: pv.UnstructuredGrid, field: str) -> DrawnBody:
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
     rest = boundary(grid, min(level, 1))
     surface = boundary(grid.warp_by_vector("displacement"), level)
-    is_skin = set(grid.celltypes) == {pv.CellType.TRIANGLE}  # its edges are no element's
+    # The edges of a skin are no element's.
+    is_skin = set(grid.celltypes) == {pv.CellType.TRIANGLE} and not is_flat(grid.points)
     edges = face_edges(surface, faces) if faces <= EDGES_UP_TO and not is_skin else None
     ghost = rest.extract_feature_edges(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False

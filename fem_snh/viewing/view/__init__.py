@@ -20,7 +20,7 @@ from fem_snh.viewing.render.worker import draw_elsewhere, require
 MAX_STATES = 13
 
 
-def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
+def main(folder: Path, out: Path | None = None, field: str = "J", revolve: bool = False) -> Path:
     """Write the page of a run and return its path.
 
     Parameters
@@ -31,6 +31,8 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
         The page; default: ``folder/view.html``.
     field : str
         The field that the colours show, or a component of it: see `fem_snh.viewing.render.main`.
+    revolve : bool
+        Show an axisymmetric body revolved, in place of its section.
 
     Raises
     ------
@@ -44,12 +46,15 @@ def main(folder: Path, out: Path | None = None, field: str = "J") -> Path:
     require("view", ("pyvista", "matplotlib"))
     require("view", ("trame_vtk",), "'fem_snh[view]'")
     run = StoredRun(folder, field)
+    run.check_revolved(revolve)
     states = [run.panel(load) for load in choose_states(list(run.states))]
 
     from fem_snh.viewing.view.page import page  # imports matplotlib
 
     with tempfile.TemporaryDirectory() as scratch:
-        draw_elsewhere(asdict(Job(field, "", states, scratch)), "fem_snh.viewing.view.scenes")
+        draw_elsewhere(
+            asdict(Job(field, "", states, scratch, revolve=revolve)), "fem_snh.viewing.view.scenes"
+        )
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
     make_folder_of(out)
     replace_file(out, page(run.record, [state.label for state in states], scenes))
