@@ -96,7 +96,8 @@ def inversion_note(problem: Problem, step: int | None = None) -> Note | None:
     where = ", ".join(f"{x:.4g}" for x in found.position)
     inside = ""
     if len(problem.regions) > 1:
-        inside = f" in material {found.material} ({problem.regions[found.material].material.name})"
+        material = problem.elastic.parts[found.material].region.material
+        inside = f" in material {found.material} ({material.name})"
     text = (
         f"{found.points:,} of {found.of:,} quadrature points are inverted, in {found.cells:,} "
         f"cells: smallest J = {found.min_J:.3g} at ({where}){inside}; the means over cells, which "

@@ -82,12 +82,23 @@ class Dirichlet:
         The nodes with a constrained direction that is no component.
     depends_on_load : bool
         Whether any value depends on the load.
+    released : (n,) int
+        Dofs of this rank that other unknowns move: `set_values` may set them, to no effect.
     """
 
     constrained: Array
     dofs: Array
     planes: InclinedPlanes | None = None
     depends_on_load: bool
+    released: Array = np.empty(0, np.int64)
+
+    def release(self, nodes: Array) -> None:
+        """Constrain no component of some local nodes, (local nodes,) bool."""
+        before = self.dofs
+        self.constrained[nodes] = False
+        owned = int(before[-1]) // self.constrained.shape[1] + 1 if len(before) else 0
+        self.dofs = np.flatnonzero(self.constrained[:owned])
+        self.released = np.setdiff1d(before, self.dofs)
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to its values at this load."""

@@ -241,6 +241,42 @@ class RigidTree:
                 unknowns[:, k] += row
         return np.asarray(G.T @ twists @ G + unknowns)
 
+    def accelerations(self, poses: Poses, G: Array, rates: Array) -> Array:
+        """Return the accelerations of the parts' points and rotations at constant rates.
+
+        Parameters
+        ----------
+        poses : Poses
+            The poses.
+        G : array
+            Their `jacobian`.
+        rates : (6 parts,) array
+            The rates of the unknowns.
+
+        Returns
+        -------
+        (parts, 2, 3) array
+            Of the points, and of the rotations.
+        """
+        found, q = np.zeros((len(self.links), 2, 3)), rates.reshape(-1, UNKNOWNS)
+        twists = (G @ rates).reshape(-1, 2, 3)
+        for i in self.order:
+            link = self.links[i]
+            if not link.joint or link.parent < 0:
+                continue
+            a = link.parent
+            _, carrier, turned = self._parent(poses, link)
+            arm, omega, axis = poses.c[i] - carrier, twists[a, 1], turned @ link.axis
+            found[i, 0] = found[a, 0] + np.cross(found[a, 1], arm)
+            found[i, 0] += np.cross(omega, np.cross(omega, arm))
+            if link.joint == "slider":
+                found[i, 0] += 2 * q[i, 0] * np.cross(omega, axis)
+            if link.joint != "ball":
+                found[i, 1] = found[a, 1]
+            if link.joint == "hinge":
+                found[i, 1] += q[i, 3] / link.length * np.cross(omega, axis)
+        return found
+
     def relative_rotation(self, poses: Poses, part: int) -> Array:
         """Return the rotation vector of a part relative to its parent, in present axes, (3,)."""
         parent = self.links[part].parent

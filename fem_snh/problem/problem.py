@@ -142,21 +142,22 @@ class Problem:
         self._unknowns, self.element = unknowns, element
         eliminating = [term for term in terms if isinstance(term, EliminatingTerm)]
         self.rigid = eliminating[0] if eliminating else None
+        self.regions = given = list(regions)
         if self.rigid:
             regions = without_cells(unknowns.V.mesh.comm, regions, self.rigid.cells)
-        self.regions = list(regions)
         self.dirichlet, self._reactions, self._parts = dirichlet, reactions, parts
         self.V, self.u, self.x = unknowns.V, unknowns.u, unknowns.x
         self.domain, self.comm = self.V.mesh, self.V.mesh.comm
         self.kinematics = element.kinematics
         dim, revolved = self.kinematics.volume_dimension, self.kinematics.revolved
         self.length = volume(self.domain, revolved) ** (1 / dim)
-        self.modulus = reference_modulus(self.domain, regions, revolved)
+        # A body that is rigid as a whole has the unit of its material.
+        self.modulus = reference_modulus(self.domain, regions or given, revolved)
         self.force_scale = self.modulus * self.length ** (dim - 1)
         # With an unknown pressure no force has the factor lambda, which may be infinite.
         moduli = [
             float(3 * mu if element.has_pressure else lam + 2 * mu)
-            for mu, lam in (r.material.lame for r in regions)
+            for mu, lam in (r.material.lame for r in regions or given)
         ]
         self.stiffest_modulus = max(moduli, default=self.modulus)
         check_force_scale(self.force_scale)
@@ -213,7 +214,8 @@ class Problem:
     @cached_property
     def retraction(self) -> Paths | None:
         """The path of a step, along which stiff and rigid parts turn, or None. Collective."""
-        return Paths.of(self.V, self.regions, self.constrained_nodes, self.rigid)
+        deformable = [part.region for part in self.elastic.parts]
+        return Paths.of(self.V, deformable, self.constrained_nodes, self.rigid)
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:

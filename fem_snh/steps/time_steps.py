@@ -88,6 +88,8 @@ class TimeSteps:
         forces = problem.x.duplicate()
         problem.gradient(problem.x, forces, self._loads)
         largest = max(forces.norm(), self._inertial_force())
+        if problem.rigid:
+            largest = max(largest, problem.rigid.largest_force(problem.x))
         self.dynamics.begin_step(problem, load)
         unit = min(problem.force_scale, ACTING_FORCES * largest)
         return max(_LEAST_UNIT * problem.force_scale, unit)

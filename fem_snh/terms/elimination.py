@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
+from fem_snh.assembly.nodal_mass import NodalMass
 
 Array = npt.NDArray[np.float64]
 
@@ -55,6 +56,25 @@ class EliminatingTerm(Protocol):
 
     def move_rigidly(self, x: PETSc.Vec) -> None:
         """Set the nodes to the nearest displacements that are admissible at the present load."""
+
+    def largest_force(self, x: PETSc.Vec) -> float:
+        """Return the largest force of the term's own loads [N]."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether motions are prescribed."""
+
+    def prepare_mass(self, x: PETSc.Vec) -> None:
+        """Set the fold of a mass matrix at x."""
+
+    def expand(self, x: PETSc.Vec, values: Array) -> None:
+        """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
+
+    def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
+        """Make velocity and acceleration, (local dofs,), those that the unknowns admit, in place.
+
+        Returns the part of the nodes' acceleration that does not depend on forces, (nodes, 3).
+        """
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
         """Return what run.json has of a state, by name."""

@@ -28,7 +28,14 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.folding import Folding
-from fem_snh.assembly.ghosted_vectors import add_ghosts, writable_values
+from fem_snh.assembly.ghosted_vectors import (
+    add_ghosts,
+    local_values,
+    set_to_zero,
+    update_ghosts,
+    writable_values,
+)
+from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
 from fem_snh.geometry.rotations import exponential, logarithm, skew
@@ -41,6 +48,9 @@ Array = npt.NDArray[Any]
 #: Smallest second principal extent of a part's nodes over the largest: those of a smaller one are
 #: on a line, about which the rotation is undetermined.
 _ON_A_LINE = 1e-6
+#: Spacing, in load, of the differences that are prescribed velocities and accelerations: their
+#: rounding errors are 1e-12 and 1e-8.
+_SPACING = 1e-4
 
 
 class RigidParts:
@@ -76,6 +86,7 @@ class RigidParts:
 
     def __init__(self, parts: Sequence[Rigid], body: Body) -> None:
         V, self._parts = body.V, list(parts)
+        self._V, self._duration = V, body.amplitudes.duration
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
         owned, ghosts = _dolfinx.num_nodes(V)
@@ -96,6 +107,7 @@ class RigidParts:
         self._squares = self._sum(_products(self._centred, self._centred))
         radii = self._radii(self._squares.reshape(-1, 3, 3))
         self.tree = RigidTree([self._link(i, radii[i]) for i in range(len(parts))])
+        self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
         self._offsets = self._X - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
         self._folding: Folding | None = None
@@ -115,6 +127,7 @@ class RigidParts:
         self._rotational = np.array([s.rotation if s else 0.0 for s in springs])
         self.has_energy = not (self._torque.any() or self._force[self._follows].any())
         moved = any(part.translate is not None or part.rotate is not None for part in parts)
+        self.moves = moved
         self.depends_on_load = bool(moved or self._force.any() or self._torque.any())
         self.set_load(0.0)
 
@@ -136,6 +149,10 @@ class RigidParts:
             On every rank, for a condition on nodes inside of a part, or on all of its nodes.
         """
         owned = len(local) - _dolfinx.num_nodes(V)[1]
+        on_planes = bool(dirichlet.planes and (local[dirichlet.planes.nodes] >= 0).any())
+        if self._comm.allreduce(on_planes, op=MPI.LOR):
+            accepted = "a part without nodes in planes of symmetry that are inclined"
+            raise bad_value("rigid.group", self.names[0], accepted)
         flesh = _dolfinx.create_vector(V)
         cells = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), self.cells)
         writable_values(flesh).reshape(-1, 3)[_dolfinx.node_dofs(V)[cells]] = 1.0
@@ -148,8 +165,7 @@ class RigidParts:
                 accepted = "a part that no Dirichlet condition constrains beyond its surface: it "
                 accepted += "has 'translate', 'rotate' and 'free'"
                 raise bad_value("rigid.group", part.label, accepted)
-        dirichlet.constrained[local >= 0] = False
-        dirichlet.dofs = np.flatnonzero(dirichlet.constrained[:owned])
+        dirichlet.release(local >= 0)
 
     def _inner_cells(self, V: Any, local: Array) -> Array:
         """Return this rank's own cells whose nodes all are on one part."""
@@ -218,21 +234,31 @@ class RigidParts:
         """Return the nodes' present positions from their part's point, (nodes, 3)."""
         return np.asarray(np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets))
 
+    def _basis(self, poses: Poses) -> Array:
+        """Return the derivative of the nodes' positions by their part's twist, (nodes, 3, 6)."""
+        basis = np.zeros((len(self.nodes), 3, UNKNOWNS))
+        basis[:, :, :3], basis[:, :, 3:] = np.eye(3), -skew(self._arms(poses))
+        return basis
+
+    def _targets(self, load: float) -> tuple[Array, Array]:
+        """Return prescribed displacements of points and rotation vectors, (parts, 3) each."""
+        found = np.zeros((2, len(self._parts), 3))
+        for i, part in enumerate(self._parts):
+            amplitude, turn = self._motions[i](load), self._turns[i](load)
+            motion = part.translate, part.rotate, amplitude, turn
+            found[0, i] = rigid_displacement(self.tree.points[i : i + 1], *motion)[0]
+            if part.rotate:
+                axis = np.array(part.rotate.axis) / np.linalg.norm(part.rotate.axis)
+                found[1, i] = turn * part.rotate.angle * axis
+        return found[0], found[1]
+
     def prescribe(self, x: PETSc.Vec, load: float, poses: Poses | None = None) -> None:
         """Set the parts' nodes to the poses nearest to given ones that a load admits. Collective.
 
         By default those of ``x``.
         """
-        translations = np.zeros((len(self._parts), 3))
-        rotations = np.tile(np.eye(3), (len(self._parts), 1, 1))
-        for i, part in enumerate(self._parts):
-            amplitude, turn = self._motions[i](load), self._turns[i](load)
-            point = self.tree.points[i : i + 1]
-            motion = part.translate, part.rotate, amplitude, turn
-            translations[i] = rigid_displacement(point, *motion)[0]
-            if part.rotate:
-                axis = np.array(part.rotate.axis) / np.linalg.norm(part.rotate.axis)
-                rotations[i] = exponential(turn * part.rotate.angle * axis)
+        translations, vectors = self._targets(load)
+        rotations = np.array([exponential(vector) for vector in vectors])
         self._set_poses(x, self.tree.project(poses or self.poses(x), translations, rotations))
 
     def move(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
@@ -286,6 +312,11 @@ class RigidParts:
             if (parent := self.tree.links[i].parent) >= 0:
                 found[parent, 1] -= moment
         return found.ravel()
+
+    def largest_force(self, x: PETSc.Vec) -> float:
+        """Return the norm of the forces of loads and springs on the unknowns [N]. Collective."""
+        poses = self.poses(x)
+        return float(np.linalg.norm(self.tree.jacobian(poses).T @ self._acting(poses)))
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
@@ -353,9 +384,116 @@ class RigidParts:
             self._filtered = int((values < 0).sum())
             values = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
             K = (vectors * values) @ vectors.T
-        basis = np.zeros((len(self.nodes), 3, UNKNOWNS))
-        basis[:, :, :3], basis[:, :, 3:] = np.eye(3), -skew(arms)
-        self._folding.set_state(basis.reshape(-1, UNKNOWNS), G, K)
+        self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K)
+
+    # --- motion in time --------------------------------------------------------------------------
+
+    def prepare_mass(self, x: PETSc.Vec) -> None:
+        """Set the fold of a mass matrix at x. Collective."""
+        assert self._folding is not None
+        poses = self.poses(x)
+        G = self.tree.jacobian(poses)
+        basis = self._basis(poses).reshape(-1, UNKNOWNS)
+        self._folding.set_state(basis, G, np.zeros_like(G))
+
+    def expand(self, x: PETSc.Vec, values: Array) -> None:
+        """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
+        d = x.duplicate()
+        d.array[: self._size] = values[: self._size]
+        poses = self.poses(x)
+        twists = (self.tree.jacobian(poses) @ self._unknowns(d)).reshape(-1, UNKNOWNS)
+        moved = np.einsum("nik,nk->ni", self._basis(poses), twists[self.labels])
+        values[: self._size].reshape(-1, 3)[self.nodes] = moved
+
+    def _prescribed_rates(self) -> tuple[Array, Array]:
+        """Return the first two time derivatives of prescribed unknowns, (6 parts,) each.
+
+        They are one-sided differences of second order, of points before the present load.
+        """
+        load, duration = self._load, self._duration or 1.0
+        h = _SPACING if load <= 0 else -min(_SPACING, load / 4)
+        motions = [np.stack(self._targets(load + k * h), axis=1) for k in range(4)]
+        lengths = np.array([link.length for link in self.tree.links])
+        found = []
+        for weights, power in (((-1.5, 2.0, -0.5, 0.0), 1), ((2.0, -5.0, 4.0, -1.0), 2)):
+            change = sum(w * (m - motions[0]) for w, m in zip(weights, motions, strict=True))
+            change = change / (h * duration) ** power
+            change[:, 1] *= lengths[:, None]
+            found.append(np.where(self.tree.free | self._jointed, 0.0, change.ravel()))
+        return found[0], found[1]
+
+    def _set_nodes(self, values: Array, nodal: Array) -> None:
+        """Set the parts' nodes in values (local dofs,), on all ranks. Collective."""
+        vector = _dolfinx.create_vector(self._V)
+        writable_values(vector)[:] = values
+        vector.array.reshape(-1, 3)[self.nodes] = nodal
+        update_ghosts(vector)
+        values[:] = local_values(vector)
+
+    def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
+        """Make velocity and acceleration of the nodes those of rigid bodies, in place. Collective.
+
+        The momenta that belong to the unknowns stay. The acceleration contains that of the
+        rotation, which a time integrator's formulas do not.
+
+        Parameters
+        ----------
+        x : PETSc.Vec
+            The displacement.
+        mass : NodalMass
+            The mass matrix.
+        v, a : (local dofs,)
+            Velocity and acceleration, ghosts included.
+
+        Returns
+        -------
+        (nodes, 3)
+            The part of the acceleration that does not depend on the forces.
+        """
+        poses, tree = self.poses(x), self.tree
+        G = tree.jacobian(poses)
+        C = np.einsum(
+            "nij,njk->nik", self._basis(poses), G.reshape(-1, UNKNOWNS, len(G))[self.labels]
+        )
+        C = np.where(tree.free, C, 0.0)
+        vector = _dolfinx.create_vector(self._V)
+
+        def reduced(nodal: Array) -> Array:
+            """Return C^T M of displacements of the parts' own nodes, (6 parts,)."""
+            set_to_zero(vector)
+            vector.array.reshape(-1, 3)[self.nodes] = nodal
+            update_ghosts(vector)
+            forces = mass.apply(local_values(vector))
+            writable_values(vector)[:] = forces
+            add_ghosts(vector)
+            f = vector.array_r.reshape(-1, 3)[self.nodes]
+            return np.asarray(self._comm.allreduce(np.einsum("nik,ni->k", C, f)))
+
+        M = np.stack([reduced(C[:, :, k]) for k in range(len(G))], axis=1)
+        M += np.diag(np.where(tree.free, 0.0, 1.0))
+
+        def of_own(values: Array) -> Array:
+            return np.array(values[: self._size].reshape(-1, 3)[self.nodes])
+
+        first, second = self._prescribed_rates()
+        basis = self._basis(poses)
+
+        def moved(rates: Array) -> Array:
+            """Return the nodes' motion at rates of the unknowns, (nodes, 3)."""
+            return np.asarray(
+                np.einsum("nik,nk->ni", basis, (G @ rates).reshape(-1, 6)[self.labels])
+            )
+
+        rates = first + np.linalg.solve(M, reduced(of_own(v) - moved(first)))
+        self._set_nodes(v, moved(rates))
+        bias = tree.accelerations(poses, G, rates)[self.labels]
+        omega, arms = (G @ rates).reshape(-1, 2, 3)[self.labels, 1], self._arms(poses)
+        turning = bias[:, 0] + np.cross(bias[:, 1], arms) + moved(second)
+        turning += np.cross(omega, np.cross(omega, arms))
+        if a is None:
+            return turning
+        self._set_nodes(a, turning + moved(np.linalg.solve(M, reduced(of_own(a) - turning))))
+        return turning
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
         """Return what run.json has of the parts in a state. Collective.

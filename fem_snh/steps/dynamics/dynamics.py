@@ -25,6 +25,7 @@ from fem_snh.steps.dynamics.force_balance import ForceBalance
 from fem_snh.steps.dynamics.integrators import Affine, Before, MotionState, StepFormulas, create
 from fem_snh.steps.dynamics.measures import motion_measures, total_energy, work_of_loads
 from fem_snh.steps.dynamics.prescribed import PrescribedMotion
+from fem_snh.terms.elimination import EliminatingTerm
 
 Array = npt.NDArray[Any]
 
@@ -114,6 +115,7 @@ class Dynamics:
         self.dissipated = self.work = 0.0
         self._first_energy: float | None = None
         self._before: Before | None = None
+        self._rigid: EliminatingTerm | None = None
         self._step: _Step  # set by begin_step
         #: Damping forces, and all forces but those of inertia, at the last state (owned dofs,).
         self._damping: Array
@@ -146,6 +148,15 @@ class Dynamics:
             v[:] = on_every(problem.comm, _values, velocity, nodes, columns).ravel()
         self._motion.project(v)
         v += motion.v
+        self._rigid = problem.rigid
+        if self._rigid and self.integrator.shift:
+            # Its acceleration is that of another time than the pose, with which it turns.
+            accepted = "newmark, bdf2, backward_euler or semi_implicit, as there are rigid parts"
+            raise bad_value("time.integrator", self.integrator.name, accepted)
+        if self._rigid:
+            turning = self._rigid.make_rigid(problem.x, self.mass, v)
+            motion.a[: self.mass.num_owned].reshape(-1, 3)[self._rigid.nodes] = turning
+            self._balance.update_ghosts(motion.a)
         balance = self._balance
         balance.update_stiffness(problem, v, 0.0)
         self._damping = balance.damping_forces(v)
@@ -189,6 +200,8 @@ class Dynamics:
         h, load, state, formulas = self._step
         u = np.array(local_values(problem.split(problem.x)[0]))
         v, a = formulas.velocity(u), formulas.acceleration(u)
+        if self._rigid:
+            self._rigid.make_rigid(problem.x, self.mass, v, a)
         weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
         balance, damping = self._balance, self._balance.damping_forces(v)
         if balance.damping:
@@ -198,12 +211,16 @@ class Dynamics:
         self.work, self.dissipated = self.work + work, self.dissipated + lost
         if self._needs_forces:
             forces = balance.other_forces(problem) + damping
-            if self._motion.moves:
+            if self._moves:
                 old = self._acceleration(state.a, state.before and state.before.a)
                 new = self._acceleration(a, formulas.old_acceleration)
                 mean = weight * (forces + balance.inertial_forces(new))
                 mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
-                self.work += problem.comm.allreduce(problem.dirichlet.work(mean, moved))
+                work = problem.dirichlet.work(mean, moved)
+                if self._rigid:
+                    of_parts = 3 * self._rigid.nodes[:, None] + np.arange(3)
+                    work += float(np.sum(mean[of_parts] * moved[of_parts]))
+                self.work += problem.comm.allreduce(work)
             self._forces = forces
         self._damping = damping
         self.v.x.array[:], self.a.x.array[:] = v, a
@@ -244,7 +261,12 @@ class Dynamics:
     @property
     def _needs_forces(self) -> bool:
         """Whether a step needs the forces at its start: its balance, or the work of reactions."""
-        return self._motion.moves or self.integrator.uses_old_forces
+        return self._moves or self.integrator.uses_old_forces
+
+    @property
+    def _moves(self) -> bool:
+        """Whether a motion is prescribed."""
+        return self._motion.moves or bool(self._rigid and self._rigid.moves)
 
     def history(self) -> tuple[Array, dict[str, Any]]:
         """Return what the next steps need of the last ones, for a checkpoint.

@@ -140,11 +140,26 @@ class ForceBalance:
         -------
         (local dofs,)
         """
-        force = -forces - self.inertial_forces(prescribed)
+        force, rigid = -forces - self.inertial_forces(prescribed), problem.rigid
+        if rigid:
+            nodal = problem.x.duplicate()
+            nodal.array[: len(force)] = force
+            rigid.reduce_vector(problem.x, nodal)
+            force = nodal.array_r[: len(force)].copy()
+            rigid.prepare_mass(problem.x)
         found = _dolfinx.create_vector(self._V)
         found.array[:] = self._mass.solve(problem.matrix, problem.project, force)
+        if rigid:
+            rigid.expand(problem.x, found.array)
         update_ghosts(found)
         return prescribed + local_values(found)
+
+    def update_ghosts(self, values: Array) -> None:
+        """Copy owned values to the ghosts of other ranks, (local dofs,). Collective."""
+        vector = _dolfinx.create_vector(self._V)
+        writable_values(vector)[:] = values
+        update_ghosts(vector)
+        values[:] = local_values(vector)
 
     def _summed(self, local: Array) -> Array:
         """Return the sum over ranks of their parts of nodal forces, (owned dofs,)."""

@@ -77,6 +77,7 @@ class PrescribedMotion:
     def displacement(self, load: float) -> Array:
         """Return the prescribed displacement [m], (local dofs,), zero at free dofs."""
         self._dirichlet.set_values(self._vector, load)
+        self._vector.array[self._dirichlet.released] = 0.0
         update_ghosts(self._vector)
         return np.array(local_values(self._vector))
 

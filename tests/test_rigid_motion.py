@@ -1,0 +1,147 @@
+"""Rigid parts in time: a free top, a pendulum on a spring, a weight on a bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx_programs import unit_cube, vector_space
+from interrupted_runs import cut, solve
+from scipy.integrate import solve_ivp
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.geometry.rotations import exponential, logarithm, skew
+from fem_snh.scenes import Geometry, Gravity, Hold, MaterialChoice, Rigid, Scene, Time
+
+mpi = pytest.mark.mpi
+
+SIDES, DENSITY = np.array([1.0, 0.6, 0.3]), 1000.0
+SPIN, DRIFT = np.array([0.3, 4.0, 0.2]), np.array([0.1, 0.2, 0.0])
+
+
+def box(comm, integrator, duration, **rigid):
+    """Return a rigid box in time."""
+    domain = unit_cube(comm, 2)
+    domain.geometry.x[:] *= SIDES
+    u = fem.Function(vector_space(domain))
+    m = fem_snh.material("stable_neo_hookean", E=1e6, nu=0.45)
+    body = fem_snh.Rigid(ufl.dx, name="box", **rigid)
+    weight = [fem_snh.Gravity([0, 0, -9.81])] if rigid else []
+    materials: Any = {m: ufl.dx}, {m: DENSITY}
+    return fem_snh.DynamicProblem(
+        u, *materials, integrator, duration=duration, terms=[body, *weight]
+    )
+
+
+def moments_of_inertia():
+    squares = SIDES**2
+    return DENSITY * SIDES.prod() / 12 * (squares.sum() - squares)
+
+
+def euler_top(duration):
+    """Return the rotation of a free top, by Euler's equations in the body's axes."""
+    inertia = moments_of_inertia()
+
+    def rates(t, y):
+        R = y[3:].reshape(3, 3)
+        return np.concatenate(
+            [np.cross(inertia * y[:3], y[:3]) / inertia, (R @ skew(y[:3])).ravel()]
+        )
+
+    start = np.concatenate([SPIN, np.eye(3).ravel()])
+    found = solve_ivp(rates, (0, duration), start, rtol=1e-11, atol=1e-12)
+    return found.y[3:, -1].reshape(3, 3)
+
+
+@pytest.mark.parametrize("integrator, size", [("newmark", 0.021), ("bdf2", 0.26)])
+def test_free_top_precesses(comm, integrator, size):
+    """It turns about its intermediate axis by more than a turn; the error is of second order."""
+    errors, exact = [], euler_top(2.0)
+    for steps in (50, 100):
+        problem = box(comm, integrator, 2.0)
+        problem.start(lambda X: np.cross(SPIN, X - SIDES / 2) + DRIFT)
+        before = problem.dynamics.energies(problem._problem)
+        for _ in range(steps):
+            assert problem.step(2.0 / steps)
+        state = problem._problem.rigid_states(problem.x)["box"]
+        after = problem.dynamics.energies(problem._problem)
+        errors.append(np.linalg.norm(logarithm(exponential(np.array(state["rotation"])) @ exact.T)))
+        assert state["position"] == pytest.approx(SIDES / 2 + 2.0 * DRIFT, abs=1e-9)
+        assert after["momentum"] == pytest.approx(before["momentum"], abs=1e-7)
+    assert errors[0] < size and errors[1] < errors[0] / 3.6
+    if integrator == "newmark":
+        spin = np.array(before["angular_momentum"])
+        assert after["kinetic"] == pytest.approx(before["kinetic"], rel=2e-5)
+        assert abs(after["angular_momentum"] - spin).max() < 1e-4 * np.linalg.norm(spin)
+
+
+@mpi
+def test_pendulum_on_a_spring(comm):
+    """A box on a hinge with a torsion spring, released where the spring is at rest."""
+    hinge = {"kind": "hinge", "axis": (0, 1, 0), "through": (0.0, 0.3, 0.15)}
+    stiffness, duration, steps = 700.0, 0.6, 30
+    problem = box(comm, "newmark", duration, joint=hinge, spring={"rotation": stiffness})
+    problem.start()
+    for _ in range(steps):
+        assert problem.step(duration / steps)
+    mass, arm = DENSITY * SIDES.prod(), SIDES[0] / 2
+    inertia = moments_of_inertia()[1] + mass * arm**2
+
+    def rates(t, y):
+        return [y[1], (mass * 9.81 * arm * np.cos(y[0]) - stiffness * y[0]) / inertia]
+
+    exact = solve_ivp(rates, (0, duration), [0.0, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
+    state = problem._problem.rigid_states(problem.x)["box"]
+    assert exact[0] > 1
+    assert state["rotation"] == pytest.approx([0, exact[0], 0], abs=8e-3)
+    assert state["position"] == pytest.approx(hinge["through"], abs=1e-12)
+
+
+def test_generalized_alpha_is_refused(comm):
+    with pytest.raises(BadInput, match=r"generalized_alpha.*: expected newmark"):
+        box(comm, "generalized_alpha", 1.0).start()
+
+
+def weighted_bar(**keys):
+    """Return a bar that swings, one half of which is rigid."""
+    soft = MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.3, density=1000.0)
+    return Scene(
+        name="swing",
+        mesh=Geometry(source="bar", parameters={"length": 2.0, "interface": 1.0}),
+        cells=2,
+        element="Q1",
+        material=soft,
+        hold=[Hold(group="left")],
+        gravity=Gravity(vector=(0, 0, -9.81)),
+        rigid=[Rigid(group="second", force=(0.0, 200.0, 0.0))],
+        time=Time(duration=0.3, steps=6, integrator="newmark"),
+        **keys,
+    )
+
+
+@mpi
+def test_energy_of_a_bar_with_a_rigid_weight_and_a_resumed_run(comm, tmp_path):
+    """Newmark without damping keeps the energy up to its own error; a run that resumes is the same.
+
+    The weight's material is not assembled: stiffness does not matter, only its mass.
+    """
+    scene, folders = weighted_bar(), [comm.bcast(tmp_path / name) for name in ("whole", "cut")]
+    whole = solve(scene, out=folders[0])
+    steps = whole.record["steps"]
+    assert whole.converged and steps[-1]["min_J"] < 1
+    assert abs(steps[-1]["numerical_dissipation"]) < 0.02 * steps[-1]["kinetic"]
+    with cut(3):
+        solve(scene, out=folders[1])
+    resumed = solve(scene, out=folders[1], resume=True)
+    assert len(resumed.record["steps"]) == 6
+    for key in ("position", "rotation", "force", "moment"):
+        a, b = (r.record["steps"][-1]["rigid"]["second"][key] for r in (whole, resumed))
+        assert b == pytest.approx(a, rel=1e-9, abs=1e-9)
+    stiff = [MaterialChoice(name="neo_hookean", E=1e12, nu=0.2, density=1000.0, group="second")]
+    other = solve(weighted_bar().model_copy(update={"material": [scene.material, *stiff]}))
+    state = other.record["steps"][-1]["rigid"]["second"]
+    assert state["position"] == pytest.approx(steps[-1]["rigid"]["second"]["position"], abs=1e-9)
