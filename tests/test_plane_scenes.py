@@ -194,10 +194,6 @@ def test_a_run_resumes(tmp_path):
         ('kinematics = "plane_strain"\nself_contact = { method = "ipc" }', "self_contact"),
         ('kinematics = "plane_strain"\nerror = true', "error = True: expected no value, with kine"),
         (
-            'kinematics = "plane_strain"\n[[cavity]]\ngroup = "top"\nvolume = 1.0',
-            "cavity = 'given'",
-        ),
-        (
             'kinematics = "plane_strain"\n[[hold]]\ngroup = "top"\ncomponents = ["z"]',
             "some of x, y",
         ),

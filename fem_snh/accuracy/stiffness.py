@@ -54,6 +54,8 @@ def stiffness_factor(problem: Problem, make: Callable[[Element], Problem]) -> fl
     dofs = problem.dofs * (_GROWTH if other.degree > problem.element.degree else 1)
     if dofs > _MAX_DOFS or problem.history.by_name or not problem.has_energy:
         return None
+    if problem.operator != problem.A:  # a cavity's matrix of rank one has no unknown pressure
+        return None
     try:
         mixed = make(other)
     except BadInput:  # a material without a volume term, or without a conjugate of it

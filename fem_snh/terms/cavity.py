@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 class Cavity(Feature):
     """A fluid that a surface encloses, of prescribed volume; its pressure is a result."""
 
-    key = "cavity"
+    key, planar = "cavity", True
     group: Surface = Field(description=SURFACE)
     volume: Number = Field(
-        description="Volume of fluid that is added at amplitude 1 [m^3]; "
+        description="Volume of fluid that is added at amplitude 1 [m^3], in a plane per thickness; "
         "in a symmetric part of a body, the part's share."
     )
     stiffness: Positive | None = Field(
@@ -50,6 +50,8 @@ class Cavity(Feature):
         """Return one term for each fluid; their surfaces share no facet. Collective."""
         from fem_snh.terms.enclosed_fluid import EnclosedFluid  # imports PETSc
 
+        if body.kinematics.plane_stress:  # the edge's area has the unknown thickness
+            raise bad_value(cls.key, "given", "no value, in plane stress")
         facets = [body.facets("cavity.group", fluid.group) for fluid in features]
         for (first, a), (second, b) in combinations(zip(features, facets, strict=True), 2):
             if shared := body.domain.comm.allreduce(len(np.intersect1d(a, b))):

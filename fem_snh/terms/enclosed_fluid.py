@@ -61,12 +61,12 @@ class EnclosedFluid:
 
     def __init__(self, fluid: Cavity, body: Body) -> None:
         u, dirichlet = body.u, body.dirichlet
-        ds = body.measure("cavity.group", fluid.group)
+        ds = body.surface("cavity.group", fluid.group)
         self.group, self._added, self._target = surface_name(fluid.group), fluid.volume, 0.0
         self._amplitude = body.amplitudes.motion(fluid.table)
         self._stiffness = fluid.stiffness or _STIFFNESS * body.modulus / body.volume
         self._pressure = body.constant(0.0)
-        self._volume = SweptVolume(body.V, ds)
+        self._volume = SweptVolume(body.V, ds, body.kinematics)
         self._term = UFLTerm(self._pressure * self._volume.residual(u), u, self.name)
         points = fit_points([self._volume], [1.0], dirichlet)
         if points is None:

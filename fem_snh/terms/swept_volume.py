@@ -85,6 +85,11 @@ class SweptVolume:
         self._compiled = _dolfinx.form(self._form)
         self.at_rest = 0.0
 
+    @property
+    def volume_dimension(self) -> int:
+        """The power of a length that S is."""
+        return self._kinematics.volume_dimension
+
     def residual(self, u: Any) -> Any:
         """Return the UFL form of the integral of cof(F) N . v [m^2], v a test function."""
         density = ufl.inner(self._normal(u), ufl.TestFunction(self.V))
@@ -219,7 +224,7 @@ def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> 
     ----------
     volume : SweptVolume
         The surface.
-    point : (3,)
+    point : (dim,)
         The point of `fit_points` [m].
     dirichlet : Dirichlet
         The constrained dofs.
@@ -231,18 +236,19 @@ def enclosed_volume(volume: SweptVolume, point: Array, dirichlet: Dirichlet) -> 
         the volume depends on directions in which the point is arbitrary.
     """
     V = volume.V
-    length = body_volume(V.mesh) ** (1 / 3)
+    dim = _dolfinx.mesh_dimension(V.mesh)[0]
+    length = body_volume(V.mesh) ** (1 / dim)
     size, _, change = volume.compare(_states(V, dirichlet, length), dirichlet)
     table = np.concatenate([length * change, size[:, None]], axis=1)
     R = np.concatenate(V.mesh.comm.allgather(np.linalg.qr(table, mode="r")))
-    _, values, directions = np.linalg.svd(R[:, :3])
+    _, values, directions = np.linalg.svd(R[:, :dim])
     volume.set_point(point)
     found: float | None = volume.at_rest
     at_rest = volume.at_rest
     for value, direction in zip(values, directions, strict=True):
-        if value <= _ROUNDING * np.linalg.norm(R[:, 3]):
+        if value <= _ROUNDING * np.linalg.norm(R[:, dim]):
             volume.set_point(point + length * direction)
-            if abs(volume.at_rest - at_rest) > _ROUNDING * length**3:
+            if abs(volume.at_rest - at_rest) > _ROUNDING * length**volume.volume_dimension:
                 found = None
                 break
     volume.set_point(point)

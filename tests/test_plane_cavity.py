@@ -1,0 +1,113 @@
+"""Cavities of two dimensions: an inflated tube in its cross-section, and a spherical shell."""
+
+from __future__ import annotations
+
+from math import pi
+
+import gmsh
+import numpy as np
+import pytest
+from test_plane_scenes import own_scene, solve
+
+from fem_snh.errors import BadInput
+
+INNER, OUTER = 1.0, 1.5
+
+
+def ring(path):
+    """A quarter of a ring, with the groups x0, y0 (its cuts), inner and outer."""
+    gmsh.initialize(readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo = gmsh.model.geo
+    for number, (x, y) in enumerate([(0, 0), (INNER, 0), (OUTER, 0), (0, OUTER), (0, INNER)], 1):
+        geo.addPoint(x, y, 0, 1.0, number)
+    geo.addLine(2, 3, 1)
+    geo.addCircleArc(3, 1, 4, 2)
+    geo.addLine(4, 5, 3)
+    geo.addCircleArc(5, 1, 2, 4)
+    surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
+    for line, points in ((1, 4), (3, 4), (2, 7), (4, 7)):
+        geo.mesh.setTransfiniteCurve(line, points)
+    geo.mesh.setTransfiniteSurface(surface)
+    geo.mesh.setRecombine(2, surface)
+    geo.synchronize()
+    for tag, name in ((1, "y0"), (2, "outer"), (3, "x0"), (4, "inner")):
+        gmsh.model.setPhysicalName(1, gmsh.model.addPhysicalGroup(1, [tag]), name)
+    gmsh.model.addPhysicalGroup(2, [surface])
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(2)
+    gmsh.write(str(path))
+    gmsh.finalize()
+
+
+SHELL = """
+mesh = "ring.msh"
+element = "Q2"
+kinematics = "{kinematics}"
+steps = 4
+[material]
+name = "stable_neo_hookean"
+E = 3.0
+nu = 0.49
+[[hold]]
+group = "y0"
+components = ["y"]
+[[hold]]
+group = "x0"
+components = ["x"]
+[[cavity]]
+group = "inner"
+volume = {volume!r}
+[[probe]]
+name = "equator"
+point = [1, 0, 0]
+"""
+
+
+def pressure(kinematics, a):
+    """Of an incompressible neo-Hookean wall, mu = 1, whose inside is stretched by a, by quadrature.
+
+    A tube: dp = (l^2 - l^-2) dr/r (Ogden 1997, section 5.3.3). A shell: with the hoop stretch l,
+    the integral of (2 l - 2 l^-5)/(l^3 - 1) from b to a.
+    """
+    if kinematics == "plane_strain":
+        r = np.linspace(a, np.sqrt(OUTER**2 + a**2 - 1), 20001)
+        hoop = r / np.sqrt(r**2 - a**2 + 1)
+        f = (hoop**2 - hoop**-2.0) / r
+    else:
+        b = (1 + (a**3 - 1) / OUTER**3) ** (1 / 3)
+        r = np.linspace(b, a, 20001)
+        f = (2 * r - 2 * r**-5.0) / (r**3 - 1)
+    return float(((f[1:] + f[:-1]) / 2 * np.diff(r)).sum())
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kinematics", ["plane_strain", "axisymmetric"])
+def test_inflation_by_a_volume(comm, folder, kinematics):
+    """Pressure and radius of the exact solution; the shell is past its limit point."""
+    stretch = 1.6
+    share = pi / 4 * (stretch**2 - 1) if kinematics == "plane_strain" else 0.0
+    share = share or 2 / 3 * pi * (stretch**3 - 1)  # half of the ball
+    if comm.rank == 0:
+        ring(folder / "ring.msh")
+        text = SHELL.format(kinematics=kinematics, volume=share)
+        (folder / "shell.toml").write_text(text)
+    comm.barrier()
+    result = solve(folder / "shell.toml", comm)
+    for row in result.steps:
+        state = row["cavities"]["inner"]
+        a = 1 + row["probes"]["equator"][0]
+        assert state["pressure"] == pytest.approx(pressure(kinematics, a), rel=0.02)
+    assert a == pytest.approx(stretch, rel=5e-3)
+    assert state["volume"] == pytest.approx(share, rel=0.02)
+
+
+def test_what_is_refused(tmp_path):
+    """A curve whose ends are free encloses nothing; in plane stress the edge is not known."""
+    cavity = '[[cavity]]\ngroup = "side"\nvolume = 0.1\n'
+    path = own_scene(tmp_path, "Q1", "plane_strain", cavity)
+    with pytest.raises(BadInput, match="expected a surface that encloses a volume"):
+        solve(path)
+    path = own_scene(tmp_path, "Q1", "plane_stress", cavity)
+    with pytest.raises(BadInput, match="cavity = 'given': expected no value, in plane stress"):
+        solve(path)
