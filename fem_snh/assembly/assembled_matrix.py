@@ -194,7 +194,7 @@ class BlockMatrix:
         nodes : (n, k) int64
             Global nodes of the displacement's space. Each rank gives all matrices with a row that
             it owns; the rows of other ranks are left out.
-        matrices : (n, 3 k, 3 l)
+        matrices : (n, c k, c l)
             Their matrices [N/m], numbered node by node.
         others : (n, l) int64, optional
             The nodes of the columns. Default: those of the rows.

@@ -117,9 +117,11 @@ class Couplings:
         self._added.append((rows - first, columns, matrices[which]))
 
     def _dofs(self, nodes: Array) -> tuple[Array, Array]:
-        """Return the global dofs (n, 3 k) of nodes (n, k), and which of them are free."""
+        """Return the global dofs (n, c k) of nodes (n, k), and which of them are free."""
         start, _ = self._dof_map.global_dofs(self._dof_map.displacement_blocks(nodes.ravel()))
-        dofs = (start[:, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
+        components = self._dof_map.components
+        dofs = start[:, None] + np.arange(components)
+        dofs = dofs.reshape(len(nodes), components * nodes.shape[1])
         return dofs, ~np.isin(dofs, self._fixed)
 
     def set_values(self, mat: PETSc.Mat) -> None:

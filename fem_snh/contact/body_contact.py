@@ -13,6 +13,7 @@ import numpy.typing as npt
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.gathered_surface import GatheredSurface
@@ -50,6 +51,8 @@ class BodyContact:
         The materials, which the default stiffness depends on.
     pairs : sequence of BodyPair
         The surfaces.
+    kinematics : Kinematics, optional
+        That of the displacement.
 
     Attributes
     ----------
@@ -66,12 +69,19 @@ class BodyContact:
 
     name, has_energy, depends_on_load = "contact", True, False
 
-    def __init__(self, V: Any, regions: Sequence[Region], pairs: Sequence[BodyPair]) -> None:
+    def __init__(
+        self,
+        V: Any,
+        regions: Sequence[Region],
+        pairs: Sequence[BodyPair],
+        kinematics: Kinematics = SOLID,
+    ) -> None:
+        self._kinematics = kinematics
         comm, degree = V.mesh.comm, _QUADRATURE + 2 * _dolfinx.degree(V)
         surfaces = list[SurfaceQuadrature]()
         for pair in pairs:
             for facets in (pair.first, pair.second):
-                surfaces.append(SurfaceQuadrature(V, facets, degree))
+                surfaces.append(SurfaceQuadrature(V, facets, degree, kinematics.revolved))
                 if not comm.allreduce(len(surfaces[-1])):
                     raise bad_value("contact.groups", pair.name, "two surfaces of the boundary")
         self.surface = GatheredSurface(V, surfaces)
@@ -101,7 +111,8 @@ class BodyContact:
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
     ) -> None:
         """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
-        x, r = self._positions(u), writable_values(r_u).reshape(-1, 3)
+        x = self._positions(u)
+        r = writable_values(r_u).reshape(-1, self._kinematics.components)
         for pair in self.pairs:
             self.surface.add_own(pair.gradient(x), r)
 
@@ -171,7 +182,7 @@ class BodyContact:
 
     def _positions(self, u: PETSc.Vec) -> Array:
         """Return the positions of the nodes; search the facets if nothing did. Collective."""
-        x = self.surface.positions(local_values(u).reshape(-1, 3))
+        x = self.surface.positions(self._kinematics.padded(local_values(u)))
         if self._stale:
             self._stale = False
             for one in self._passes:

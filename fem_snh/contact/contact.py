@@ -68,7 +68,7 @@ Pair = Annotated[
 class Contact(Feature, ContactTable):
     """Contact without friction between two surfaces, as of two bodies of one mesh."""
 
-    key = "contact"
+    key, planar = "contact", True
     groups: Pair = Field(
         description="Two surfaces without a common node, physical groups or in a program measures "
         "ds(...); their order does not matter."
@@ -108,10 +108,14 @@ class Contact(Feature, ContactTable):
         from fem_snh.contact.surface_pair import BodyPair
 
         cls.check(features, None)
+        kinematics = body.kinematics
+        if kinematics.dim == 2 and kinematics.components == 3:
+            accepted = f"no contact, with kinematics = '{kinematics.name}'"
+            raise bad_value("contact.groups", features[0].name, accepted)
         pairs = []
         for contact in features:
             first, second = (body.facets("contact.groups", group) for group in contact.groups)
             tolerance = contact.absolute_tolerance(body.length)
             method = contact.stiffness, contact.augmented, tolerance, body.motion is None
             pairs.append(BodyPair(contact.name, first, second, *method))
-        return [BodyContact(body.V, body.regions, pairs)]
+        return [BodyContact(body.V, body.regions, pairs, kinematics)]

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.contact.gathered_surface import FacetShape, Side
+from fem_snh.contact.surface_quadrature import cross_tangents
 from fem_snh.contact.triangle_search import Candidates, TriangleTree
 
 Array = npt.NDArray[Any]
@@ -53,7 +54,7 @@ class FacetsInReach(NamedTuple):
     ----------
     facet : (n,) int
         The facet that a point may touch; -1 if there is none.
-    start : (n, 2)
+    start : (n, d)
         Approximate reference coordinates of the closest point on it.
     """
 
@@ -65,8 +66,8 @@ class ClosestFacets:
     """A surface of triangles around the midpoint of each facet, and the search in it.
 
     Facets of degree 1 are searched as they are (a quadrilateral as four triangles), those of degree
-    2 with their midside nodes (six or eight triangles). The facet that is found is used with its
-    own shape functions.
+    2 with their midside nodes (six or eight triangles). A curve is searched as two segments. The
+    facet that is found is used with its own shape functions.
 
     Parameters
     ----------
@@ -79,16 +80,18 @@ class ClosestFacets:
     def __init__(self, shape: FacetShape, side: Side) -> None:
         self._side, self._shape = side, shape
         self._center = shape.evaluate(shape.center[None], 0)[0][0]
-        a, b = shape.outline, np.roll(shape.outline, -1)
-        self._facet = np.repeat(np.arange(len(side)), len(a))
-        self._corners = np.stack([side.nodes[:, a].ravel(), side.nodes[:, b].ravel()], axis=1)
-        center = np.broadcast_to(shape.center, (len(a), 2))
-        reference = np.stack([center, shape.nodes[a], shape.nodes[b]], axis=1)
+        count, d = shape.rim.shape
+        self._facet = np.repeat(np.arange(len(side)), count)
+        self._corners = side.nodes[:, shape.rim].reshape(-1, d)
+        self._sense = np.tile(shape.sense, len(side))
+        center = np.broadcast_to(shape.center, (count, 1, d))
+        reference = np.concatenate([center, shape.nodes[shape.rim]], axis=1)
         self._reference = np.tile(reference, (len(side), 1, 1))
         edges = np.sort(self._corners, axis=1)
         _, which, counts = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
         rim = counts[which.ravel()] == 1
-        # For each triangle, whether its edge and its two nodes are on the surface's own edge.
+        # For each triangle, whether its edge and its two nodes are on the surface's own edge; of a
+        # segment, whether its node is an end of the curve.
         nodes = np.isin(self._corners, self._corners[rim])
         self._on_rim = np.column_stack([rim, nodes])
 
@@ -110,14 +113,13 @@ class ClosestFacets:
         """
         centers = np.einsum("k,fki->fi", self._center, x[self._side.nodes])
         T = np.concatenate([centers[self._facet][:, None], x[self._corners]], axis=1)
-        normal = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
-        # The outline runs anticlockwise on the reference facet.
-        normal *= self._side.outward[self._facet][:, None]
+        normal = cross_tangents(np.swapaxes(T[:, 1:] - T[:, :1], 1, 2))
+        normal *= (self._sense * self._side.outward[self._facet])[:, None]
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal /= np.maximum(length, np.finfo(float).tiny)
         tree = TriangleTree(T)
         equal = _EQUAL * tree.radius
-        facet, start = np.full(len(points), -1), np.zeros((len(points), 2))
+        facet, start = np.full(len(points), -1), np.zeros((len(points), len(self._shape.center)))
 
         def receive(rows: Array, found: Candidates) -> Array:
             heights = np.einsum("nki,nki->nk", found.arm, normal[found.triangle])
@@ -160,11 +162,11 @@ class Gaps(NamedTuple):
         The outward normal n of the facet.
     values : (n, k)
         Shape functions N_b at the closest points.
-    derivatives : (n, k, 2)
+    derivatives : (n, k, d)
         Their derivatives.
-    tangents : (n, 3, 2)
+    tangents : (n, 3, d)
         The tangents :math:`y_{,\alpha}` [m].
-    curvature : (n, 2, 2)
+    curvature : (n, d, d)
         The coefficients b [m].
     outside : (n,)
         How far the closest points are outside of their facets, in reference coordinates.
@@ -196,7 +198,7 @@ def measure_gaps(
         Points of the other surface [m].
     facets : (n,) int
         Their facets.
-    start : (n, 2)
+    start : (n, d)
         First guess of the closest points.
     """
     y, xi = x[side.nodes[facets]], np.array(start)
@@ -208,8 +210,10 @@ def measure_gaps(
         metric = np.einsum("nia,nib->nab", tangents, tangents)
         curved = metric - np.einsum("ni,nki,nkab->nab", arm, y[left], second, optimize=True)
         # Far from a curved facet the second derivative is indefinite; the metric then replaces it.
-        minor = curved[:, 0, 0] * curved[:, 1, 1] - curved[:, 0, 1] ** 2
-        definite = (minor > 0) & (curved[:, 0, 0] > 0)
+        definite = curved[:, 0, 0] > 0
+        if curved.shape[1] == 2:
+            minor = curved[:, 0, 0] * curved[:, 1, 1] - curved[:, 0, 1] ** 2
+            definite &= minor > 0
         matrix = np.where(definite[:, None, None], curved, metric)
         slope = np.einsum("ni,nia->na", arm, tangents)
         step = np.linalg.solve(matrix, slope[..., None])[..., 0]
@@ -221,7 +225,7 @@ def measure_gaps(
             break
     values, derivatives, second = shape.evaluate(xi, 2)
     tangents = np.einsum("nki,nka->nia", y, derivatives)
-    normal = np.cross(tangents[..., 0], tangents[..., 1]) * side.outward[facets, None]
+    normal = cross_tangents(tangents) * side.outward[facets, None]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     gap = np.einsum("ni,ni->n", normal, points - np.einsum("nk,nki->ni", values, y))
     outside = shape.outside(xi)
@@ -244,22 +248,22 @@ def gap_second_derivative(at: Gaps, basis: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    Q : (n, 3 (j + k), 4)
+    Q : (n, 3 (j + k), 2 d)
         Columns s and delta xi, by the nodes of both facets.
-    C : (n, 4, 4)
+    C : (n, 2 d, 2 d)
         Symmetric matrices.
     """
-    n = len(at.gap)
+    n, d = len(at.gap), at.tangents.shape[2]
     g = at.gap[:, None, None]
     weights = np.concatenate([basis, -at.values], axis=1)
     t = weights[:, :, None, None] * at.tangents[:, None]
-    none = np.zeros((n, basis.shape[1], 3, 2))
+    none = np.zeros((n, basis.shape[1], 3, d))
     s = np.concatenate([none, at.derivatives[:, :, None] * at.normal[:, None, :, None]], axis=1)
     metric = np.einsum("nia,nib->nab", at.tangents, at.tangents)
-    s, t = (array.reshape(n, 3 * weights.shape[1], 2) for array in (s, t))
+    s, t = (array.reshape(n, 3 * weights.shape[1], d) for array in (s, t))
     xi = np.linalg.solve(metric - g * at.curvature, np.swapaxes(t + g * s, 1, 2))
     Q = np.concatenate([s, np.swapaxes(xi, 1, 2)], axis=2)
     b, inverse = at.curvature, g * np.linalg.inv(metric)
-    unit = np.broadcast_to(np.eye(2), b.shape)
+    unit = np.broadcast_to(np.eye(d), b.shape)
     C = np.block([[inverse, inverse @ b - unit], [b @ inverse - unit, b @ inverse @ b - b]])
     return Q, C

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.contact.surface_quadrature import SurfaceQuadrature, cross_tangents
 
 Array = npt.NDArray[Any]
 
@@ -56,7 +56,7 @@ class GatheredNodes:
 
     def add_own(self, values: Array, out: Array) -> None:
         """Add those of the nodes' values (m, 3) that this rank owns to ``out`` (local nodes, 3)."""
-        out[self._own] += values[self.is_own]
+        out[self._own] += values[self.is_own, : out.shape[1]]
 
 
 #: Reference coordinates are rounded to this fraction of the surface's size before they are sorted,
@@ -71,7 +71,7 @@ class FacetShape:
 
     Parameters
     ----------
-    kind : {"triangle", "quadrilateral"}
+    kind : {"triangle", "quadrilateral", "interval"}
         The reference facet.
     degree : int
         Degree of the displacement.
@@ -80,12 +80,15 @@ class FacetShape:
     ----------
     kind : str
         The reference facet.
-    nodes : (k, 2)
+    nodes : (k, d)
         Reference coordinates of the nodes.
-    center : (2,)
+    center : (d,)
         Mean of the corners.
-    outline : (n,) int
-        The nodes on the facet's edges, in turn.
+    rim : (n, d) int
+        The edges between neighbouring nodes around the facet, anticlockwise; of a curve the nodes
+        on both sides of its middle, each with the sense in ``sense``.
+    sense : (n,)
+        1 or -1: whether the simplex of the centre and a part of the rim has the facet's sense.
     """
 
     def __init__(self, kind: str, degree: int) -> None:
@@ -95,26 +98,34 @@ class FacetShape:
         self.nodes = nodes[self._order]
         self.center = _dolfinx.reference_corners(kind).mean(axis=0)
         arms = self.nodes - self.center
+        if kind == "interval":
+            self.rim = np.argsort(arms[:, 0])[[0, -1], None]
+            self.sense = np.array([-1.0, 1.0])
+            return
         turn = np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))
-        self.outline = turn[np.linalg.norm(arms, axis=1)[turn] > _SAME]
+        outline = turn[np.linalg.norm(arms, axis=1)[turn] > _SAME]
+        self.rim = np.stack([outline, np.roll(outline, -1)], axis=1)
+        self.sense = np.ones(len(outline))
 
     def evaluate(self, points: Array, order: int = 1) -> tuple[Array, ...]:
-        """Return values, first and second derivatives up to an order at reference points (n, 2).
+        """Return values, first and second derivatives up to an order at reference points (n, d).
 
-        Their shapes are (n, k), (n, k, 2) and (n, k, 2, 2).
+        Their shapes are (n, k), (n, k, d) and (n, k, d, d).
         """
         table = _dolfinx.tabulate_element(self.kind, self._degree, points, order)
         table = np.moveaxis(table[..., self._order], 0, -1)
-        # basix's second derivatives are xx, xy, yy.
+        d = self.nodes.shape[1]
+        # basix's second derivatives are xx, xy, yy; of a curve xx.
+        second = [[3, 4], [4, 5]] if d == 2 else [[2]]
         parts = (
             table[..., 0],
-            table[..., 1:3],
-            table[..., [[3, 4], [4, 5]]] if order > 1 else None,
+            table[..., 1 : 1 + d],
+            table[..., second] if order > 1 else None,
         )
         return tuple(part for part in parts[: order + 1] if part is not None)
 
     def outside(self, points: Array) -> Array:
-        """Return how far reference points (n, 2) are outside of the facet; <= 0 inside."""
+        """Return how far reference points (n, d) are outside of the facet; <= 0 inside."""
         sums = points.sum(axis=1) if self.kind == "triangle" else points.max(axis=1)
         return np.maximum(-points.min(axis=1), sums - 1)
 
@@ -133,8 +144,10 @@ class Side:
         Quadrature weights in the reference configuration [m^2].
     basis : (points, k)
         Shape functions at the quadrature points.
-    derivatives : (points, k, 2)
+    derivatives : (points, k, d)
         Their derivatives there.
+    areas : (facets,)
+        Areas of the facets at rest [m^2], of curves their lengths [m].
     own : (n,) int
         The facets whose cells this rank owns.
     """
@@ -144,10 +157,21 @@ class Side:
     weights: Array
     basis: Array
     derivatives: Array
+    areas: Array
     own: Array
 
     def __len__(self) -> int:
         return len(self.nodes)
+
+    @property
+    def mean_size(self) -> float:
+        """The size of facets: the root of their mean area, of curves the mean length [m]."""
+        return float(self.areas.mean() ** (1 / self.derivatives.shape[2]))
+
+    @property
+    def sizes(self) -> Array:
+        """The sizes of the facets: the roots of their areas, of curves the lengths [m]."""
+        return np.asarray(self.areas ** (1 / self.derivatives.shape[2]))
 
 
 class GatheredSurface:
@@ -172,10 +196,12 @@ class GatheredSurface:
         Whether this rank owns the node.
     sides : list of Side
         The facets of each surface.
+    components : int
+        Components of the displacement.
     """
 
     def __init__(self, V: Any, surfaces: Sequence[SurfaceQuadrature]) -> None:
-        domain, self.comm = V.mesh, V.mesh.comm
+        domain, self.comm, self.components = V.mesh, V.mesh.comm, _dolfinx.num_components(V)
         kind = _dolfinx.FACET_OF[_dolfinx.cell_name(domain)]
         self.shape = FacetShape(kind, _dolfinx.degree(V))
         numbers = _dolfinx.local_to_global(V)
@@ -200,11 +226,11 @@ class GatheredSurface:
     def _side(self, X: Array, numbers: Array, surface: SurfaceQuadrature) -> Side:
         local = X[surface.nodes]
         tangents = np.einsum("fki,pkj->fpij", local, surface.derivatives, optimize=True)
-        cross = np.cross(tangents[..., 0], tangents[..., 1])
+        cross = cross_tangents(tangents)
         sign = np.sign(np.einsum("fpi,fpi->f", cross, surface.normals))
-        mine = (numbers[surface.nodes], sign, surface.weights, local.mean(axis=1))
+        mine = (numbers[surface.nodes], sign, surface.weights, surface.areas, local.mean(axis=1))
         gathered = self.comm.allgather(mine)
-        nodes, outward, weights, middles = map(np.concatenate, zip(*gathered, strict=True))
+        nodes, outward, weights, areas, middles = map(np.concatenate, zip(*gathered, strict=True))
         size = float(np.abs(self.X - self.X.mean(axis=0)).max())
         order = np.lexsort(np.round(middles / (_ROUNDING * size)).T)
         before = sum(len(found[0]) for found in gathered[: self.comm.rank])
@@ -215,5 +241,6 @@ class GatheredSurface:
             weights[order],
             surface.basis,
             surface.derivatives,
+            areas[order],
             own,
         )

@@ -18,7 +18,7 @@ from fem_snh.contact.gaps import (
 )
 from fem_snh.contact.gathered_surface import GatheredSurface, Side
 from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.surface_quadrature import DeepestPoint, facet_grid
+from fem_snh.contact.surface_quadrature import DeepestPoint, cross_tangents, facet_grid
 from fem_snh.errors import bad_value
 from fem_snh.kernels.form_cells import filter_matrices
 from fem_snh.terms.settling import LaggedChange, largest_change, relative
@@ -130,7 +130,7 @@ class SurfacePass:
         self.surface, self.own, self.other, self.law = surface, own, other, law
         self._reach, self._count = reach, own.weights.size
         self._rows = np.arange(first, first + self._count)
-        self.size = float(np.sqrt(own.weights.sum(axis=1).mean()))
+        self.size = own.mean_size
         self._closest = ClosestFacets(surface.shape, other)
         self._facet: Array = np.full(self._count, -1)
         self._start: Array = np.zeros((0, 2))
@@ -169,12 +169,12 @@ class SurfacePass:
     def normals(self, x: Array, derivatives: Array | None = None) -> Array:
         """Return the outward unit normals of the own surface at the points, (points, 3).
 
-        ``derivatives`` (n, k, 2) are those of the shape functions at other points of a facet.
+        ``derivatives`` (n, k, d) are those of the shape functions at other points of a facet.
         """
         nodes = x[self.own.nodes]
         table = self.own.derivatives if derivatives is None else derivatives
         tangents = np.einsum("fki,pka->fpia", nodes, table, optimize=True)
-        normals = np.cross(tangents[..., 0], tangents[..., 1])
+        normals = cross_tangents(tangents)
         normals *= self.own.outward[:, None, None]
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         return normals.reshape(-1, 3)
@@ -223,7 +223,7 @@ class SurfacePass:
         known[at.point] = at.gaps.gap
         both = np.hstack([known.reshape(self.own.weights.shape), gaps.reshape(grid.shape[:2])])
         positions = np.concatenate([self.own.basis @ x[self.own.nodes], grid], axis=1)
-        return DeepestPoint.among(both, self.own.weights.sum(axis=1) ** 0.5, positions)
+        return DeepestPoint.among(both, self.own.sizes, positions)
 
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the nodes [N], (m, 3)."""
@@ -235,7 +235,9 @@ class SurfacePass:
         return np.stack(columns, axis=1)
 
     def matrices(self, x: Array, filter: str) -> tuple[Array, Array, int]:
-        """Return global nodes (n, k), filtered matrices (n, 3 k, 3 k), and how many were filtered.
+        """Return global nodes (n, k), filtered matrices (n, c k, c k), and how many were filtered.
+
+        c is the number of the displacement's components.
 
         Only those of which this rank owns a row are returned, summed over the points of a facet
         that touch the same facet.
@@ -259,6 +261,8 @@ class SurfacePass:
         order = np.argsort(which.ravel(), kind="stable")
         starts = np.searchsorted(which.ravel()[order], np.arange(len(first)))
         found = np.add.reduceat(found[order], starts) if len(first) else found
+        k, c = nodes.shape[1], self.surface.components
+        found = found.reshape(-1, k, 3, k, 3)[:, :, :c, :, :c].reshape(-1, c * k, c * k)
         return self.surface.nodes[nodes[first]], found, filtered
 
     def pairs(self, x: Array) -> Array:

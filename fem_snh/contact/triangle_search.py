@@ -2,7 +2,7 @@
 
 All of contact searches here: the facets that a body may touch, targets in the reference
 configuration, and parts of a surface that approach each other. They differ in what they choose of
-the candidates.
+the candidates. In two dimensions segments of a curve take the place of triangles.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Candidates(NamedTuple):
     ----------
     triangle : (n, k) int
         The triangles.
-    coordinates : (n, k, 3)
+    coordinates : (n, k, corners)
         Barycentric coordinates of their closest points.
     arm : (n, k, 3)
         The points minus these closest points [m].
@@ -57,7 +57,7 @@ class Candidates(NamedTuple):
             Positions [m] and unit normals.
         triangle : (n, k) int
             The triangles.
-        corners, outward : (m, 3, 3), (m, 3)
+        corners, outward : (m, corners, 3), (m, 3)
             Corners [m] and outward unit normals of all triangles.
         """
         coordinates, arm = closest_points(points[:, None], corners[triangle])
@@ -71,11 +71,11 @@ class Candidates(NamedTuple):
 
 
 class TriangleTree:
-    """Triangles, found by their midpoints.
+    """Triangles or segments, found by their midpoints.
 
     Parameters
     ----------
-    corners : (m, 3, 3)
+    corners : (m, 3 or 2, 3)
         Corners [m].
     numbers : (k,) int, optional
         The triangles that are searched. Default: all.

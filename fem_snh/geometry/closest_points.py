@@ -1,4 +1,4 @@
-"""Triangles: their closest points and their normals."""
+"""Triangles, and segments in place of them: their closest points and their normals."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ _ON_EDGE = 1e-9
 
 
 def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
-    """Return the closest points of triangles.
+    """Return the closest points of triangles, or of segments.
 
     Parameters
     ----------
     p : (n, 1, 3)
         Points.
-    T : (n, k, 3, 3)
-        Corners of triangles.
+    T : (n, k, corners, 3)
+        Three corners of triangles, or two of segments.
 
     Returns
     -------
-    coordinates : (n, k, 3)
+    coordinates : (n, k, corners)
         Barycentric coordinates of the closest points.
     arm : (n, k, 3)
         The points minus the closest points.
     """
+    if T.shape[-2] == 2:
+        return _closest_of_segments(p, T)
     a, ab, ac = T[..., 0, :], T[..., 1, :] - T[..., 0, :], T[..., 2, :] - T[..., 0, :]
     ap = p - a
     d11, d12, d22 = (np.einsum("nki,nki->nk", s, t) for s, t in ((ab, ab), (ab, ac), (ac, ac)))
@@ -53,6 +55,14 @@ def closest_points(p: Array, T: Array) -> tuple[Array, Array]:
         coordinates[..., i], coordinates[..., j] = 1 - t, t
         best = np.where(closer[..., None], coordinates, best)
     return best, arm
+
+
+def _closest_of_segments(p: Array, T: Array) -> tuple[Array, Array]:
+    """Return what `closest_points` does, of segments."""
+    way, arm = T[..., 1, :] - T[..., 0, :], p - T[..., 0, :]
+    squares = np.maximum(np.einsum("nki,nki->nk", way, way), np.finfo(float).tiny)
+    t = np.clip(np.einsum("nki,nki->nk", arm, way) / squares, 0.0, 1.0)
+    return np.stack([1 - t, t], axis=2), arm - t[..., None] * way
 
 
 def triangle_normals(x: Array, triangles: Array) -> Array:

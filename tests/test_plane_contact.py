@@ -1,0 +1,163 @@
+"""Contact between bodies of two dimensions: patch test, derivatives, momentum."""
+
+from __future__ import annotations
+
+from math import pi
+
+import gmsh
+import numpy as np
+import pytest
+from test_plane_scenes import own_scene, solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+
+FLAT = ("plane_strain", "axisymmetric")
+
+
+def blocks(path, triangles, order, gap=0.0):
+    """Two rectangles, 3 and 4 cells wide, one above the other at a distance."""
+    gmsh.initialize(readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo, groups, surfaces = gmsh.model.geo, {}, []
+    for low, names, count in ((0.0, ("bottom", "under"), 3), (0.5 + gap, ("over", "top"), 4)):
+        corners = [geo.addPoint(x, low + y, 0) for x, y in ((0, 0), (1, 0), (1, 0.5), (0, 0.5))]
+        lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        for line, points in zip(lines, (count + 1, 3, count + 1, 3), strict=True):
+            geo.mesh.setTransfiniteCurve(line, points)
+        geo.mesh.setTransfiniteSurface(surface)
+        if not triangles:
+            geo.mesh.setRecombine(2, surface)
+        groups |= {names[0]: [lines[0]], names[1]: [lines[2]]}
+        groups.setdefault("axis", []).append(lines[3])
+        surfaces.append(surface)
+    geo.synchronize()
+    for name, lines in groups.items():
+        gmsh.model.setPhysicalName(1, gmsh.model.addPhysicalGroup(1, lines), name)
+    for number, surface in enumerate(surfaces):
+        tag = gmsh.model.addPhysicalGroup(2, [surface])
+        gmsh.model.setPhysicalName(2, tag, f"block_{number}")
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(order)
+    gmsh.write(str(path))
+    gmsh.finalize()
+
+
+SCENE = """
+mesh = "blocks.msh"
+element = "{element}"
+kinematics = "{kinematics}"
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = {nu}
+density = 1.0
+[[contact]]
+groups = ["under", "over"]
+"""
+PRESS = """method = "{method}"
+[[hold]]
+group = "bottom"
+components = ["y"]
+[[hold]]
+group = "axis"
+components = ["x"]
+[[move]]
+group = "top"
+translate = [0, -0.1, 0]
+components = ["y"]
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("method", ["penalty", "augmented_lagrangian"])
+@pytest.mark.parametrize("element, triangles", [("Q1", False), ("P2", True)])
+@pytest.mark.parametrize("kinematics", FLAT)
+def test_patch(comm, folder, kinematics, element, triangles, method):
+    """Blocks with other cells on both sides have a uniform pressure, in two passes."""
+    if comm.rank == 0:
+        blocks(folder / "blocks.msh", triangles, int(element[1]))
+        text = SCENE.format(element=element, kinematics=kinematics, nu=0.0)
+        (folder / "own.toml").write_text(text + PRESS.format(method=method))
+    comm.barrier()
+    result = solve(folder / "own.toml", comm)
+    row = result.steps[-1]["contacts"]["under/over"]
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    depth = row["penetration"]
+    stretch = 1 - (0.1 - depth)
+    P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    area = 1.0 if kinematics == "plane_strain" else pi
+    assert row["force"][1] == pytest.approx(P * area, rel=0.02)
+    assert row["force"][2] == 0
+    problem = result.problem
+    y, u = problem.coordinates[:, 1], problem.nodal(problem.x)
+    above = y > 0.5 + 1e-9
+    inside = (abs(y - 0.5) > 1e-9) & above
+    exact = -0.1 + (1 - stretch) * (1 - y)
+    assert abs(u[inside, 1] - exact[inside]).max(initial=0) < 2e-3
+    if method == "augmented_lagrangian":
+        assert depth < 1e-3
+
+
+@pytest.mark.parametrize("kinematics", FLAT)
+@pytest.mark.parametrize("element, triangles", [("Q1", False), ("P2", True), ("Q2", False)])
+def test_residual_and_hessian_are_derivatives(tmp_path, kinematics, element, triangles):
+    """At a deformed state with curved facets, by central differences."""
+    blocks(tmp_path / "blocks.msh", triangles, int(element[1]))
+    text = SCENE.format(element=element, kinematics=kinematics, nu=0.3)
+    (tmp_path / "own.toml").write_text(text + PRESS.format(method="penalty"))
+    problem = solve(tmp_path / "own.toml").problem
+    term = next(t for t in problem.terms if t.name == "contact")
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-5e-3, 5e-3, problem.x.getLocalSize())
+    term.begin_step(problem.split(problem.x)[0])
+    r, high, low, x = (problem.x.duplicate() for _ in range(4))
+    problem.gradient(problem.x, r)
+    problem.jacobian(problem.x, "exact")
+    h, free = 1e-7, np.setdiff1d(np.arange(len(r.array)), problem.constrained_dofs)
+    near = abs(problem.coordinates[:, 1] - 0.5) < 1e-9
+    for dof in np.intersect1d(free, (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()):
+        energies = []
+        for sign, force in ((1, high), (-1, low)):
+            problem.x.copy(x)
+            x.array[dof] += sign * h
+            energies.append(problem.energy(x))
+            problem.gradient(x, force)
+        slope = (energies[0] - energies[1]) / (2 * h)
+        assert slope == pytest.approx(r.array[dof], abs=5e-7 * abs(r.array).max())
+        column = ((high.array - low.array) / (2 * h))[free]
+        exact = problem.A.getColumnVector(int(dof)).array[free]
+        assert abs(column - exact).max() < 1e-5 * abs(exact).max()
+
+
+def test_momentum_of_a_collision(tmp_path):
+    """A block that falls on another one, both free: momentum and angular momentum are kept."""
+    blocks(tmp_path / "blocks.msh", False, 1, gap=0.01)
+    keys = """
+[gravity]
+vector = [0, -0.5, 0]
+table = "first"
+[[table]]
+name = "first"
+points = [[0, 1], [0.2, 1], [0.21, 0], [1, 0]]
+[[hold]]
+group = "bottom"
+[time]
+duration = 1.0
+steps = 20
+integrator = "newmark"
+"""
+    text = SCENE.format(element="Q1", kinematics="plane_strain", nu=0.3)
+    (tmp_path / "own.toml").write_text(text + keys)
+    result = solve(tmp_path / "own.toml")
+    forces = [row["contacts"]["under/over"]["force"][1] for row in result.steps]
+    assert min(forces) < 0  # the upper block presses the lower one down
+    assert result.steps[-1]["contacts"]["under/over"]["penetration"] < 0.01
+
+
+def test_contact_with_torsion_is_refused(tmp_path):
+    keys = '[[contact]]\ngroups = ["bottom", "top"]\n'
+    path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", keys)
+    with pytest.raises(BadInput, match="no contact, with kinematics = 'axisymmetric_torsion'"):
+        solve(path)
