@@ -7,6 +7,7 @@ from math import pi
 import gmsh
 import numpy as np
 import pytest
+from barrier_problems import needs_ipctk
 from test_plane_scenes import own_scene, solve
 
 import fem_snh
@@ -161,3 +162,88 @@ def test_contact_with_torsion_is_refused(tmp_path):
     path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", keys)
     with pytest.raises(BadInput, match="no contact, with kinematics = 'axisymmetric_torsion'"):
         solve(path)
+
+
+BARRIER = """
+mesh = "blocks.msh"
+element = "{element}"
+kinematics = "plane_strain"
+steps = 2
+reactions = ["bottom"]
+fields = ["contact_pressure"]
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.3
+[self_contact]
+method = "ipc"
+friction = {friction}
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [{slide}, -0.15, 0]
+"""
+
+
+def pressed(folder, element, friction=0.0, slide=0.0, comm=None, out=None):
+    if comm is None or comm.rank == 0:
+        blocks(folder / "blocks.msh", element[0] == "P", int(element[1]), gap=0.05)
+        text = BARRIER.format(element=element, friction=friction, slide=slide)
+        (folder / "own.toml").write_text(text)
+    if comm is not None:
+        comm.barrier()
+    return solve(folder / "own.toml", comm, **({"out": out} if out else {}))
+
+
+@needs_ipctk
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_barrier_between_two_blocks(comm, folder, element):
+    """They do not touch; the forces balance, and are the reactions."""
+    row = pressed(folder, element, comm=comm).steps[-1]
+    contact = row["self_contact"]
+    assert 0 < contact["distance"] < contact["activation"]
+    lower, upper = (np.array(force) for force in contact["bodies"])
+    assert lower == pytest.approx(-upper, abs=1e-12) and upper[1] > 0.05
+    assert row["reactions"]["bottom"][1] == pytest.approx(upper[1], rel=1e-4)
+
+
+@needs_ipctk
+@pytest.mark.parametrize("element", ["Q1", "Q2"])
+def test_barrier_has_derivatives(tmp_path, element):
+    """By central differences, with friction."""
+    problem = pressed(tmp_path, element, 0.3, 0.02, out=tmp_path / "out").problem
+    term = next(t for t in problem.terms if t.name == "self_contact")
+    term.begin_step(problem.split(problem.x)[0])
+    term.set_load(1.0)
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-1e-4, 1e-4, problem.x.getLocalSize())
+    r, high, low, x = (problem.x.duplicate() for _ in range(4))
+    problem.gradient(problem.x, r)
+    problem.jacobian(problem.x, "exact")
+    h, free = 1e-7, np.setdiff1d(np.arange(len(r.array)), problem.constrained_dofs)
+    near = abs(problem.coordinates[:, 1] - 0.525) < 0.03
+    for dof in np.intersect1d(free, (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()):
+        energies = []
+        for sign, force in ((1, high), (-1, low)):
+            problem.x.copy(x)
+            x.array[dof] += sign * h
+            energies.append(problem.energy(x))
+            problem.gradient(x, force)
+        slope = (energies[0] - energies[1]) / (2 * h)
+        assert slope == pytest.approx(r.array[dof], abs=1e-6 * abs(r.array).max())
+        column = ((high.array - low.array) / (2 * h))[free]
+        exact = problem.A.getColumnVector(int(dof)).array[free]
+        assert abs(column - exact).max() < 1e-4 * abs(exact).max()
+    assert (tmp_path / "out" / "fields.pvd").is_file()
+
+
+@needs_ipctk
+def test_friction_of_the_barrier(tmp_path):
+    """The upper block slides by far more than it sticks: its friction is mu times the pressure."""
+    row = pressed(tmp_path, "Q1", 0.1, 0.3).steps[-1]["self_contact"]
+    upper = np.array(row["bodies"][1])
+    friction = np.array(row["friction"])[1]
+    assert abs(friction[0]) == pytest.approx(0.1 * upper[1], rel=0.05)
+    assert friction[0] < 0

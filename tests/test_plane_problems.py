@@ -487,8 +487,8 @@ def test_what_three_dimensions_or_two_refuse():
         rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2)), "Q1", "plane_strain"
     )
     both = {"kinematics": "plane_strain"}
-    with pytest.raises(BadInput, match="SelfContact': expected no such term, on"):
-        fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, terms=[fem_snh.SelfContact("ipc")], **both)
+    with pytest.raises(BadInput, match="self_contact = 'reference': expected no value but"):
+        fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, terms=[fem_snh.SelfContact()], **both)
     with pytest.raises(BadInput, match="snes_linear_solver = 'iterative'"):
         options = {"snes_linear_solver": "iterative"}
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, petsc_options=options, **both)

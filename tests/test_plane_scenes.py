@@ -191,7 +191,7 @@ def test_a_run_resumes(tmp_path):
     [
         ("", "missing key 'kinematics': expected one of plane_strain, plane_stress, axis"),
         ('kinematics = "plain"', "kinematics = 'plain': expected one of plane_strain"),
-        ('kinematics = "plane_strain"\nself_contact = { method = "ipc" }', "self_contact"),
+        ('kinematics = "plane_strain"\nself_contact = {}', "self_contact = 'reference': expec"),
         ('kinematics = "plane_strain"\nerror = true', "error = True: expected no value, with kine"),
         (
             'kinematics = "plane_strain"\n[[hold]]\ngroup = "top"\ncomponents = ["z"]',

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.choices import FILTERS
 from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
@@ -50,6 +51,8 @@ class IPC(SelfContactTerm):
         of the smallest distance in the mesh.
     friction : float, optional
         Coulomb's coefficient mu.
+    kinematics : Kinematics, optional
+        That of the displacement: of a solid or of a plane.
 
     Attributes
     ----------
@@ -72,9 +75,10 @@ class IPC(SelfContactTerm):
         stiffness: float | None = None,
         distance: float | None = None,
         friction: float = 0.0,
+        kinematics: Kinematics = SOLID,
     ) -> None:
-        super().__init__(V, skin)
-        points = self.surface.points
+        super().__init__(V, skin, kinematics)
+        points = self.surface.points[:, : kinematics.components]
         surface = CollisionSurface(points, self.surface.triangles)
         self.collision_surface, self._rank = surface, V.mesh.comm.rank
         surface.check(points, "in the mesh")
@@ -84,7 +88,7 @@ class IPC(SelfContactTerm):
         self._energy = BarrierEnergy(surface, self.stiffness, self.distance, friction)
         self._checked, self._ended, self._slides = False, False, friction > 0
         # Forces of friction at the end of the last step, and where the next one starts.
-        self._old: Array = np.zeros(self.surface.support.X.shape)
+        self._old: Array = np.zeros((len(self.surface.support.X), kinematics.components))
         self._origin = np.zeros_like(self._old)
         self._next: Array | None = None
         self._blocks: tuple[Array, str, Blocks] | None = None
@@ -108,7 +112,7 @@ class IPC(SelfContactTerm):
         forces = self._matrix.nodal(self._energy.gradient(self._positions(u)))
         if self._next is not None:
             forces += self._old
-        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
+        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, self._old.shape[1]))
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
@@ -132,7 +136,7 @@ class IPC(SelfContactTerm):
 
     def largest_step(self, u: Array, d: Array) -> float:
         """Return the part of a step before its first collision: see `StepLimitingTerm`."""
-        x = np.asfortranarray(self.surface.positions(u))
+        x = np.asfortranarray(self._points(u))
         moved = self.surface.interpolate(self.surface.support.gather(d))
         return self.collision_surface.largest_step(x, moved)
 
@@ -215,7 +219,9 @@ class IPC(SelfContactTerm):
     def set_history(self, values: Array) -> None:
         """Set the forces of friction, in the order of `history`. Collective."""
         if self._slides:
-            parts = self.surface.support.comm.allgather(np.asarray(values).reshape(-1, 3))
+            parts = self.surface.support.comm.allgather(
+                np.asarray(values).reshape(-1, self._old.shape[1])
+            )
             self._old = np.concatenate(parts)
 
     def _friction_forces(self, u: PETSc.Vec) -> Array:
@@ -224,11 +230,16 @@ class IPC(SelfContactTerm):
 
     def _nodal_displacement(self, u: PETSc.Vec) -> Array:
         """Return the displacement of the nodes, (m, 3). Collective."""
-        return self.surface.support.gather(local_values(u).reshape(-1, 3))
+        return self.surface.support.gather(local_values(u).reshape(-1, self._old.shape[1]))
 
     def _positions(self, u: PETSc.Vec) -> Array:
         """Return the points of the surface (n, 3), in Fortran order. Collective."""
-        return np.asfortranarray(self.surface.positions(local_values(u).reshape(-1, 3)))
+        return np.asfortranarray(self._points(local_values(u).reshape(-1, self._old.shape[1])))
+
+    def _points(self, u: Array) -> Array:
+        """Return the points of the surface for nodal displacements (local nodes, c). Collective."""
+        moved = self.surface.interpolate(self.surface.support.gather(u))
+        return np.asarray(self.surface.points[:, : moved.shape[1]] + moved)
 
     def _hessian(self, x: Array, filter: str) -> Blocks:
         """Return the filtered Hessian's blocks, of the last call if it was for the same."""

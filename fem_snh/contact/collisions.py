@@ -57,7 +57,8 @@ class CollisionSurface:
     points : (n, 3)
         Reference positions [m].
     triangles : (m, 3) int32
-        Points of each triangle.
+        Points of each triangle; (m, 2) of each segment, in two dimensions. Points that methods get
+        are then (n, 2).
 
     Attributes
     ----------
@@ -78,8 +79,12 @@ class CollisionSurface:
 
     def __init__(self, points: Array, triangles: Array) -> None:
         self.ipctk = import_ipctk()
-        self._edges = self.ipctk.edges(triangles)
-        self.mesh = self.ipctk.CollisionMesh(_rows(points), self._edges, triangles)
+        if triangles.shape[1] == 2:
+            self._edges, points = triangles, points[:, :2]
+            self.mesh = self.ipctk.CollisionMesh(_rows(points), triangles)
+        else:
+            self._edges = self.ipctk.edges(triangles)
+            self.mesh = self.ipctk.CollisionMesh(_rows(points), self._edges, triangles)
         a, b = self._edges.T
         self.edge_length = float(np.linalg.norm(points[a] - points[b], axis=1).mean())
         graph = csr_matrix((np.ones(len(a)), (a, b)), shape=(len(points),) * 2)
@@ -113,7 +118,8 @@ class CollisionSurface:
         return float(np.sqrt(found))
 
     def sums(self, forces: Array) -> list[list[float]]:
-        """Return the sum of the points' forces (n, 3) for each body, (bodies, 3) [N]."""
+        """Return the sum of the points' forces for each body, three components [N]."""
+        forces = np.pad(forces, ((0, 0), (0, 3 - forces.shape[1])))
         count = self.bodies.max() + 1
         sums = np.transpose([np.bincount(self.bodies, f, count) for f in forces.T])
         return [[float(f) for f in row] for row in sums]
@@ -151,6 +157,8 @@ class CollisionSurface:
         """Return the middle of an edge that intersects a triangle, (3,) [m]; None if none does."""
         if not self.intersects(x):
             return None
+        if self._triangles.shape[1] == 2:
+            return np.asarray(x.mean(axis=0))
         search = self.ipctk.LBVH()
         search.build(_rows(x), self._edges, self._triangles, 0.0)
         for found in search.detect_edge_face_candidates():
@@ -272,7 +280,7 @@ class SurfaceFriction:
 
     def _gradient(self, collisions: Any, x: Array) -> Array:
         mesh, slip = self._surface.mesh, self._slip(x)
-        return np.asarray(self._potential.gradient(collisions, mesh, slip)).reshape(-1, 3)
+        return np.asarray(self._potential.gradient(collisions, mesh, slip)).reshape(x.shape)
 
     def _slip(self, x: Array) -> Array:
         """Return the displacement since the start of the step."""
@@ -339,7 +347,7 @@ class BarrierEnergy:
     def gradient(self, x: Array) -> Array:
         """Return the derivative of the energy and of that of friction, (n, 3) [N]."""
         found = self._barrier.gradient(self.collisions(x), self._surface.mesh, x)
-        return np.asarray(found).reshape(-1, 3) + self.friction.gradient(x)
+        return np.asarray(found).reshape(x.shape) + self.friction.gradient(x)
 
     def hessian(self, x: Array, filter: str) -> Any:
         """Return the filtered second derivative [N/m], a sparse (3 n, 3 n) matrix."""

@@ -35,7 +35,8 @@ class EmbeddedSurface:
     points : (n, 3)
         Reference positions X [m].
     triangles : (m, 3) int
-        Points of each triangle, counter-clockwise seen from outside of the body.
+        Points of each triangle, counter-clockwise seen from outside of the body; in two dimensions
+        (m, 2), the points of segments.
     nodes : (n, k) int64
         Global nodes of V that each point depends on.
     weights : (n, k)
@@ -49,13 +50,15 @@ class EmbeddedSurface:
         The nodes that the points depend on.
     columns : (n, k) int
         Rows of ``support.nodes`` that hold ``nodes``.
+    components : int
+        Components of the displacement.
     """
 
     def __init__(
         self, V: Any, points: Array, triangles: Array, nodes: Array, weights: Array
     ) -> None:
         self.points, self.triangles = points, np.asarray(triangles, np.int32)
-        self.nodes, self.weights = nodes, weights
+        self.nodes, self.weights, self.components = nodes, weights, _dolfinx.num_components(V)
         self.support = GatheredNodes(V, nodes.ravel())
         self.columns = np.searchsorted(self.support.nodes, nodes)
 
@@ -83,7 +86,7 @@ class EmbeddedSurface:
         return cls(
             V,
             surface.X[used[order]],
-            rank[index].reshape(-1, 3),
+            rank[index].reshape(-1, corners.shape[1]),
             nodes[:, None],
             np.ones((len(nodes), 1)),
         )
@@ -152,8 +155,12 @@ def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
 def _subdivision(kind: str, degree: int) -> Array:
     """Return the triangles (m, 3) between the nodes of a facet, in `FacetShape`'s order.
 
+    Of a curve they are segments, (m, 2).
+
     The nodes are sorted by the second, then by the first reference coordinate.
     """
+    if kind == "interval":
+        return np.stack([np.arange(degree), np.arange(1, degree + 1)], axis=1)
     is_triangle = kind == "triangle"
     starts, count = list[int](), 0
     for row in range(degree + 1):
@@ -207,8 +214,10 @@ class SurfaceMatrix:
         entries = (surface.weights.ravel(), surface.columns.ravel(), indptr)
         weights = csr_matrix(entries, shape=shape)
         self._own = np.flatnonzero(own)
-        self._map = kron(weights, identity(3), format="csr")
-        self._own_map = kron(weights[:, self._own].T, identity(3), format="csr")
+        self._components = surface.components
+        one = identity(self._components)
+        self._map = kron(weights, one, format="csr")
+        self._own_map = kron(weights[:, self._own].T, one, format="csr")
         self._nodal_map = csr_matrix(weights.T)
         self._keys: Array = np.empty(0, np.int64)
         self.pairs: Array = np.empty((0, 2), np.int64)
@@ -219,7 +228,7 @@ class SurfaceMatrix:
 
     def blocks(self, matrix: Any) -> Blocks:
         """Return the blocks of a sparse matrix of the points, (3 n, 3 n)."""
-        found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((3, 3))
+        found = csr_matrix(self._own_map @ (matrix @ self._map)).tobsr((self._components,) * 2)
         rows = self._own[np.repeat(np.arange(len(self._own)), np.diff(found.indptr))]
         return Blocks(rows, found.indices, found.data)
 

@@ -106,6 +106,8 @@ class SelfContactTerm(ABC):
         The displacement's space.
     skin : Skin or None
         The surface, if a lattice carries it; None for the boundary of the mesh.
+    kinematics : Kinematics, optional
+        That of the displacement.
 
     Attributes
     ----------
@@ -115,7 +117,8 @@ class SelfContactTerm(ABC):
 
     name, has_energy, depends_on_load = "self_contact", True, False
 
-    def __init__(self, V: Any, skin: Skin | None) -> None:
+    def __init__(self, V: Any, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
+        self._kinematics = kinematics
         self.surface: EmbeddedSurface = embedded_surface(V, skin)
         self._V, self._matrix = V, SurfaceMatrix(self.surface)
 
@@ -133,21 +136,28 @@ class SelfContactTerm(ABC):
         values = writable_values(forces)
         values[:] = 0
         self.add_residual(u, None, forces, None)
-        nodal = values.reshape(-1, 3)
+        components = self._kinematics.components
+        nodal = values.reshape(-1, components)
         size = np.linalg.norm(nodal, axis=1)
         nodal[:] = np.divide(size, self._areas, out=np.zeros_like(size), where=self._areas > 0)[
             :, None
         ]
         update_ghosts(forces)
-        return np.array(local_values(forces).reshape(-1, 3)[:, 0])
+        return np.array(local_values(forces).reshape(-1, components)[:, 0])
 
     @cached_property
     def _areas(self) -> Array:
         """The areas of this rank's nodes, ghosts included, (nodes,) [m^2]."""
         surface = self.surface
-        a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
-        thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
-        points = np.bincount(surface.triangles.ravel(), np.repeat(thirds, 3), len(surface.points))
+        corners, count = surface.points[surface.triangles], surface.triangles.shape[1]
+        ways = corners[:, 1:] - corners[:, :1]
+        if count == 2:
+            parts = np.linalg.norm(ways[:, 0], axis=1) / 2
+        else:
+            parts = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 6
+        points = np.bincount(
+            surface.triangles.ravel(), np.repeat(parts, count), len(surface.points)
+        )
         weighted = surface.weights * points[:, None]
         areas = np.bincount(
             surface.columns.ravel(), weighted.ravel(), minlength=len(surface.support.nodes)

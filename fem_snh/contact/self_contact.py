@@ -36,7 +36,7 @@ class SelfContact(Feature):
     barrier needs the package ipctk, and no start that intersects.
     """
 
-    key = "self_contact"
+    key, planar = "self_contact", True
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {
         "contact_pressure": AT_OBSTACLES["contact_pressure"]
     }
@@ -83,7 +83,10 @@ class SelfContact(Feature):
             raise bad_value("terms", f"{len(features)} of SelfContact", "at most one")
         if not body.regions:
             raise bad_value("terms", "self-contact", "a material: its modulus scales the contact")
-        chosen = features[0]
+        chosen, kinematics = features[0], body.kinematics
+        if kinematics.dim == 2 and (kinematics.revolved or chosen.method != "ipc"):
+            accepted = "no value but method = 'ipc' in a plane, on a mesh of 2 dimensions"
+            raise bad_value(cls.key, chosen.method, accepted)
         if chosen.method == "reference":
             from fem_snh.contact.reference.reference import ReferenceContact  # imports PETSc
 
@@ -91,4 +94,4 @@ class SelfContact(Feature):
         from fem_snh.contact.barrier import IPC  # imports PETSc
 
         values = chosen.stiffness, chosen.distance, chosen.friction
-        return [IPC(body.V, body.skin, body.regions, *values)]
+        return [IPC(body.V, body.skin, body.regions, *values, kinematics)]

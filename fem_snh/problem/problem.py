@@ -181,7 +181,9 @@ class Problem:
             self.A.setNearNullSpace(motions)
         self.terms: list[Term] = [self.elastic, *terms]
         self.history = TermHistory(self.terms)
-        self.largest_step = StepLimit.of(self.terms, unknowns.num_owned_nodes)
+        self.largest_step = StepLimit.of(
+            self.terms, unknowns.num_owned_nodes, self.kinematics.components
+        )
         self._coupling_terms = [term for term in self.terms if isinstance(term, CouplingTerm)]
         self._rank_one = RankOneUpdate.of(self.terms, self.A, self.V, self.project)
         self.operator = self._rank_one.mat if self._rank_one else self.A

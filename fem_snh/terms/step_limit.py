@@ -29,7 +29,7 @@ class StepLimitingTerm(Protocol):
 
         Parameters
         ----------
-        u, d : (owned nodes, 3)
+        u, d : (owned nodes, components)
             Displacement and step [m].
         """
 
@@ -43,21 +43,26 @@ class StepLimit:
         The terms.
     num_nodes : int
         Number of displacement nodes that this rank owns.
+    components : int, optional
+        Components of the displacement.
     """
 
-    def __init__(self, terms: Sequence[StepLimitingTerm], num_nodes: int) -> None:
-        self._terms, self._num_nodes = list(terms), num_nodes
+    def __init__(
+        self, terms: Sequence[StepLimitingTerm], num_nodes: int, components: int = 3
+    ) -> None:
+        self._terms, self._num_nodes, self._components = list(terms), num_nodes, components
 
     @classmethod
-    def of(cls, terms: Sequence[Term], num_nodes: int) -> StepLimit | None:
+    def of(cls, terms: Sequence[Term], num_nodes: int, components: int = 3) -> StepLimit | None:
         """Return the limit of those terms that have one; None if no term does."""
         limiting = [term for term in terms if isinstance(term, StepLimitingTerm)]
-        return cls(limiting, num_nodes) if limiting else None
+        return cls(limiting, num_nodes, components) if limiting else None
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec) -> float:
         """Return a length in [0, 1] up to which all of the step x + s d is admissible. Collective.
 
         ``x`` and ``d`` hold unknowns, the displacement's first.
         """
-        u, step = (v.array_r[: 3 * self._num_nodes].reshape(-1, 3) for v in (x, d))
+        size = self._components * self._num_nodes
+        u, step = (v.array_r[:size].reshape(-1, self._components) for v in (x, d))
         return min(term.largest_step(u, step) for term in self._terms)
