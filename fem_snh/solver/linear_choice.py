@@ -77,9 +77,10 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     if wanted != CHOICES[0]:
         return LinearChoice(wanted == "direct")
     if problem.operator != problem.A:
-        return LinearChoice(
-            False, "a load adds matrices of rank one, which are applied without being assembled"
-        )
+        reason = "a load adds matrices of rank one, which are applied without being assembled"
+        if regime.dimension == 2:
+            reason += ": CG with sparse factors of the rest"
+        return LinearChoice(False, reason)
     if regime.dimension == 2:
         return LinearChoice(True, "a mesh of 2 dimensions: sparse factors cost little")
     direct = not regime.inertia and regime.nodes <= _MAX_NODES

@@ -171,9 +171,13 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
         saddle_point.configure(ksp, problem.A, problem.saddle_point, problem.coordinates, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
-        # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step.
+        # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step. In
+        # two dimensions these are the sparse factors of that part.
+        if problem.regime.dimension == 2:
+            set_direct_solver(ksp)
+        else:
+            ksp.getPC().setType(PETSc.PC.Type.SOR)
         ksp.setType(PETSc.KSP.Type.CG)
-        ksp.getPC().setType(PETSc.PC.Type.SOR)
     elif not named:
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(EisenstatCG(problem.coordinates))
