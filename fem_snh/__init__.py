@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from fem_snh.kernels.material import material
     from fem_snh.nonlinear_problem import NonlinearProblem
     from fem_snh.runs import Result, run
+    from fem_snh.runs.inverse import fit_scene
     from fem_snh.runs.start import interpolate_run
     from fem_snh.scenes import register_feature
     from fem_snh.studies.fit import Fit, fit
@@ -46,8 +47,8 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "Cavity", "Contact", "DynamicProblem", "Feature", "Fit", "Gravity",
     "NonlinearProblem", "Obstacle", "Pressure", "Result", "Rigid", "SelfContact", "Spring",
-    "Symmetry", "Term", "Traction", "fit", "interpolate_run", "material", "materials",
-    "register_feature", "run",
+    "Symmetry", "Term", "Traction", "fit", "fit_scene", "interpolate_run", "material",
+    "materials", "register_feature", "run",
 ]  # fmt: skip
 
 #: Modules of the public names. They are imported on first use, as importing dolfinx is slow.
@@ -55,6 +56,7 @@ _MODULES = {
     "material": "kernels.material",
     "run": "runs",
     "fit": "studies.fit",
+    "fit_scene": "runs.inverse",
     "Fit": "studies.fit",
     "interpolate_run": "runs.start",
     "Result": "runs",

@@ -12,14 +12,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from math import nan
 
 from petsc4py import PETSc
 
 import numpy as np
 
 from fem_snh import _dolfinx, solver
-from fem_snh._petsc import set_operators
+from fem_snh.accuracy.hessian_solver import HessianSolver
 from fem_snh.assembly.elements import ELEMENTS, Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -31,8 +30,6 @@ from fem_snh.assembly.ghosted_vectors import (
 )
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
-from fem_snh.solver.forcing import relative_tolerance
-from fem_snh.solver.saddle_point import outer_operator
 
 #: Prefix of its solver's options: those of the run are for another problem.
 PREFIX = f"{solver.PREFIX}lifted_"
@@ -230,30 +227,13 @@ class Lift:
         Where its preconditioner finds the Hessian indefinite, the filtered one replaces it. The
         solution is NaN if no solver converges.
         """
-        lifted, ksp = self.lifted, self._snes.getKSP()
-
-        def assemble(filter: str) -> None:
-            lifted.jacobian(lifted.x, filter)
-            if lifted.saddle_point:
-                lifted.saddle_point.update_schur_approximation(lifted.A)
-            set_operators(ksp, outer_operator(ksp, lifted.operator, lifted.A), lifted.A)
-
-        filters = ["exact", "clamp"]
-        assemble(filters.pop(0))
+        solver_of_duals = HessianSolver(self.lifted, self._snes.getKSP(), _DUAL)
 
         def solve(rhs: PETSc.Vec) -> PETSc.Vec:
-            z = rhs.duplicate()
-            while True:
-                z.set(0.0)
-                with relative_tolerance(ksp, _DUAL):
-                    ksp.solve(rhs, z)
-                self.linear += ksp.getIterationNumber()
-                if ksp.getConvergedReason() > 0:
-                    return z
-                if not filters:
-                    z.set(nan)
-                    return z
-                assemble(filters.pop(0))
+            before = solver_of_duals.iterations
+            z = solver_of_duals(rhs)
+            self.linear += solver_of_duals.iterations - before
+            return z
 
         return solve
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 import sys
 from argparse import Namespace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fem_snh.cli.options import REPEATED, Parser, assignments, output, value
+from fem_snh.cli.options import REPEATED, Parser, assignments, output, split_petsc, value
 from fem_snh.cli.studies import comma_list
 from fem_snh.errors import BadInput
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from fem_snh.studies.fit import Fit
 
 EPILOG = """\
@@ -20,8 +23,12 @@ fem-snh fit ogden treloar                          Treloar's rubber, which is bu
 fem-snh fit yeoh pull.csv squeeze.csv              two tests at once
 fem-snh fit stable_neo_hookean pull.csv --nu 0.45  compressible; --parameters alpha fits it too
 fem-snh fit --all treloar                          rank all materials
+fem-snh fit press.toml --to curve.csv --parameters E,nu   fit a scene to a measured curve
 
-A file has columns with names, in lines '# key = value' what its names do not say:
+The curve has a column load, from 0 to 1, or the scene's load_name, and columns with the names of
+goals, e.g. right.force.x. It works under mpirun too.
+
+A file of test data has columns with names, in lines '# key = value' what its names do not say:
   # test = uniaxial          or equibiaxial, planar, simple_shear, volumetric, confined
   stretch, stress [MPa]      or strain, shear, volume_ratio; pressure
 """
@@ -39,8 +46,11 @@ def fit_parser() -> Parser:
     )
     parser.add(
         """
-        names NAME  a material or FILE.py:FUNCTION, then files of test data; with --all only files
+        names NAME  a material or FILE.py:FUNCTION, then files of test data; with --all only files;
+            with --to a scene
         --all  fit all materials and rank them
+        --to FILE  measured curve to which parameters of the scene are fitted
+        --solves N  largest number of solves of the scene; default: 12
         --nu X  Poisson's ratio; by default J = 1, and with volumetric or confined tests nu is
             fitted
         --incompressible  the volume is constant, J = 1
@@ -60,14 +70,20 @@ def fit_parser() -> Parser:
         set=REPEATED,
         bounds=REPEATED,
         nu=value,
+        solves={"type": value, "default": 12},
         out={"type": output, "default": Path("out/fit")},
     )
     return parser
 
 
 def fit(argv: list[str]) -> int:
-    """Fit a material, or rank all of them; return 0."""
-    args = fit_parser().parse(argv)
+    """Fit a material, rank all of them, or fit a scene; return 0, or 1 without convergence."""
+    words, petsc = split_petsc(argv)
+    args = fit_parser().parse(words)
+    if args.to is not None:
+        return _fit_scene(args, petsc)
+    if petsc:
+        raise BadInput("fit: PETSc options: expected with a scene and --to")
     keywords: dict[str, Any] = {
         "nu": args.nu,
         "incompressible": args.incompressible or None,
@@ -98,6 +114,54 @@ def fit(argv: list[str]) -> int:
     found.plot(args.out / "fit.png")
     print(f"{args.out}: fit.json, fit.png, material.toml")
     return 0
+
+
+def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
+    """Fit parameters of a scene to a measured curve; return 0 if the search converged, else 1."""
+    from mpi4py import MPI
+
+    from rich.console import Console
+
+    from fem_snh.errors import check_whole, on_root
+    from fem_snh.runs.inverse import fit_scene
+
+    given = (args.all, args.incompressible, args.bounds, args.relative, args.weights, args.test,
+             args.columns, args.unit, args.range, args.report)  # fmt: skip
+    if any(given):
+        raise BadInput(
+            "fit --to: expected with --parameters, --solves, --nu, --set and --out alone"
+        )
+    if len(args.names) != 1 or not args.parameters:
+        raise BadInput("fit --to: expected one scene and --parameters NAME,..")
+    check_whole("solves", args.solves, 1, 10**6)
+    overrides = {key: value(text) for key, text in assignments(args.set).items()}
+    comm = MPI.COMM_WORLD
+    with Console(stderr=True, quiet=comm.rank > 0).status("fitting"):
+        found = fit_scene(
+            args.names[0],
+            args.to,
+            comma_list("parameters", args.parameters),
+            max_solves=args.solves,
+            nu=args.nu,
+            petsc=petsc or None,
+            **overrides,
+        )
+
+    def report() -> None:
+        console = Console(width=None if sys.stdout.isatty() else 110)
+        console.print(_parameters(found.parameters, found.errors))
+        print(
+            f"{found.solves} solves, {'converged' if found.converged else 'not converged'}: "
+            f"rms {found.rms:.4g}, R² {found.r_squared:.6f}\n"
+        )
+        print(found.table())
+        found.write(args.out / "fit.json")
+        found.write_table(args.out / "material.toml")
+        found.plot(args.out / "fit.png")
+        print(f"{args.out}: fit.json, fit.png, material.toml")
+
+    on_root(comm, report)
+    return 0 if found.converged else 1
 
 
 def _rank(args: Namespace, keywords: dict[str, Any]) -> int:
@@ -150,10 +214,7 @@ def _print(found: Fit) -> None:
     from rich.table import Table
 
     console = Console(width=None if sys.stdout.isatty() else 110)
-    table = Table("parameter", "value", "standard error")
-    for name, number in found.parameters.items():
-        table.add_row(name, f"{number:.6g}", _error(found.errors[name]))
-    console.print(table)
+    console.print(_parameters(found.parameters, found.errors))
     table = Table("test", "kind", "points", "rms", "largest", "R²")
     for t in found.tests:
         table.add_row(
@@ -167,6 +228,16 @@ def _print(found: Fit) -> None:
         print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
     print()
     print(found.table())
+
+
+def _parameters(values: Mapping[str, float], errors: Mapping[str, float]) -> Table:
+    """Return the table of parameters with their standard errors."""
+    from rich.table import Table
+
+    table = Table("parameter", "value", "standard error")
+    for name, number in values.items():
+        table.add_row(name, f"{number:.6g}", _error(errors[name]))
+    return table
 
 
 def _error(error: float) -> str:

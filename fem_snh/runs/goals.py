@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,24 @@ def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, as there is a force without an energy")
     return [_goal(scene, mesh, name) for name in dict.fromkeys(names)]
+
+
+def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
+    """Return goals of one component by their names.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a goal that the scene or its mesh does not have, for the energy, and for
+        a vector.
+    """
+    goals = []
+    for name in names:
+        goal = _goal(scene, mesh, name)
+        if name == "energy" or len(goal.names) > 1:
+            raise bad_value("goal", name, "a component such as right.force.x, or a volume")
+        goals.append(goal)
+    return goals
 
 
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +42,10 @@ class Stepper:
     ----------
     size : StepSize
         The size of the next step.
+    targets : sequence of float
+        The loads that are reached; the multiples of 1/steps, unless they are set.
     done : bool
-        Whether load 1 is reached.
+        Whether the last of them is reached.
     seconds : float
         Elapsed seconds of the steps.
     processor : float
@@ -62,6 +64,7 @@ class Stepper:
         stability: EquilibriumStability | None = None,
     ) -> None:
         self.solver, self.problem, self.steps = solver, solver.problem, steps
+        self.targets: Sequence[float] = [k / steps for k in range(1, steps + 1)]
         self._stability = stability
         self.probes, self._bones, self._output_every = probes, bones, output_every
         self.motion = motion = solver.motion
@@ -79,7 +82,7 @@ class Stepper:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         problem = self.problem
-        for target in (k / self.steps for k in range(1, self.steps + 1)):
+        for target in self.targets:
             while problem.load < target:
                 load = problem.load
                 to = self.size.end(load, target)

@@ -115,6 +115,29 @@ def read(
         For everything that is wrong in the file.
     """
     path = Path(path)
+    stated, rows = read_cells(path)
+    given = {"test": test, "unit": unit, "weight": weight}
+    stated |= {key: str(value) for key, value in given.items() if value is not None}
+    names = columns
+    if names is None and "columns" in stated:
+        names = _cells(stated["columns"])
+    header = any(not is_number(cell) and cell.lower() not in _kinds() for cell in rows[0][1])
+    if header:
+        names = names or rows[0][1]
+        rows = rows[1:]
+    if names is None:
+        raise BadInput(
+            f"{path}: no line of column names above the numbers: expected one, e.g. "
+            "'stretch, stress [MPa]', or --columns stretch,stress"
+        )
+    return _tests(path, stated, _columns(path, names), rows)
+
+
+def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
+    """Return what the comments of a file state, and the number and the cells of each other line.
+
+    Raises BadInput for a file that cannot be read, and for one without such lines.
+    """
     built_in = DATASETS.get(str(path)) if not path.exists() else None
     try:
         text = read_text(built_in or path, encoding="utf-8-sig")
@@ -126,23 +149,9 @@ def read(
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"data = '{path}': {reason}") from None
     stated, rows = _lines(text)
-    given = {"test": test, "unit": unit, "weight": weight}
-    stated |= {key: str(value) for key, value in given.items() if value is not None}
     if not rows:
-        raise BadInput(f"{path}: no line of numbers: expected columns stretch, stress")
-    names = columns
-    if names is None and "columns" in stated:
-        names = _cells(stated["columns"])
-    header = any(not _is_number(cell) and cell.lower() not in _kinds() for cell in rows[0][1])
-    if header:
-        names = names or rows[0][1]
-        rows = rows[1:]
-    if names is None:
-        raise BadInput(
-            f"{path}: no line of column names above the numbers: expected one, e.g. "
-            "'stretch, stress [MPa]', or --columns stretch,stress"
-        )
-    return _tests(path, stated, _columns(path, names), rows)
+        raise BadInput(f"{path}: no line of numbers: expected columns of numbers")
+    return stated, rows
 
 
 def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
@@ -300,7 +309,8 @@ def _checked(path: Path, kind: str, several: bool, points: Array) -> TestData:
     return found
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number."""
     try:
         float(text)
     except ValueError:

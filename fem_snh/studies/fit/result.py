@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,11 +201,8 @@ class Fit:
 
     def table(self) -> str:
         """Return the table ``[material]`` of a scene."""
-        lines = ["[material]", f"name = {json.dumps(self.name)}", f"E = {_toml(self.E)}"]
-        comment = "  # requires P2P1 or Q2Q1" if self.incompressible else ""
-        lines.append(f"nu = {_toml(self.nu)}{comment}")
-        lines += [f"{k} = {_toml(v)}" for k, v in self.shape.items() if v is not None]
-        return "\n".join(lines) + "\n"
+        text = toml_table("material", {"name": self.name, "E": self.E, "nu": self.nu, **self.shape})
+        return text.replace("nu = 0.5\n", "nu = 0.5  # requires P2P1 or Q2Q1\n", 1)
 
     def record(self) -> dict[str, Any]:
         """Return the result as the content of fit.json."""
@@ -263,6 +260,12 @@ def r_squared(stress: Array, residual: Array) -> float:
     """Return the coefficient of determination R^2; NaN of data that do not vary."""
     varied = float(((stress - stress.mean()) ** 2).sum())
     return 1 - float(residual @ residual) / varied if varied > 0 else math.nan
+
+
+def toml_table(name: str, values: Mapping[str, Any]) -> str:
+    """Return a table of TOML, without the values that are None."""
+    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
+    return "\n".join([f"[{name}]", *lines]) + "\n"
 
 
 def _toml(value: Any) -> str:

@@ -75,3 +75,21 @@ def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
     span = _MOST_STRESS * float(np.abs(known).max())
     ax.set_ylim(-span if known.min() < 0 else 0.0, span if known.max() > 0 else 0.0)
     ax.set_xlim(low, end)
+
+
+def draw_curve(curve: Any, fitted: Any, out: Path) -> Path:
+    """Draw measured and fitted goals of a scene; raise BadInput if ``out`` cannot be written."""
+    figure, axes = subplots(1, share=False)
+    (ax,) = axes
+    for number, name in enumerate(curve.names):
+        known = np.isfinite(fitted[:, number])
+        x = curve.x[known]
+        ax.plot(
+            x, curve.values[known, number], ls="", marker=MARKERS[number % len(MARKERS)],
+            mfc="white", mec=colour(number), ms=5, label=f"{plain(name)}, measured",
+        )  # fmt: skip
+        label = f"{plain(name)}, fitted"
+        ax.plot(x, fitted[known, number], color=colour(number), lw=1.8, label=label)
+    ax.set_xlabel(plain(curve.label))
+    legend(figure, ax)
+    return save(figure, out)

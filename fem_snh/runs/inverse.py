@@ -1,0 +1,519 @@
+r"""Fit numbers of a scene to a measured curve, such as a force over a displacement.
+
+A goal :math:`Q_k` of the equilibrium at load k has by the adjoint method the derivative
+
+.. math::
+
+    \frac{dQ_k}{dp} = -z_k \cdot \frac{\partial r}{\partial p}, \qquad
+    H z_k = \frac{\partial Q_k}{\partial u}
+
+with the exact Hessian H, which is symmetric: one linear solve for each measured value, whatever the
+number of parameters. The residual's derivative by a parameter is a central difference of assembled
+residuals at the converged states, in which no equilibrium is solved for.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from fem_snh import scenes, solver
+from fem_snh._petsc import default_options
+from fem_snh.accuracy.goals import Goal, Linearisation
+from fem_snh.accuracy.hessian_solver import HessianSolver
+from fem_snh.atomic_files import make_folder_of, replace_file
+from fem_snh.errors import BadInput, Failed, bad_value, on_every
+from fem_snh.linalg import multigrid
+from fem_snh.linalg.direct_solver import set_direct_solver
+from fem_snh.runs.goals import named_goals
+from fem_snh.runs.setup import Setup, make_problem, set_up
+from fem_snh.studies.fit.data import is_number, read_cells
+from fem_snh.studies.fit.least_squares import standard_errors
+from fem_snh.studies.fit.result import toml_table
+
+Array = npt.NDArray[np.float64]
+
+#: Step of the central difference of residuals in a variable of size one: the cube root of the
+#: rounding error.
+_STEP = 6e-6
+#: Relative tolerance of the adjoint solves.
+_ADJOINT = 1e-9
+#: Loads that differ by less are the same.
+_SAME_LOAD = 1e-9
+#: Relative change of the sum of squares, and of the parameters, at which the search ends.
+_TOLERANCE = 1e-7
+#: A run that fails counts as residuals of this many times the measured curve.
+_FAILED = 10.0
+#: Largest number of runs.
+MAX_SOLVES = 12
+#: Keys of a scene that are parameters without the prefix "material.".
+_SCENE_KEYS = ("E", "nu")
+#: Loads of a curve whose first column is called so need no range.
+_LOAD = "load"
+
+
+@dataclass(frozen=True)
+class MeasuredCurve:
+    """Measured goals over the load.
+
+    Attributes
+    ----------
+    label : str
+        Name of the first column of the file.
+    x : (n,)
+        The column.
+    loads : (n,)
+        The loads, in (0, 1], ascending.
+    names : list of str
+        The goals.
+    values : (n, goals)
+        The measurements; NaN where a cell is empty.
+    """
+
+    label: str
+    x: Array
+    loads: Array
+    names: list[str]
+    values: Array
+
+
+@dataclass
+class SceneFit:
+    """Numbers of a scene fitted to a curve.
+
+    Attributes
+    ----------
+    parameters, errors : dict
+        The numbers and their standard errors.
+    curve : MeasuredCurve
+        The measurements.
+    fitted : (n, goals)
+        The goals of the fitted scene.
+    converged : bool
+        Whether the search converged.
+    solves, linear : int
+        Runs of the scene, and iterations of the adjoint solves.
+    material : dict
+        The scene's table ``material`` with the fitted numbers.
+    """
+
+    parameters: dict[str, float]
+    errors: dict[str, float]
+    curve: MeasuredCurve
+    fitted: Array
+    converged: bool
+    solves: int
+    linear: int
+    material: dict[str, Any]
+
+    @property
+    def rms(self) -> float:
+        """Return the root mean square of the residual."""
+        return float(np.sqrt(np.nanmean((self.fitted - self.curve.values) ** 2)))
+
+    @property
+    def r_squared(self) -> float:
+        """Return the coefficient of determination R^2."""
+        measured = self.curve.values
+        varied = float(np.nansum((measured - np.nanmean(measured)) ** 2))
+        residual = float(np.nansum((self.fitted - measured) ** 2))
+        return 1 - residual / varied if varied > 0 else float("nan")
+
+    def record(self) -> dict[str, Any]:
+        """Return the content of fit.json."""
+        curve = self.curve
+        return {
+            "parameters": self.parameters,
+            "standard_errors": {k: v if np.isfinite(v) else None for k, v in self.errors.items()},
+            "converged": self.converged,
+            "solves": self.solves,
+            "linear": self.linear,
+            "r_squared": self.r_squared,
+            "rms": self.rms,
+            "loads": curve.loads.tolist(),
+            "measured": _by_name(curve.names, curve.values),
+            "fitted": _by_name(curve.names, self.fitted),
+        }
+
+    def table(self) -> str:
+        """Return the table ``[material]`` of a scene."""
+        return toml_table("material", self.material)
+
+    def write(self, path: str | Path) -> None:
+        """Write fit.json; raise BadInput if that fails."""
+        path = Path(path)
+        make_folder_of(path)
+        replace_file(path, json.dumps(self.record(), indent=1) + "\n")
+
+    def write_table(self, path: str | Path) -> None:
+        """Write `table` into a file; raise BadInput if that fails."""
+        path = Path(path)
+        make_folder_of(path)
+        replace_file(path, self.table())
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw measurement and fit; raise BadInput if the picture cannot be written."""
+        from fem_snh.viewing.plots.fits import draw_curve
+
+        return draw_curve(self.curve, self.fitted, Path(path))
+
+
+def _by_name(names: Sequence[str], values: Array) -> dict[str, list[float | None]]:
+    rows = [[None if np.isnan(v) else float(v) for v in column] for column in values.T]
+    return dict(zip(names, rows, strict=True))
+
+
+def fit_scene(
+    scene: str | Path | scenes.Scene,
+    to: str | Path | MeasuredCurve,
+    parameters: Sequence[str],
+    *,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    max_solves: int = MAX_SOLVES,
+    **overrides: Any,
+) -> SceneFit:
+    """Fit material parameters of a scene to a measured curve. Collective.
+
+    Parameters
+    ----------
+    scene : str, Path, Scene or callable
+        As for `fem_snh.run`: without time and friction, in three dimensions.
+    to : str, Path or MeasuredCurve
+        A file with a column ``load``, from 0 to 1, or the scene's ``load_name``, and columns with
+        the names of goals, such as ``right.force.x``.
+    parameters : sequence of str
+        E, nu and shape parameters of the material; the scene's values are the first guess.
+    comm : MPI.Comm
+        The communicator.
+    max_solves : int
+        Largest number of runs.
+    **overrides
+        As for `fem_snh.run`.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for bad input.
+    Failed
+        If the scene does not converge with its own values.
+    """
+    first = on_every(comm, partial(scenes.load, scene, **overrides))
+    curve = on_every(comm, partial(_read_curve, to, first))
+    inverse = InverseProblem(comm, first, curve, parameters)
+    start = inverse.start
+    if np.count_nonzero(np.isfinite(curve.values)) < len(start):
+        raise bad_value("parameters", list(parameters), "fewer parameters than measured values")
+    residual, _ = inverse.evaluate(start)
+    if residual is None:
+        raise Failed(f"the scene did not converge at its own values: {inverse.failure}")
+    found = least_squares(
+        inverse.residual, start, jac=inverse.jacobian, bounds=inverse.bounds, x_scale="jac",
+        ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=1e-12, max_nfev=max_solves,
+    )  # fmt: skip
+    residual, jacobian = inverse.evaluate(found.x)
+    assert residual is not None
+    assert jacobian is not None
+    sizes = np.abs(inverse.rates(found.x))
+    errors = sizes * standard_errors(
+        jacobian, float(residual @ residual), np.asarray(found.active_mask) != 0
+    )
+    fitted = np.full_like(curve.values, np.nan)
+    known = np.isfinite(curve.values)
+    fitted[known] = curve.values[known] + inverse.scale * residual
+    values = inverse.values(found.x)
+    return SceneFit(
+        values,
+        dict(zip(values, map(float, errors), strict=True)),
+        curve,
+        fitted,
+        bool(found.status > 0),
+        inverse.solves,
+        inverse.linear,
+        inverse.scene_at(found.x).materials[0].model_dump(mode="json"),
+    )
+
+
+@dataclass
+class _State:
+    """A converged state with the dual solutions of its goals."""
+
+    load: float
+    x: PETSc.Vec
+    values: list[float] = field(default_factory=list)
+    duals: list[PETSc.Vec] = field(default_factory=list)
+
+
+class InverseProblem:
+    """The residuals of a curve as a function of a scene's parameters, and their derivatives.
+
+    The variables are logarithms of positive parameters, log(1 - 2 nu) of nu, and multiples of the
+    first value otherwise; residuals are divided by the largest measured value. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    scene : Scene
+        The scene with the first values.
+    curve : MeasuredCurve
+        The measurements.
+    parameters : sequence of str
+        Names of the parameters.
+
+    Attributes
+    ----------
+    solves, linear : int
+        Runs so far, and iterations of the adjoint solves.
+    failure : str
+        The status of the last run that failed.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, scene: scenes.Scene, curve: MeasuredCurve, parameters: Sequence[str]
+    ) -> None:
+        self.comm, self.scene, self.curve = comm, scene, curve
+        self._check()
+        self.names = list(parameters)
+        self._first = {name: _value(scene, name) for name in self.names}
+        if not self.names or len(self._first) < len(self.names):
+            raise bad_value("parameters", self.names, "different names, one at least")
+        self.scale = float(np.nanmax(np.abs(curve.values)))
+        self.solves = self.linear = 0
+        self.failure = ""
+        self._known: dict[bytes, tuple[Array | None, Array | None]] = {}
+
+    def _check(self) -> None:
+        """Raise BadInput for a scene whose states are no functions of the load."""
+        scene = self.scene
+        if scene.time:
+            raise BadInput("fit --to: expected a scene without [time]")
+        if scene.kinematics:
+            raise BadInput(f"fit --to: kinematics = {scene.kinematics!r}: expected a solid body")
+        for feature in scene.features:
+            if getattr(feature, "friction", 0):
+                raise BadInput("fit --to: friction: expected contact without friction")
+
+    @property
+    def start(self) -> Array:
+        """Return the variables of the scene's own values, (k,)."""
+        return np.array([_variable(name, v, v) for name, v in self._first.items()])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of the variables: positive parameters within a factor of 1000."""
+        pairs = []
+        for (name, value), z in zip(self._first.items(), self.start, strict=True):
+            wide = np.log(1e3)
+            if name == "nu":
+                pairs.append((np.log(1e-6), np.log(2.8)))
+            else:
+                pairs.append((z - wide, z + wide) if value > 0 else (-1e3, 1e3))
+        low, high = np.array(pairs).T
+        return low, high
+
+    def values(self, z: Array) -> dict[str, float]:
+        """Return the parameters of variables."""
+        return {
+            name: _from_variable(name, float(x), first)
+            for (name, first), x in zip(self._first.items(), z, strict=True)
+        }
+
+    def rates(self, z: Array) -> Array:
+        """Return the derivatives of the parameters by their variables, (k,)."""
+        found = []
+        for (name, first), x in zip(self._first.items(), z, strict=True):
+            ends = [_from_variable(name, float(x) + s * _STEP, first) for s in (1, -1)]
+            found.append((ends[0] - ends[1]) / (2 * _STEP))
+        return np.array(found)
+
+    def residual(self, z: Array) -> Array:
+        """Return the residuals, (m,); large ones if the run fails."""
+        found = self.evaluate(z)[0]
+        known = self.curve.values[np.isfinite(self.curve.values)]
+        return np.full(known.shape, _FAILED) if found is None else found
+
+    def jacobian(self, z: Array) -> Array:
+        """Return the derivatives of the residuals by the variables, (m, k)."""
+        found = self.evaluate(z)[1]
+        assert found is not None
+        return found
+
+    def evaluate(self, z: Array) -> tuple[Array | None, Array | None]:
+        """Return residuals and derivatives; None if the run fails."""
+        z = np.asarray(self.comm.bcast(z))
+        key = z.tobytes()
+        if key not in self._known:
+            self._known[key] = self._solve(z)
+        return self._known[key]
+
+    def scene_at(self, z: Array) -> scenes.Scene:
+        """Return the scene with the values of variables."""
+        keys = {k if k in _SCENE_KEYS else f"material.{k}": v for k, v in self.values(z).items()}
+        return scenes.load(self.scene, **keys)
+
+    def _solve(self, z: Array) -> tuple[Array | None, Array | None]:
+        """Run the scene and differentiate its goals."""
+        self.solves += 1
+        scene = self.scene_at(z)
+        smoothers = multigrid.smoothers(min(material.E for material in scene.materials))
+        with ExitStack() as stack:
+            stack.enter_context(solver.petsc_failures())
+            stack.enter_context(default_options(solver.PREFIX, scene.petsc))
+            stack.enter_context(default_options(solver.PREFIX, smoothers))
+            setup = set_up(self.comm, scene)
+            try:
+                states = self._states(scene, setup)
+                if not setup.stepper.done:
+                    self.failure = setup.stepper.failure_message()
+                    return None, None
+                measured = self.curve.values[np.isfinite(self.curve.values)]
+                values = np.array([v for state in states for v in state.values])
+                columns = [self._derivative(z, k, setup, states) for k in range(len(z))]
+            finally:
+                setup.destroy()
+        residual = (values - measured) / self.scale
+        jacobian = np.stack(columns, axis=1) / self.scale
+        found: tuple[Array, Array] = self.comm.bcast((residual, jacobian))
+        return found
+
+    def _states(self, scene: scenes.Scene, setup: Setup) -> list[_State]:
+        """Return the states at the measured loads, with their goals and dual solutions."""
+        problem, stepper = setup.problem, setup.stepper
+        loads = list(self.curve.loads)
+        between = [t for t in stepper.targets if t < loads[-1] and not _is_in(t, loads)]
+        stepper.targets = sorted([*loads, *between])
+        goals = named_goals(scene, setup.mesh, self.curve.names)
+        evaluate = [goal.bind(problem) for goal in goals]
+        states = []
+        for row in stepper:
+            if not row["converged"] or row["load"] not in loads:
+                continue
+            wanted = np.isfinite(self.curve.values[loads.index(row["load"])])
+            state = _State(row["load"], problem.x.copy())
+            values = [v for function in evaluate for v in function()]
+            state.values = [v for v, use in zip(values, wanted, strict=True) if use]
+            state.duals = self._duals(setup, goals, wanted)
+            states.append(state)
+        return states
+
+    def _duals(self, setup: Setup, goals: Sequence[Goal], wanted: Any) -> list[PETSc.Vec]:
+        """Return the dual solutions of the wanted goals at the present state."""
+        problem = setup.problem
+        direct = PETSc.KSP().create(problem.comm)
+        set_direct_solver(direct)
+        try:
+            # A preconditioner need not suit an indefinite Hessian; factors do.
+            for ksp in (setup.snes.getKSP(), direct):
+                solve = HessianSolver(problem, ksp, _ADJOINT, ("exact",))
+                at = Linearisation(problem, problem.x.duplicate(), solve)
+                duals = [z for goal in goals for z in goal.duals(at)]
+                self.linear += solve.iterations
+                if all(np.isfinite(z.norm()) for z in duals):
+                    return [z for z, use in zip(duals, wanted, strict=True) if use]
+        finally:
+            direct.destroy()
+        raise Failed(
+            f"the adjoint solve at load {problem.load:g} did not converge: the Hessian is singular "
+            "there"
+        )
+
+    def _derivative(self, z: Array, k: int, setup: Setup, states: Sequence[_State]) -> Array:
+        """Return the derivatives of all goals by variable ``k``."""
+        sums = [np.zeros(len(state.duals)) for state in states]
+        for sign in (1, -1):
+            moved = z.copy()
+            moved[k] += sign * _STEP
+            problem = make_problem(self.scene_at(moved), setup.mesh, setup.problem.element)
+            gradient = problem.x.duplicate()
+            for total, state in zip(sums, states, strict=True):
+                problem.set_load(state.load)
+                problem.history.begin_step(problem.split(state.x)[0])
+                problem.gradient(state.x, gradient)
+                total -= [sign / (2 * _STEP) * dual.dot(gradient) for dual in state.duals]
+        return np.concatenate(sums)
+
+
+def _is_in(load: float, loads: Sequence[float]) -> bool:
+    return any(abs(load - other) < _SAME_LOAD for other in loads)
+
+
+def _value(scene: scenes.Scene, name: str) -> float:
+    """Return the value of a parameter of the scene's material."""
+    from fem_snh.materials import TUNING, defaults
+
+    if len(scene.materials) > 1:
+        raise BadInput("fit --to: a scene with several materials: expected one material")
+    (material,) = scene.materials
+    known = {"E": material.E, "nu": material.nu} | defaults(material.name)
+    known |= {k: v for k, v in TUNING.items() if isinstance(v, float)} | material.parameters
+    value = known.get(name)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        numbers = [
+            k for k, v in known.items() if isinstance(v, int | float) and not isinstance(v, bool)
+        ]
+        raise bad_value("parameters", name, f"one of {', '.join(numbers)}", numbers)
+    if name == "nu" and value == 0.5:
+        raise bad_value("nu", 0.5, "a number below 0.5 to start from")
+    return float(value)
+
+
+def _variable(name: str, value: float, first: float) -> float:
+    if name == "nu":
+        return float(np.log(1 - 2 * value))
+    return float(np.log(value)) if first > 0 else value / (first or 1.0)
+
+
+def _from_variable(name: str, z: float, first: float) -> float:
+    if name == "nu":
+        return float(1 - np.exp(z)) / 2
+    return float(np.exp(z)) if first > 0 else z * (first or 1.0)
+
+
+def _read_curve(to: str | Path | MeasuredCurve, scene: scenes.Scene) -> MeasuredCurve:
+    """Return the measurements of a file; raise BadInput for what is wrong in it."""
+    if isinstance(to, MeasuredCurve):
+        return to
+    path = Path(to)
+    _, ((_, names), *rows) = read_cells(path)
+    if len(names) < 2 or any(map(is_number, names)):
+        raise BadInput(
+            f"{path}: expected a first line with 'load' or {scene.load_name!r} and names of goals, "
+            "e.g. right.force.x"
+        )
+    low, high = (0.0, 1.0) if names[0] == _LOAD else scene.load_range
+    if names[0] not in (_LOAD, scene.load_name):
+        raise bad_value(f"{path}: column", names[0], f"'load' or '{scene.load_name}' first")
+    numbers = []
+    for line, cells in rows:
+        if (
+            len(cells) != len(names)
+            or not all(c == "" or is_number(c) for c in cells)
+            or not cells[0]
+        ):
+            raise BadInput(f"{path}: line {line}: expected {len(names)} numbers")
+        numbers.append([float(cell) if cell else np.nan for cell in cells])
+    if not numbers:
+        raise BadInput(f"{path}: no line of numbers")
+    table = np.array(numbers)
+    loads = (table[:, 0] - low) / (high - low)
+    keep = loads > _SAME_LOAD  # the state at rest
+    table, loads = table[keep], loads[keep]
+    if not len(loads) or not (loads <= 1 + _SAME_LOAD).all() or not (np.diff(loads) > 0).all():
+        raise BadInput(
+            f"{path}: column {names[0]}: expected ascending numbers between {low:g} and {high:g}"
+        )
+    if not np.nansum(np.abs(table[:, 1:])) > 0:
+        raise BadInput(f"{path}: expected a value other than 0")
+    return MeasuredCurve(names[0], table[:, 0], np.minimum(loads, 1.0), names[1:], table[:, 1:])
