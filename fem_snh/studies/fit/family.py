@@ -113,7 +113,7 @@ class Family:
         self._tuned = "alpha" in (parameters or ()) or held.get("alpha") is not None
         if self._tuned:
             self._known.setdefault("alpha", 1.0)
-        self._pins = self._pinned(held)
+        self._pins = self._pinned(held, made.fit.moduli)
         for key, value in self._pins.items():
             self._known.setdefault(key, value)
         candidates = [k for k, v in self._known.items() if k not in held and _numerical(v)]
@@ -132,17 +132,20 @@ class Family:
         self.unknowns: tuple[Unknown, ...] = ()
         self._build(candidates, nu)
 
-    def _pinned(self, held: Mapping[str, Any]) -> dict[str, float]:
+    def _pinned(self, held: Mapping[str, Any], moduli: normalise.Pair) -> dict[str, float]:
         """Return the constants [E] beyond two, which are further unknowns, and their defaults."""
         constants = constants_of(self.function)
         free = [c for c in constants if held.get(c) is None]
         extra = len(free) - 2
         if extra <= 0:
             return {}
-        # The last ones are those that resist changes of volume (kappa): they remain free.
         for chosen in combinations(free, extra):
             defaults = {c: constants[c] for c in chosen}
-            if all(v is not None for v in defaults.values()):
+            if None in defaults.values():
+                continue
+            # E and nu have to determine the two others.
+            others = [sympy.Symbol(c, real=True) for c in free if c not in chosen]
+            if sympy.Matrix([[sympy.diff(m, c) for c in others] for m in moduli]).det() != 0:
                 return {c: float(v) for c, v in defaults.items() if v is not None}
         return {}
 
@@ -359,6 +362,8 @@ def _symbol(name: str, value: float, signed: bool) -> sympy.Symbol:
 
 
 def _without_barriers(expression: sympy.Expr, barriers: set[sympy.Expr]) -> sympy.Expr:
-    found = expression.atoms(positive)
-    barriers |= {p.args[0] for p in found}
-    return expression.xreplace({p: p.args[0] for p in found})
+    while found := expression.atoms(positive):  # one may contain another
+        innermost = [p for p in found if not p.args[0].has(positive)]
+        barriers |= {p.args[0] for p in innermost}
+        expression = expression.xreplace({p: p.args[0] for p in innermost})
+    return expression
