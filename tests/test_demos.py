@@ -41,6 +41,7 @@ PICTURES = {
     "nu_sweep": ["nu_sweep/sweep.png", "nu_sweep/sweep.csv"],
     "own_mesh": ["own_mesh/J.png"],
     "gent": ["gent/gent.png"],
+    "treloar": ["treloar/treloar.png"],
     "scramble": ["scramble/J.png"],
     "tutorial_beam": ["tutorial_beam/tutorial_beam.png"],
     "foundation": ["foundation/foundation.png"],
