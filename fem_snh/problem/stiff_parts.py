@@ -79,7 +79,7 @@ class StiffParts:
         nodes = to_global[_dolfinx.node_dofs(V)[cells]]
         owned = to_global[: len(constrained)]
         every, of = np.unique(np.concatenate(comm.allgather(nodes)), return_inverse=True)
-        roots = _components(of.reshape(-1, nodes.shape[1]), len(every))
+        roots = components(of.reshape(-1, nodes.shape[1]), len(every))
         fixed = np.concatenate(comm.allgather(owned[constrained]))
         free = np.setdiff1d(roots, roots[np.isin(every, fixed)])
         labels = np.full(len(constrained), -1)
@@ -130,7 +130,7 @@ class StiffParts:
         return np.asarray(self._comm.allreduce(sums))
 
 
-def _components(cells: Array, count: int) -> Array:
+def components(cells: Array, count: int) -> Array:
     """Return the smallest node of the connected part of each of ``count`` nodes of ``cells``."""
     roots = np.arange(count)
     while True:

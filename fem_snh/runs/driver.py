@@ -17,6 +17,7 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
+from fem_snh.problem.supports import check_supports
 from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
@@ -128,7 +129,8 @@ def _run(
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
         notes = [Note("folder", folder.note)] if folder and folder.note else []
-        notes += [setup.note] if setup.note else []
+        supports = None if scene.time else check_supports(setup.problem)
+        notes += [note for note in (setup.note, supports) if note]
         if notes:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note

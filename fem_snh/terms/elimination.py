@@ -28,10 +28,28 @@ class EliminatingTerm(Protocol):
         This rank's own cells that do not deform: they are not assembled.
     nodes : (n,) int
         This rank's own nodes that follow the unknowns.
+    labels : (n,) int
+        The part of each of them.
     """
 
     cells: npt.NDArray[Any]
     nodes: npt.NDArray[Any]
+    labels: npt.NDArray[Any]
+
+    @property
+    def number(self) -> int:
+        """The number of parts."""
+
+    def constraint_rows(self, owners: Array, origin: Array, length: float, size: int) -> Array:
+        """Return what is constrained of rigid motions of the body."""
+
+    def spring_rows(
+        self, owners: Array, origin: Array, length: float, size: int, modulus: float
+    ) -> Array:
+        """Return rows whose squares are the springs' stiffness along rigid motions."""
+
+    def load_work(self, owners: Array, origin: Array, length: float, mode: Array) -> Array:
+        """Return minus the work of loads along a rigid motion, (parts,)."""
 
     def fold(self, matrix: BlockMatrix) -> npt.NDArray[Any]:
         """Fold a problem's matrix from now on; return the entries that are no unknowns."""

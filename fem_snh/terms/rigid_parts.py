@@ -386,6 +386,86 @@ class RigidParts:
             K = (vectors * values) @ vectors.T
         self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K)
 
+    # --- rigid motions of the body ----------------------------------------------------------------
+
+    @property
+    def number(self) -> int:
+        """The number of parts."""
+        return len(self._parts)
+
+    def _twists(
+        self, owners: Array, origin: Array, length: float, size: int
+    ) -> tuple[Array, Array]:
+        """Return the parts' twists in rigid motions of the body, and relative to their parents.
+
+        The parameters are those of `constraint_rows`; both are (parts, 2, 3, size).
+        """
+        local = np.full(len(self._parts), -1)
+        local[self.labels] = owners[self.nodes]
+        found = np.zeros((2, len(self._parts), 2, 3, size))
+        for i, owner in enumerate(np.max(self._comm.allgather(local), axis=0)):
+            t, w = 6 * owner, 6 * owner + 3
+            found[0, i, 0, :, t : t + 3] = found[0, i, 1, :, w : w + 3] = np.eye(3)
+            found[0, i, 0, :, w : w + 3] = -skew((self.tree.points[i] - origin) / length)
+        for i, link in enumerate(self.tree.links):
+            found[1, i] = found[0, i]
+            if (a := link.parent) >= 0:
+                arm = (self.tree.points[i] - self.tree.points[a]) / length
+                found[1, i, 0] -= found[0, a, 0] - skew(arm) @ found[0, a, 1]
+                found[1, i, 1] -= found[0, a, 1]
+        return found[0], found[1]
+
+    def constraint_rows(self, owners: Array, origin: Array, length: float, size: int) -> Array:
+        """Return what the parts' conditions and joints constrain of rigid motions. Collective.
+
+        Parameters
+        ----------
+        owners : (owned nodes,) int
+            The connected part of the body of each node.
+        origin, length : (3,) array, float
+            Its motions are t + omega x (X - origin) / length.
+        size : int
+            Their number, 6 for each connected part: t, then omega.
+
+        Returns
+        -------
+        (rows, size)
+            Rows w with w . m = 0 for an admissible motion m.
+        """
+        rows = [np.zeros((0, size))]
+        relative = self._twists(owners, origin, length, size)[1]
+        for link, (v, omega) in zip(self.tree.links, relative, strict=True):
+            across = np.eye(3) - np.outer(link.axis, link.axis)
+            if not link.joint:
+                rows += [v[~np.array(link.free[:3])], *([] if link.free[3] else [omega])]
+            elif link.joint == "slider":
+                rows += [across @ v, omega]
+            else:
+                rows += [v, *([across @ omega] if link.joint == "hinge" else [])]
+        return np.concatenate(rows)
+
+    def spring_rows(
+        self, owners: Array, origin: Array, length: float, size: int, modulus: float
+    ) -> Array:
+        """Return rows whose squares are the springs' stiffness, relative to E L. Collective.
+
+        The parameters are those of `constraint_rows`, and the modulus E [Pa].
+        """
+        absolute, relative = self._twists(owners, origin, length, size)
+        unit = modulus * length
+        of_points = np.sqrt(self._stiffness / unit)[:, None, None] * absolute[:, 0]
+        of_turns = np.sqrt(self._rotational / (unit * length**2))[:, None, None] * relative[:, 1]
+        return np.concatenate([of_points.reshape(-1, size), of_turns.reshape(-1, size)])
+
+    def load_work(self, owners: Array, origin: Array, length: float, mode: Array) -> Array:
+        """Return minus the work of the parts' loads along a rigid motion, (parts,). Collective.
+
+        The parameters are those of `constraint_rows`, and the motion (size,).
+        """
+        twists = self._twists(owners, origin, length, len(mode))[0] @ mode
+        scale = np.array([1.0, 1 / length])[:, None]
+        return np.asarray(-(self._loads * twists * scale).sum(axis=(1, 2)))
+
     # --- motion in time --------------------------------------------------------------------------
 
     def prepare_mass(self, x: PETSc.Vec) -> None:

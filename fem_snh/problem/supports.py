@@ -1,0 +1,289 @@
+r"""Rigid motions of a body that nothing constrains, found before the first step.
+
+Each connected part of the mesh has six rigid motions m. Conditions and joints are rows w of
+constraints, :math:`w \cdot m = 0`; springs and other terms resist by
+:math:`m \cdot (\partial f / \partial u) m`. What is in the null space of the sum of
+:math:`w w^T` and of these stiffnesses, a matrix of six rows for each part, is unconstrained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.errors import BadInput
+from fem_snh.notes import Note
+from fem_snh.problem.problem import Problem
+from fem_snh.problem.stiff_parts import components
+from fem_snh.terms.history import HistoryTerm
+from fem_snh.terms.step_limit import StepLimitingTerm
+from fem_snh.terms.term import Term
+
+Array = npt.NDArray[Any]
+
+#: Largest eigenvalue, relative to the largest, of a motion that nothing constrains: the square of
+#: an extent of the supports relative to the body.
+_FREE = 1e-10
+#: Least part of the loads' absolute work that is a net force or moment, not rounding.
+_NET = 1e-6
+#: Loads at which forces are examined, and the displacement of the differences, relative to the
+#: body's length.
+_LOADS, _DIFFERENCE = (1.0, 0.5, 0.25), 1e-5
+#: A component of a direction below this part of the largest is not shown.
+_SHOWN = 1e-6
+#: Terms of contact, which may hold a body where it touches something.
+_CONTACT = (HistoryTerm, StepLimitingTerm)
+
+
+class FreeMotion(NamedTuple):
+    """A rigid motion that nothing constrains.
+
+    Attributes
+    ----------
+    part : int
+        Which connected part moves, by size, the largest first; -1 for several together.
+    kind : {"translation", "rotation"}
+    axis : (3,) array
+        Its direction.
+    work : float
+        The largest part of the loads' absolute work that they do along it; 0 without a net force.
+    """
+
+    part: int
+    kind: str
+    axis: Array
+    work: float
+
+
+class Supports:
+    """The connected parts of a body of three dimensions, and what holds them. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem, before its first step.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem, self._comm = problem, problem.comm
+        self.labels, self.sizes = _connected_parts(problem)
+        X = problem.coordinates
+        count = self._comm.allreduce(len(X))
+        self._origin = self._comm.allreduce(X.sum(axis=0)) / count
+        self._r = (X - self._origin) / problem.length
+
+    def free_motions(self) -> list[FreeMotion]:
+        """Return the motions that nothing constrains; empty for a body that is held."""
+        gram = self._conditions()
+        free = _null_space(gram)
+        if not free.shape[1]:
+            return []
+        rest = [t for t in self._problem.terms[1:] if not isinstance(t, _CONTACT)]
+        free = free @ _null_space(self._stiffness(free, rest))
+        return [
+            FreeMotion(part, kind, axis, self._net_work(mode, rest))
+            for mode in _sorted_modes(free)
+            for part, kind, axis in [_describe(mode)]
+        ]
+
+    def _conditions(self) -> Array:
+        """Return the sum of w w^T of Dirichlet conditions and rigid parts."""
+        problem, r = self._problem, self._r
+        size = 6 * len(self.sizes)
+        gram = np.zeros((size, size))
+        modes = np.zeros((len(r), 3, 6))  # the displacement of each node in a rigid motion
+        modes[:, :, :3] = np.eye(3)
+        for k in range(3):
+            modes[:, :, 3 + k] = np.cross(np.eye(3)[k], r)
+        self._modes = modes
+        fixed = problem.dirichlet.constrained[: len(r)].astype(float)
+        blocks = np.einsum("nik,ni,nil->nkl", modes, fixed, modes)
+        if planes := problem.dirichlet.planes:
+            own = slice(planes.num_owned)
+            of = modes[planes.nodes[own]]
+            blocks[planes.nodes[own]] += np.einsum("nik,nij,njl->nkl", of, planes.bases[own], of)
+        sums = np.zeros((len(self.sizes), 6, 6))
+        np.add.at(sums, self.labels, blocks)
+        for part, block in enumerate(self._comm.allreduce(sums)):
+            own_motions = slice(6 * part, 6 * part + 6)
+            gram[own_motions, own_motions] = block
+        if problem.rigid:
+            rows = problem.rigid.constraint_rows(self.labels, self._origin, problem.length, size)
+            gram += rows.T @ rows
+        return gram
+
+    def _field(self, mode: Array) -> Array:
+        """Return the displacements of this rank's nodes in a motion, (nodes, 3)."""
+        return np.asarray(np.einsum("nik,nk->ni", self._modes, mode.reshape(-1, 6)[self.labels]))
+
+    def _forces(self, u: Array, terms: Sequence[Term]) -> Array:
+        """Return the forces of terms at a displacement, (nodes, 3)."""
+        problem = self._problem
+        x, f = problem.x.duplicate(), problem.x.duplicate()
+        x.set(0.0)
+        x.array[: u.size] = u.ravel()
+        problem.gradient(x, f, terms)
+        return np.array(f.array_r[: u.size]).reshape(-1, 3)
+
+    def _stiffness(self, free: Array, terms: Sequence[Term]) -> Array:
+        """Return the stiffness of terms along motions, relative to E L."""
+        problem, count = self._problem, free.shape[1]
+        h, found = _DIFFERENCE * problem.length, np.zeros((count, count))
+        fields = [self._field(mode) for mode in free.T]
+        for j, moved in enumerate(fields):
+            change = self._forces(h * moved, terms) - self._forces(-h * moved, terms)
+            for i, other in enumerate(fields):
+                found[i, j] = self._comm.allreduce(float((change * other).sum())) / (2 * h)
+        found /= problem.modulus * problem.length
+        if problem.rigid:
+            motions = self.labels, self._origin, problem.length, len(free)
+            rows = problem.rigid.spring_rows(*motions, problem.modulus)
+            found += (rows @ free).T @ (rows @ free)
+        return (found + found.T) / 2
+
+    def _net_work(self, mode: Array, terms: Sequence[Term]) -> float:
+        """Return the largest net work of the loads along a motion, over their absolute work."""
+        problem, moved, largest = self._problem, self._field(mode), 0.0
+        present = problem.load
+        for load in _LOADS:
+            problem.set_load(load)
+            f = self._forces(np.zeros_like(moved), terms)
+            work = np.array([(f * moved).sum(), (np.abs(f) * np.abs(moved)).sum()])
+            net, total = self._comm.allreduce(work)
+            if problem.rigid:
+                more = problem.rigid.load_work(self.labels, self._origin, problem.length, mode)
+                net, total = net + more.sum(), total + np.abs(more).sum()
+            if total > 0:
+                largest = max(largest, abs(net) / total)
+        problem.set_load(present)
+        return largest if largest > _NET else 0.0
+
+
+def check_supports(problem: Problem) -> Note | None:
+    """Return the note on motions of a static body that nothing constrains; None if it is held.
+
+    Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if loads do work along one of them, unless contact may hold the body.
+    """
+    if problem.kinematics.volume_dimension != 3 or problem.kinematics.dim != 3:
+        return None
+    supports = Supports(problem)
+    motions = supports.free_motions()
+    if not motions:
+        return None
+    text = _listed(motions, supports)
+    contact = any(isinstance(term, _CONTACT) for term in problem.terms[1:])
+    if contact:
+        text += "; contact alone can hold it"
+    elif loaded := [motion for motion in motions if motion.work]:
+        raise BadInput(
+            f"supports: {_listed(loaded, supports)}, along which loads act: expected conditions, "
+            "springs, joints, or [time]"
+        )
+    else:
+        text += "; the solution is one of many that differ by it"
+    return Note("supports", text)
+
+
+def _listed(motions: Sequence[FreeMotion], supports: Supports) -> str:
+    """Return motions in words."""
+    several = len(supports.sizes) > 1
+    whole, words = "the body", []
+    for motion in motions:
+        axis = np.where(np.abs(motion.axis) > _SHOWN, motion.axis, 0.0)
+        unit = np.flatnonzero(axis)
+        name = "xyz"[unit[0]] if len(unit) == 1 else "[" + ", ".join(f"{a:.3g}" for a in axis) + "]"
+        where = "along" if motion.kind == "translation" else "about"
+        part = ""
+        if several:
+            nodes = "several parts" if motion.part < 0 else f"part {motion.part + 1}"
+            size = "" if motion.part < 0 else f", {supports.sizes[motion.part]:,} nodes"
+            part = f" of {nodes}{size}"
+        words.append(f"the {motion.kind} {where} {name}{part}")
+    shown = words[:6] + [f"{len(words) - 6} more"] * (len(words) > 6)
+    return f"nothing constrains {'' if several else whole + ': '}{', '.join(shown)}"
+
+
+def _null_space(gram: Array) -> Array:
+    """Return an orthonormal basis of the null space of a semidefinite matrix."""
+    if not len(gram):
+        return np.zeros((0, 0))
+    values, vectors = np.linalg.eigh(gram)
+    return np.asarray(vectors[:, values <= _FREE * max(1.0, values[-1])])
+
+
+def _sorted_modes(free: Array) -> list[Array]:
+    """Return a basis of motions with as many zeros as possible: single parts, translations."""
+    rows, basis = free.T.copy(), list[Array]()
+    # Gauss-Jordan elimination with the rotations as first columns: later rows are translations.
+    parts = free.shape[0] // 6
+    order = [6 * p + k for p in range(parts) for k in (3, 4, 5)]
+    order += [6 * p + k for p in range(parts) for k in (0, 1, 2)]
+    for column in order:
+        if not len(rows):
+            break
+        pivot = int(np.abs(rows[:, column]).argmax())
+        if abs(rows[pivot, column]) < _SHOWN:
+            continue
+        chosen = rows[pivot] / rows[pivot, column]
+        rows = np.delete(rows, pivot, axis=0)
+        rows -= rows[:, column : column + 1] * chosen
+        basis = [b - b[column] * chosen for b in basis] + [chosen]
+    return basis[::-1]
+
+
+def _describe(mode: Array) -> tuple[int, str, Array]:
+    """Return the part, the kind and the direction of a motion."""
+    twists = mode.reshape(-1, 2, 3)
+    moving = np.flatnonzero(np.abs(twists).max(axis=(1, 2)) > _SHOWN)
+    part = int(moving[0])
+    kind = int(np.abs(twists[part, 1]).max() > _SHOWN)
+    axis = twists[part, kind]
+    single = part if len(moving) == 1 else -1
+    return single, ("translation", "rotation")[kind], axis / np.linalg.norm(axis)
+
+
+def _connected_parts(problem: Problem) -> tuple[Array, Array]:
+    """Return the connected part of each of this rank's own nodes, and their sizes. Collective.
+
+    Nodes of a cell, and of a rigid part, are connected. The largest part is the first.
+    """
+    comm, V = problem.comm, problem.V
+    owned, ghosts = _dolfinx.num_nodes(V)
+    roots = components(_dolfinx.node_dofs(V), owned + ghosts)
+    local, labels = np.unique(roots, return_inverse=True)
+    first = comm.exscan(len(local)) or 0
+    # A ghost node has a label here and on its owner: they are of the same part.
+    vector = _dolfinx.create_vector(V)
+    vector.array.reshape(-1, 3)[:, 0] = first + labels[:owned]
+    update_ghosts(vector)
+    there = local_values(vector).reshape(-1, 3)[owned:, 0].astype(np.int64)
+    links = [np.stack([first + labels[owned:], there], axis=1)]
+    links = np.unique(np.concatenate(comm.allgather(np.concatenate(links))), axis=0)
+    count = comm.allreduce(len(local))
+    links = np.concatenate([links, np.repeat(np.arange(count), 2).reshape(-1, 2)])
+    if problem.rigid:
+        own = np.zeros((problem.rigid.number, count))
+        own[problem.rigid.labels, first + labels[problem.rigid.nodes]] = 1.0
+        for row in comm.allreduce(own, op=MPI.SUM):
+            together = np.flatnonzero(row)
+            links = np.concatenate(
+                [links, np.stack([0 * together + together[0], together], axis=1)]
+            )
+    joined = components(links, count)[first + labels[:owned]]
+    sizes = comm.allreduce(np.bincount(joined, minlength=count))
+    order = np.argsort(-sizes, kind="stable")
+    number = np.empty(count, np.int64)
+    number[order] = np.arange(count)
+    return number[joined], sizes[order][: int((sizes > 0).sum())]
