@@ -44,6 +44,7 @@ SAME_ON_EVERY_DEBIAN = frozenset(
         "scene_parameters",
         "scene_schema",
         "scene_tables",
+        "slurm",
         "smith_materials",
         "smith_properties",
         "stable_neo_hookean",

@@ -40,7 +40,7 @@ def sweep_parser() -> Parser:
         "Every option of a scene takes a comma list: --nu 0.3,0.45 --material a,b --set angle=1,2",
         scene_list,
     )
-    parser.add(_SCENE)
+    parser.add(_SCENE, scene={"nargs": "?"})
     for key, placeholder, help in SCENE_OPTIONS:
         parser.add_argument(f"--{key}", metavar=f"{placeholder},..", help=help)
     parser.add("--set KEY=VALUE,..  any other key of the scene: angle=1,2", set=REPEATED)
@@ -59,10 +59,9 @@ def sweep_parser() -> Parser:
 
 def sweep(argv: list[str]) -> int:
     """Solve every point; return 0 if all converged, else 1."""
-    parser = sweep_parser()
-    words, petsc = split_petsc(argv)
-    args = parser.parse(words)
-    _prepare_process("sweep")
+    args, petsc = _parse(sweep_parser(), "sweep", argv)
+    if args.status:
+        return _print_status("sweep", args.out)
     axes = _axes(args)
 
     from fem_snh.studies.sweep import sweep as study
@@ -70,6 +69,8 @@ def sweep(argv: list[str]) -> int:
 
     limits = _limits(args)
     table = study(args.scene, args.out, axes, petsc=petsc, render=args.render, **limits)
+    if (code := _incomplete("sweep", args)) is not None:
+        return code
     good = int(table["converged"].sum())
     noted = int(table["notes"].ne(NO_NOTES).sum())
     remark = f", {noted} with notes" if noted else ""
@@ -97,6 +98,7 @@ def tradeoff_parser() -> Parser:
         --meshes FILE,..  gmsh files of one body, from coarse to fine
         """,
         out={"type": output, "required": True},
+        scene={"nargs": "?"},
     )
     for knob, help in _DEFAULTS.items():
         parser.add_argument(f"--{knob}", metavar="X", type=value, help=f"the default: {help}")
@@ -115,10 +117,9 @@ def tradeoff_parser() -> Parser:
 
 def tradeoff(argv: list[str]) -> int:
     """Study a scene; return 0 if there is a recommendation, else 1."""
-    parser = tradeoff_parser()
-    words, petsc = split_petsc(argv)
-    args = parser.parse(words)
-    _prepare_process("tradeoff")
+    args, petsc = _parse(tradeoff_parser(), "tradeoff", argv)
+    if args.status:
+        return _print_status("tradeoff", args.out)
 
     from fem_snh.studies.tradeoff import advice
     from fem_snh.studies.tradeoff.knobs import KNOBS
@@ -141,6 +142,8 @@ def tradeoff(argv: list[str]) -> int:
         petsc=petsc,
         **_limits(args),
     )
+    if (code := _incomplete("tradeoff", args)) is not None:
+        return code
     for sentence in advice.sentences(table):
         print(sentence)
     print(f"{args.out}: tradeoff.csv, tradeoff.png, advice.csv, advice.md")
@@ -195,9 +198,9 @@ def extremes_parser() -> Parser:
 
 def extremes(argv: list[str]) -> int:
     """Run the cases; return 0 if all required criteria are met, else 1."""
-    parser = extremes_parser()
-    args = parser.parse(argv)
-    _prepare_process("extremes")
+    args, _ = _parse(extremes_parser(), "extremes", argv)
+    if args.status:
+        return _print_status("extremes", args.out)
 
     from fem_snh.studies.extremes.study import extremes as study
 
@@ -210,6 +213,8 @@ def extremes(argv: list[str]) -> int:
         material=args.material,
         **_limits(args),
     )
+    if (code := _incomplete("extremes", args)) is not None:
+        return code
     failures = outcome.failures
     for criterion, reason in failures.items():
         print(f"failed: {criterion}: {reason}")
@@ -237,6 +242,21 @@ def _add_limits(
         timeout={"type": value, "default": timeout},
         memory={"type": value, "default": memory},
     )
+    parser.add(
+        """
+        --scheduler NAME  submit the points as arrays of jobs and return: slurm, or FILE.py:CLASS
+        --account NAME  account of the jobs
+        --partition NAME  partition of the jobs
+        --array-limit N  number of elements of an array that run at a time
+        --chunk N  points in an element, one after another; default: 1
+        --scheduler-option OPTION  further option of sbatch, e.g. --qos=long; may be repeated
+        --status  with --out alone: say how many points are in the table, run or wait
+        --collect  with --out alone: append the rows of submitted points that have ended
+        """,
+        array_limit={"type": value},
+        chunk={"type": value, "default": 1},
+        scheduler_option={"action": "append", "default": []},
+    )
 
 
 def _prepare_process(command: str) -> None:
@@ -255,8 +275,61 @@ def _axes(args: argparse.Namespace) -> dict[str, list[Any]]:
 
 def _limits(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `_add_limits` as keyword arguments of a study."""
-    names = ("jobs", "ranks", "timeout", "memory", "retry", "overwrite")
-    return {name: getattr(args, name) for name in names}
+    names = ("ranks", "timeout", "memory", "retry", "overwrite")
+    limits: dict[str, Any] = {name: getattr(args, name) for name in names}
+    if args.scheduler is None:
+        for name in ("account", "partition", "array_limit"):
+            if getattr(args, name) is not None:
+                raise BadInput(f"--{name.replace('_', '-')}: expected --scheduler as well")
+        return limits | {"jobs": args.jobs}
+    from fem_snh.studies.schedulers import Submission
+
+    submission = Submission(
+        args.scheduler, args.account, args.partition, args.array_limit, args.chunk,
+        args.scheduler_option, submit=not args.collect, command=args.command,
+    )  # fmt: skip
+    if args.collect:
+        limits |= {"retry": False, "overwrite": False}
+    return limits | {"jobs": submission}
+
+
+def _parse(
+    parser: Parser, command: str, argv: list[str]
+) -> tuple[argparse.Namespace, dict[str, Any]]:
+    """Return the options and those for PETSc; with --collect those of the submitted command."""
+    words, petsc = (argv, {}) if command == "extremes" else split_petsc(argv)
+    args = parser.parse(words)
+    if args.collect:
+        from fem_snh.studies.jobs import Jobs
+
+        folder, argv = Jobs(args.out.resolve()).command()
+        os.chdir(folder)
+        args, petsc = _parse(parser, command, argv)
+        args.collect = True
+    elif not args.status and getattr(args, "scene", "") is None:
+        parser.error("the following arguments are required: SCENE")
+    args.command = argv
+    _prepare_process(command)
+    return args, petsc
+
+
+def _print_status(command: str, out: Path) -> int:
+    """Print where the points of a study are; return 0 if all are in the table, else 1."""
+    from fem_snh.studies.jobs import Jobs
+
+    count = Jobs(out).status(command)
+    points = count.pop("points")
+    states = ", ".join(f"{number} {state}" for state, number in count.items() if number)
+    print(f"{points} points: {states or 'none in the table'}")
+    return 0 if count["in the table"] == points else 1
+
+
+def _incomplete(command: str, args: argparse.Namespace) -> int | None:
+    """Return the exit code of a study some points of which have no row yet, and say what to do."""
+    if args.scheduler is None or _print_status(command, args.out) == 0:
+        return None
+    print(f"later: fem-snh {command} --collect --out {args.out}, or the same command again")
+    return 1 if args.collect else 0
 
 
 def comma_list(key: str, text: str) -> list[Any]:

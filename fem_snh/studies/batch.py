@@ -1,26 +1,32 @@
-"""Run the points of a study in child processes, and append a row when a point ends.
+"""Run the points of a study, here or by a scheduler, and append a row when a point ends.
 
 A `Batch` owns a folder: NAME.json (the definition of the study), NAME.csv (the rows) and one folder
 per point with its log and its record. A point that has a row is not run again, so an interrupted
-study continues when it is started again.
+study continues when it is started again. A point is run in a child process of this one, or of an
+element of an array of jobs (`fem_snh.studies.jobs`); its row is made here in both cases.
 """
 
 from __future__ import annotations
 
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from fem_snh.atomic_files import output_path
+from fem_snh.errors import BadInput
 from fem_snh.interrupts import Interrupts
 from fem_snh.notes import with_notes
 from fem_snh.studies.folder import LOG, StudyFolder
+from fem_snh.studies.jobs import Jobs
 from fem_snh.studies.point import Limits, Point
 from fem_snh.studies.processes import Child, environment, program
+from fem_snh.studies.schedulers import Submission
 from fem_snh.studies.table import NO_NOTES, StudyTable, read_record
-from fem_snh.studies.workers import Worker
+from fem_snh.studies.tasks import NOT_TRIED, End, Task, TaskRunner, read_end
 
 #: Computes further columns of a point's row from its record and the row so far. A key ``remark``
 #: is no column; it is printed in the progress line of the point.
@@ -83,13 +89,17 @@ class Batch:
         self.name, self.limits, self.report = name, limits, report
         program(limits.ranks)  # fails here, before anything runs, if there is no mpirun
         definition = {**definition, "ranks": limits.ranks}
+        self.out = output_path("out", out)
+        self._jobs = Jobs(self.out)
+        if overwrite:
+            self._check_queue(self._jobs.queued())
         self._folder = StudyFolder(out, name, definition, inputs, overwrite)
-        self.out = self._folder.path
         if self._folder.note:
             report(f"note: {self._folder.note}")
+        if overwrite:
+            self._jobs.clear()
         self.table = StudyTable(self.out / f"{name}.csv", columns)
         self._success, self._retry, self._reuse = success, retry, reuse
-        self._idle: list[Worker] = []
 
     def __enter__(self) -> Batch:
         return self
@@ -106,45 +116,122 @@ class Batch:
         """Return whether the point of a row is run again."""
         return self._retry and row[self._success] != "True"
 
-    def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> None:
+    def run(self, points: Mapping[str, Point], extra: ExtraColumns | None = None) -> bool:
         """Run the points that have no row; a failed point has a row with the reason.
 
-        Raises BadInput before anything runs if a row is not that of its point; see `register`.
+        With a `Submission` in the limits it appends the rows of the points that have ended, submits
+        those that have neither ended nor are in the queue, and returns.
+
+        Returns
+        -------
+        bool
+            Whether all points have rows.
+
+        Raises
+        ------
+        BadInput
+            Before anything runs if a row is not that of its point; see `register`. If points are
+            in the queue of a scheduler, and other points are to run here; if the scheduler does
+            not answer.
         """
         self.register(points)
+        queued = self._jobs.queued()
         if self._retry:  # rows of points that are not asked for stay
-            failed = (row["point"] for row in self.table.rows() if self._is_repeated(row))
-            self.table.drop(name for name in failed if name in points)
+            failed = {row["point"] for row in self.table.rows() if self._is_repeated(row)}
+            self.table.drop(failed & set(points))
+            for name in failed & set(points):
+                self._folder.discard(name)
         rows = {row["point"]: row for row in self.table.rows()}
-        waiting = [name for name in points if name not in rows]
+        if present := len(rows.keys() & points):
+            self.report(f"{present} of {len(points)} points are there already")
+        for name, point in points.items():
+            if name not in rows and (end := read_end(self.out / name)):
+                row = self._result(name, point, end, extra)
+                present += 1
+                rows[name] = self._append(name, row, present, len(points))
+        waiting = [name for name in points if name not in rows and name not in queued]
+        if isinstance(self.limits.jobs, Submission):
+            self._submit(points, waiting, rows, queued, self.limits.jobs)
+        else:
+            if waiting or queued.keys() & points:
+                self._check_queue(queued)
+            self._run_here(points, waiting, rows, extra, self.limits.jobs)
+        return not points.keys() - {row["point"] for row in self.table.rows()}
+
+    def _check_queue(self, queued: Mapping[str, str]) -> None:
+        """Raise BadInput if a scheduler has points of this study."""
+        if queued:
+            raise BadInput(
+                f"out = {self.out}: {len(queued)} points are in the queue of a scheduler: expected "
+                "--scheduler, --collect, or that they are cancelled"
+            )
+
+    def _submit(
+        self,
+        points: Mapping[str, Point],
+        waiting: Sequence[str],
+        rows: dict[str, Any],
+        queued: Mapping[str, str],
+        submission: Submission,
+    ) -> None:
+        """Submit the points that are waiting, and report how many are where."""
+        if submission.submit and waiting:
+            tasks = []
+            for name in waiting:
+                task = self._task(name, points[name])
+                if reason := task.skip_reason(rows.get(task.after or "")):
+                    End(limit=reason).write(self._folder.begin(name))
+                else:
+                    self._folder.begin(name)
+                    tasks.append(task)
+            for line in self._jobs.submit(tasks, submission):
+                self.report(line)
+            return
+        states = Counter(queued[name] for name in points if name in queued)
+        states["not in the queue"] = len(waiting)
+        parts = [f"{number} {state}" for state, number in states.items() if number]
+        if parts:
+            there = len(rows.keys() & points)
+            self.report(f"{len(points)} points: {there} in the table, {', '.join(parts)}")
+
+    def _run_here(
+        self,
+        points: Mapping[str, Point],
+        waiting: list[str],
+        rows: dict[str, Any],
+        extra: ExtraColumns | None,
+        jobs: int,
+    ) -> None:
+        """Run the points that are waiting in child processes, ``jobs`` at a time."""
         running: dict[str, Child] = {}
         ended = len(points) - len(waiting)
-        if ended:
-            self.report(f"{ended} of {len(points)} points are there already")
+        runner = TaskRunner()
+        tasks = {name: self._task(name, points[name]) for name in waiting}
         with Interrupts() as interrupts:
             try:
                 while waiting or running:
                     with interrupts.postponed():  # an interrupt here would lose a new child
-                        for name in self._startable(waiting, running, points):
+                        for name in _startable(waiting, running, points, jobs):
                             waiting.remove(name)
-                            point = points[name]
-                            if reason := self._skip_reason(point, rows.get(point.after or "")):
-                                row = self._row(name, point)
-                                row |= {"converged": False, "status": reason}
+                            task = tasks[name]
+                            if reason := task.skip_reason(rows.get(task.after or "")):
+                                row = self._result(name, points[name], End(limit=reason), extra)
                                 ended += 1
                                 rows[name] = self._append(name, row, ended, len(points))
                             else:
-                                running[name] = self._start(name, point)
+                                running[name] = runner.start(task, self._folder.begin(name))
                         for name in [name for name in running if running[name].poll() is not None]:
                             child = running.pop(name)
-                            row = self._result(name, points[name], child, extra)
-                            self._keep_or_close(child, bool(waiting))
+                            end = End(child.poll() or 0, child.seconds, child.limit_reached)
+                            row = self._result(name, points[name], end, extra)
+                            runner.keep_or_close(child, bool(waiting))
                             ended += 1
                             rows[name] = self._append(name, row, ended, len(points))
                     time.sleep(_POLL_INTERVAL)
             finally:
-                for child in (*running.values(), *self._idle):
+                for child in running.values():
                     child.end()
+                runner.close()
 
     def draw(self) -> None:
         """Draw NAME.png in a process of its own; report a failure without an exception."""
@@ -164,49 +251,17 @@ class Batch:
         output = (out if drawing.returncode == 0 else errors).strip().splitlines()
         self.report(output[-1] if output else f"no picture: exit code {drawing.returncode}")
 
-    def _startable(
-        self, waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point]
-    ) -> list[str]:
-        """Return the points to start now, in order, each only after the point it names."""
-        not_ended = {*waiting, *running}
-        ready = [name for name in waiting if points[name].after not in not_ended]
-        return ready[: self.limits.jobs - len(running)]
-
-    def _start(self, name: str, point: Point) -> Child:
-        folder = self._folder.begin(name)
-        arguments = point.arguments(folder)
-        limits = self._timeout(point), self.limits.memory
-        if not self._reuse:
-            command = [*program(self._ranks(point), point.module), *arguments]
-            return Child(command, folder / LOG, *limits)
-        worker = self._idle.pop() if self._idle else Worker(self.limits.ranks)
-        worker.start(arguments, folder / LOG, *limits)
-        return worker
-
-    def _keep_or_close(self, child: Child, wanted: bool) -> None:
-        """Keep the worker of a point that has ended for another one, if that is ``wanted``."""
-        if isinstance(child, Worker):
-            if wanted and child.idle:
-                self._idle.append(child)
-            else:
-                child.close()
+    def _task(self, name: str, point: Point) -> Task:
+        """Return what a process needs to know of a point."""
+        return Task(
+            name, point.module, tuple(point.arguments(self.out / name)), self._ranks(point),
+            point.timeout if point.timeout is not None else self.limits.timeout,
+            self.limits.memory, self._reuse, tuple(point.preparation), point.after, point.growth,
+            self._row(name, point).get("cells"),
+        )  # fmt: skip
 
     def _ranks(self, point: Point) -> int:
         return self.limits.ranks if point.parallel else 1
-
-    def _timeout(self, point: Point) -> float | None:
-        return point.timeout if point.timeout is not None else self.limits.timeout
-
-    def _skip_reason(self, point: Point, coarser: Mapping[str, Any] | None) -> str:
-        """Return why a point is skipped, from the row of its coarser point, or ""."""
-        if coarser is None:
-            return ""
-        if str(coarser["status"]).startswith(("given up", "not tried")):
-            return f"not tried: {_coarser_status(coarser)}"
-        limit, seconds = self._timeout(point), float(coarser["seconds"] or 0)
-        if limit and seconds * point.growth > limit:
-            return f"not tried: would take more than {limit:g} s"
-        return ""
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
         """Return the columns of a point that are known before it runs."""
@@ -214,15 +269,17 @@ class Batch:
         return row | dict(point.columns)
 
     def _result(
-        self, name: str, point: Point, child: Child, extra: ExtraColumns | None
+        self, name: str, point: Point, end: End, extra: ExtraColumns | None
     ) -> dict[str, Any]:
         """Return the row of a point that has ended."""
-        record = read_record(self.out / name, point.record)
         row = self._row(name, point)
-        row |= point.measured(record, self.out / name / LOG, child.poll() or 0)
-        row["seconds"] = row["seconds"] or child.seconds
-        if child.limit_reached:
-            row |= {"converged": False, "status": child.limit_reached}
+        if end.limit.startswith(NOT_TRIED):
+            return row | {"converged": False, "status": end.limit}
+        record = read_record(self.out / name, point.record)
+        row |= point.measured(record, self.out / name / LOG, end.code)
+        row["seconds"] = row["seconds"] or end.seconds
+        if end.limit:
+            row |= {"converged": False, "status": end.limit}
         return row | dict(extra(record, row) if extra else {})
 
     def _append(self, name: str, row: dict[str, Any], count: int, of: int) -> dict[str, Any]:
@@ -237,9 +294,10 @@ class Batch:
         return row
 
 
-def _coarser_status(coarser: Mapping[str, Any]) -> str:
-    """Return the status of the coarsest mesh that failed, the same for all meshes above it."""
-    status = str(coarser["status"])
-    if status.startswith("not tried: "):
-        return status.removeprefix("not tried: ")
-    return f"{coarser['cells']} cells were {status}"
+def _startable(
+    waiting: Sequence[str], running: Mapping[str, Child], points: Mapping[str, Point], jobs: int
+) -> list[str]:
+    """Return the points to start now, in order, each only after the point it names."""
+    not_ended = {*waiting, *running}
+    ready = [name for name in waiting if points[name].after not in not_ended]
+    return ready[: jobs - len(running)]

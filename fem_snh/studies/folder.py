@@ -17,6 +17,8 @@ from fem_snh.studies.point import Point
 
 #: The log of a point.
 LOG = "log.txt"
+#: How a point ended that a job of a scheduler ran (`fem_snh.studies.tasks.End`).
+END = "end.json"
 #: Hidden file that is the lock of the folder.
 _LOCK = ".study"
 #: Key of the definition that has the points: what the row of each depends on.
@@ -90,7 +92,7 @@ class StudyFolder:
         points = points if isinstance(points, dict) else {}
         if overwrite:
             for point in points:
-                self._remove(point)
+                self.discard(point)
             remove(self.path / f"{self.name}.csv")
             return {}
         if earlier and earlier != self._definition:
@@ -156,27 +158,40 @@ class StudyFolder:
 
     def begin(self, name: str) -> Path:
         """Return the folder of a registered point, without what an earlier run of it has left."""
-        self._remove(name)
-        folder = self.path / name
-        folder.mkdir(exist_ok=True)
-        return folder
+        return clear_point(self.path, name)
 
-    def _remove(self, name: str) -> None:
-        """Remove the files of a point, and its folder unless it holds others."""
-        folder = self.path / name
-        if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
-            return  # a name that was edited, or a point that has not run
-        run = RunFiles(folder, overwrite=True)
-        run.discard(list(run.names))
-        run.close()
-        for file in (LOG, "record.json"):
-            remove(folder / file)
-        with suppress(OSError):
-            folder.rmdir()
+    def discard(self, name: str) -> None:
+        """Remove the files of a point."""
+        _remove_point(self.path, name)
 
     def close(self) -> None:
         """Release the folder for other processes."""
         self._lock.release()
+
+
+def clear_point(out: Path, name: str) -> Path:
+    """Return the folder of a point of the study in ``out``, empty but for files of others.
+
+    Raises BadInput if a process still writes into it.
+    """
+    _remove_point(out, name)
+    folder = out / name
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def _remove_point(out: Path, name: str) -> None:
+    """Remove the files of a point, and its folder unless it holds others."""
+    folder = out / name
+    if Path(name).name != name or not folder.is_dir() or folder.is_symlink():
+        return  # a name that was edited, or a point that has not run
+    run = RunFiles(folder, overwrite=True)
+    run.discard(list(run.names))
+    run.close()
+    for file in (LOG, "record.json", END):
+        remove(folder / file)
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _dependencies(point: Point) -> dict[str, str]:

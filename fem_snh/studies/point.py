@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from fem_snh.errors import BadInput, check_whole
+from fem_snh.studies.schedulers import Submission
 
 #: Largest number of points at a time, and of ranks: more than the cores of any single machine.
 MAX_PROCESSES = 4096
@@ -23,8 +24,8 @@ class Limits:
 
     Parameters
     ----------
-    jobs : int
-        Points at a time.
+    jobs : int or Submission
+        Points at a time on this machine, or how they are submitted to a scheduler.
     ranks : int
         MPI ranks of each point.
     timeout : float, optional
@@ -38,14 +39,15 @@ class Limits:
         For a value outside its range.
     """
 
-    jobs: int = 1
+    jobs: int | Submission = 1
     ranks: int = 1
     timeout: float | None = None
     memory: float | None = None
 
     def __post_init__(self) -> None:
         for key in ("jobs", "ranks"):
-            check_whole(key, getattr(self, key), 1, MAX_PROCESSES)
+            if not isinstance(number := getattr(self, key), Submission):
+                check_whole(key, number, 1, MAX_PROCESSES)
         for key, unit in {"timeout": "seconds", "memory": "GiB"}.items():
             limit = getattr(self, key)
             number = isinstance(limit, int | float) and not isinstance(limit, bool)
@@ -68,6 +70,9 @@ class Point(ABC):
         timeout, or ``after`` reached a limit itself, this point is skipped.
     columns : mapping
         Further columns of its row, whatever its result.
+    preparation : sequence of str
+        Arguments of ``fem-snh`` that compile what it needs. They are run once, before the first
+        point that has them, so that its row does not contain the time of the compiler.
 
     Attributes
     ----------
@@ -83,6 +88,7 @@ class Point(ABC):
     after: str | None = None
     growth: float = 1.0
     columns: Mapping[str, Any] = field(default_factory=dict)
+    preparation: Sequence[str] = ()
 
     module: ClassVar[str] = "fem_snh"
     parallel: ClassVar[bool] = True

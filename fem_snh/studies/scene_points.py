@@ -56,10 +56,14 @@ class ScenePoint(Point):
 
 
 def run_arguments(
-    scene: str | Path, folder: Path, values: Mapping[str, Any], petsc: Mapping[str, Any]
+    scene: str | Path, folder: Path | None, values: Mapping[str, Any], petsc: Mapping[str, Any]
 ) -> list[str]:
-    """Return the arguments of ``fem-snh`` for a run with these values and PETSc options."""
-    arguments = ["run", str(scene), "--out", str(folder), "--overwrite", "--quiet"]
+    """Return the arguments of ``fem-snh`` for a run with these values and PETSc options.
+
+    Without a folder the run writes nothing.
+    """
+    arguments = ["run", str(scene), "--quiet"]
+    arguments += ["--out", str(folder), "--overwrite"] if folder is not None else []
     arguments += [f"--set={key}={json.dumps(v)}" for key, v in values.items()]
     options = [[f"-{k}"] if v is None else [f"-{k}", value_text(v)] for k, v in petsc.items()]
     return [*arguments, "--", *itertools.chain(*options)]

@@ -21,6 +21,7 @@ from fem_snh.errors import BadInput
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
 from fem_snh.studies.scene_points import ScenePoint, file_digests, scene_files, value_text
+from fem_snh.studies.schedulers import Submission
 from fem_snh.studies.table import MEASURED, REQUESTED
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def sweep(
     out: str | Path,
     axes: Mapping[str, Any],
     *,
-    jobs: int = 1,
+    jobs: int | Submission = 1,
     ranks: int = 1,
     timeout: float | None = None,
     memory: float | None = None,
@@ -55,8 +56,9 @@ def sweep(
         The folder; a sweep that it holds is continued.
     axes : mapping
         A list of values (or one value) for each key of `fem_snh.scenes.load`.
-    jobs : int
-        Points at a time.
+    jobs : int or Submission
+        Points at a time on this machine; or how they are submitted to a scheduler. Then the call
+        returns at once, and the same call again adds the rows of those that have ended.
     ranks : int
         MPI ranks of each point.
     timeout : float, optional
@@ -110,9 +112,10 @@ def sweep(
         report=report,
     )
     with batch:
-        batch.run(points)
-        batch.draw()
-        if render is not None:
+        complete = batch.run(points)
+        if complete:
+            batch.draw()
+        if complete and render is not None:
             report(_draw_bodies(batch.out, list(points), render))
     import pandas as pd
 

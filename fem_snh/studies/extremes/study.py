@@ -126,14 +126,15 @@ def extremes(
         return cases[row["point"]].evaluate(record, row)
 
     with batch:
-        batch.run({name: case.point for name, case in cases.items()}, evaluate)
+        complete = batch.run({name: case.point for name, case in cases.items()}, evaluate)
         table = pd.read_csv(batch.table.path)
-        batch.draw()
-        path = batch.out / "extremes.md"
-        replace_file(path, f"# Extremes\n\n{page(table, batch.out)}")
-        report(f"page: {path}")
+        if complete:
+            batch.draw()
+            path = batch.out / "extremes.md"
+            replace_file(path, f"# Extremes\n\n{page(table, batch.out)}")
+            report(f"page: {path}")
     requested = table[table["point"].isin(list(cases))]
-    return Robustness(requested, aggregate_criteria(requested))
+    return Robustness(requested, aggregate_criteria(requested) if complete else {})
 
 
 def _family(name: str) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 from fem_snh import scenes
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput
-from fem_snh.studies.scene_points import ScenePoint
+from fem_snh.studies.scene_points import ScenePoint, run_arguments
 from fem_snh.studies.sweep import folder_name
 from fem_snh.studies.tradeoff.knobs import AUTOMATIC, KNOBS, Choice, knob_values, number_text
 
@@ -128,8 +128,18 @@ class Plan:
                 growth=growth,
                 columns=choice.row()
                 | {"default": not changed_knobs(choice, self._default_of(choice))},
+                preparation=self._preparation(scene, choice.element, overrides),
             )
         return points
+
+    def _preparation(
+        self, scene: str | Path, element: str, overrides: Mapping[str, Any]
+    ) -> list[str]:
+        """Return the arguments of a run that compiles the kernels of an element, for all nu."""
+        choice = self.default(element, self.resolutions[element][0])
+        nu = next(nu for nu in self.nus if nu < 0.5 or ELEMENTS[element].volume == "pressure")
+        values = {"nu": nu} | dict(overrides) | choice.values()
+        return run_arguments(scene, None, values, {"snes_max_it": 1})
 
     def _after(self, choice: Choice) -> tuple[Choice | None, float]:
         """Return the choice that runs before this one, and the bound of the cost ratio."""

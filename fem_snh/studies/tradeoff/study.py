@@ -10,10 +10,8 @@ more values.
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import pandas as pd
@@ -25,8 +23,7 @@ from fem_snh.choices import HESSIANS
 from fem_snh.errors import BadInput, choose
 from fem_snh.studies.batch import Batch
 from fem_snh.studies.point import Limits
-from fem_snh.studies.processes import environment, program
-from fem_snh.studies.scene_points import file_digests, run_arguments, scene_files
+from fem_snh.studies.scene_points import file_digests, scene_files
 from fem_snh.studies.table import MEASURED, REQUESTED
 from fem_snh.studies.tradeoff import advice, errors
 from fem_snh.studies.tradeoff.grid import Plan, resolutions
@@ -126,13 +123,15 @@ def tradeoff(
         batch.register(
             {name: point for points in studied.values() for name, point in points.items()}
         )
-        _warm_up(scene, plan, overrides, batch)
+        complete = []
         for nu, points in studied.items():
-            batch.run(points, _measured)
-            _assess(batch, of, nu)
+            complete.append(batch.run(points, _measured))
+            if complete[-1]:
+                _assess(batch, of, nu)
         table = pd.read_csv(batch.table.path)
-        write_advice(table, batch.out)
-        batch.draw()
+        if all(complete):
+            write_advice(table, batch.out)
+            batch.draw()
     return table
 
 
@@ -195,21 +194,6 @@ def fitting(own: scenes.Scene, meshes: Sequence[int | str]) -> list[str]:
     except OSError as error:
         raise BadInput(f"mesh '{path}' cannot be read: {error.strerror or error}") from None
     return [name for name, element in ELEMENTS.items() if element.cell == cell]
-
-
-def _warm_up(scene: str | Path, plan: Plan, overrides: Mapping[str, Any], batch: Batch) -> None:
-    """Compile the kernels of each element, so that no row contains the time of the compiler."""
-    done = {row["element"] for row in batch.table.rows()}
-    for element in plan.elements:
-        nus = [nu for nu in plan.nus if nu < 0.5 or ELEMENTS[element].volume == "pressure"]
-        if element in done or not nus:
-            continue
-        choice = plan.default(element, plan.resolutions[element][0])
-        values = {"nu": nus[0]} | dict(overrides) | choice.values()
-        with TemporaryDirectory() as folder:
-            petsc = {"snes_max_it": 1}
-            command = [*program(1), *run_arguments(scene, Path(folder), values, petsc)]
-            subprocess.run(command, env=environment(), capture_output=True)
 
 
 def _measured(record: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,152 @@
+"""Studies that a real Slurm runs: lost jobs, a controller that is killed, elements on ranks."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from slurm_cluster import PROCESSORS, Cluster, CountedPoint, missing, wait_for
+
+from fem_snh import cli
+from fem_snh.errors import BadInput
+from fem_snh.studies.batch import Batch
+from fem_snh.studies.jobs import Jobs, pack
+from fem_snh.studies.point import Limits
+from fem_snh.studies.schedulers import Array, Slurm, Submission
+from fem_snh.studies.tasks import Task
+
+COLUMNS = ["point", "number", "square", "ranks", "converged", "status", "seconds"]
+WITH_SLURM = pytest.mark.skipif(bool(missing()), reason=missing() or "Slurm is here")
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    with pytest.MonkeyPatch.context() as patch, Cluster(tmp_path_factory.mktemp("slurm")) as made:
+        patch.setenv("SLURM_CONF", made.variables["SLURM_CONF"])
+        yield made
+
+
+def study(out: Path, submission: Submission, lines: list[str] | None = None) -> Batch:
+    report = (lines if lines is not None else []).append
+    return Batch(out, "study", {}, COLUMNS, Limits(submission), report=report)
+
+
+@WITH_SLURM
+def test_nothing_is_lost_and_nothing_runs_twice(cluster: Cluster, tmp_path: Path) -> None:
+    """60 points; slurmctld is killed and started again, a job is killed, a node fails."""
+    runs = tmp_path / "runs.txt"
+    points = {f"p{n}": CountedPoint(number=n, runs=runs) for n in range(60)}
+    out, submission = tmp_path / "out", Submission(chunk=2)
+    lines: list[str] = []
+    with study(out, submission, lines) as batch:
+        assert not batch.run(points)
+        # MaxArraySize is 20: two arrays.
+        sizes = [int(n) for n in re.findall(r"(\d+) elements of job", " ".join(lines))]
+        assert sizes == [20, 10]
+        assert not batch.run(points) and len(list((out / "jobs").glob("*.json"))) == 2
+
+    wait_for(lambda: runs.exists() and len(runs.read_text().split()) >= 5)
+    cluster.kill_controller()
+    with study(out, submission) as batch, pytest.raises(BadInput, match="nothing is lost"):
+        batch.run(points)
+    assert len(list((out / "jobs").glob("*.json"))) == 2
+    cluster.start_controller()
+
+    wait_for(cluster.running)
+    killed = cluster.running()[0]
+    cluster.run("scancel", killed)
+    wait_for(lambda: len(cluster.running()) > 1 or cluster.resume(), 0.5)
+    on_node = len(cluster.running())  # these may run a second time
+    cluster.run("scontrol", "update", f"nodename={cluster.host}", "state=down", "reason=test")
+    wait_for(lambda: not cluster.running())
+
+    def settle() -> None:
+        wait_for(lambda: not Jobs(out).queued() or cluster.resume(), 0.5)
+
+    settle()
+    lines.clear()
+    with study(out, submission, lines) as batch:
+        assert not batch.run(points)
+        # The job that was killed, and what a controller forgets that is killed before it saves.
+        (lost,) = (int(n) for n in re.findall(r"submitted (\d+) points", " ".join(lines)))
+        assert 1 <= lost <= 2 * (10 + 1) and len(batch.table.rows()) == 60 - lost
+        settle()
+        assert batch.run(points)
+        rows = batch.table.rows()
+    assert sorted(row["point"] for row in rows) == sorted(points)
+    assert all(int(row["square"]) == int(row["number"]) ** 2 for row in rows)
+    repeated = {name for name, n in Counter(runs.read_text().split()).items() if n > 1}
+    # A controller that has lost its last seconds starts again what it believes to be waiting.
+    assert len(repeated) <= 2 * (on_node + 1 + PROCESSORS)
+    assert Jobs(out).status("study") == {"points": 60, "in the table": 60}
+
+
+@WITH_SLURM
+def test_commands(cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A sweep of runs on 2 ranks: submitted, refused here meanwhile, its status, its rows."""
+    out = ["--out", str(tmp_path / "out")]
+    words = ["sweep", "twist", "--cells", "2", "--set", "steps=1", "--nu", "0.3,0.4", *out]
+    slurm = ["--scheduler", "slurm", "--array-limit", "2", "--ranks", "2", "--partition", "main"]
+    node = "scontrol", "update", f"nodename={cluster.host}"
+    cluster.run(*node, "state=drain", "reason=test")  # nothing starts meanwhile
+    assert cli.main([*words, *slurm, "--timeout", "100", "--memory", "2"]) == 0
+    assert "submitted 2 points: 2 elements" in capsys.readouterr().out
+    assert cli.main([*words, "--ranks", "2"]) == 2
+    assert "are in the queue of a scheduler" in capsys.readouterr().err
+    assert cli.main([*words, *slurm, "--overwrite"]) == 2
+    assert cli.main(["sweep", "--collect", *out]) == 1
+    assert "2 points: 2 pending" in capsys.readouterr().out
+    cluster.run(*node, "state=resume")
+    wait_for(lambda: not Jobs(tmp_path / "out").queued() or cluster.resume(), 0.5)
+    assert cli.main(["sweep", "--status", *out]) == 1
+    assert "2 points: 2 ended" in capsys.readouterr().out
+    assert cli.main(["sweep", "--collect", *out]) == 0
+    assert "2 of 2 points converged" in capsys.readouterr().out
+    for nu in (0.3, 0.4):
+        record = json.loads((tmp_path / "out" / f"nu={nu}" / "run.json").read_text())
+        assert record["ranks"] == 2 and record["converged"]
+
+
+def task(name: str, after: str | None = None, timeout: float | None = None) -> Task:
+    return Task(name, "fem_snh", (), 1, timeout=timeout, after=after)
+
+
+def test_points_that_wait_for_others_are_in_their_element() -> None:
+    tasks = [task("c", "b"), task("x"), task("b", "a"), task("a", "done before"), task("y")]
+    names = [[t.name for t in element] for element in pack(tasks, 1)]
+    assert names == [["a", "b", "c"], ["x"], ["y"]]
+    names = [[t.name for t in element] for element in pack(tasks, 4)]
+    assert names == [["a", "b", "c", "x"], ["y"]]
+
+
+def test_script_of_an_array(tmp_path: Path) -> None:
+    submission = Submission(account="a", partition="p", array_limit=3, options=["--qos=long"])
+    array = Array("fem-snh-0", 7, 2, tmp_path, "python {index}", seconds=3600.0, memory=1.5)
+    lines = Slurm().script(array, submission).splitlines()
+    for option in (
+        "--array=0-6%3", "--account=a", "--partition=p", "--qos=long", "--ntasks=2", "--requeue",
+        "--time=62", "--mem=1792M",
+    ):  # fmt: skip
+        assert f"#SBATCH {option}" in lines
+    assert lines[0] == "#!/bin/bash" and lines[-1] == 'exec python "$SLURM_ARRAY_TASK_ID"'
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--scheduler", "lsf"], "scheduler = 'lsf': expected"),
+        (["--account", "a"], "--account: expected --scheduler"),
+        (["--scheduler", "slurm", "--chunk", "0"], "chunk = 0: expected"),
+        (["--collect"], "expected a study that a command with --scheduler has submitted"),
+    ],
+)
+def test_mistakes(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = [] if "--collect" in words else ["twist"]
+    assert cli.main(["sweep", *scene, *words, "--out", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
