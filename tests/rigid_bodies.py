@@ -28,18 +28,21 @@ def bushing_mesh(comm: Any, folder: Any, around: int = 6, layers: int = 4, order
     sa[] = Extrude {{0, 0, {HEIGHT}}} {{ Line{{a[1]}}; Layers{{1}}; Recombine; }};
     sb[] = Extrude {{0, 0, {HEIGHT}}} {{ Line{{b[1]}}; Layers{{1}}; Recombine; }};
     x = sa[1]; y = sb[1]; sleeve[] = {{}}; rubber[] = {{}}; outer[] = {{}}; ends[] = {{}};
+    bore[] = {{}};
     For k In {{1:4}}
       p[] = Extrude {{{{0, 0, 1}}, {{0, 0, 0}}, Pi/2}} {{
         Surface{{x}}; Layers{{{around}}}; Recombine; }};
       q[] = Extrude {{{{0, 0, 1}}, {{0, 0, 0}}, Pi/2}} {{
         Surface{{y}}; Layers{{{around}}}; Recombine; }};
       sleeve[] += {{p[1]}}; rubber[] += {{q[1]}}; outer[] += {{q[3]}}; ends[] += {{q[2], q[4]}};
+      bore[] += {{p[5]}};
       x = p[0]; y = q[0];
     EndFor
     Physical Volume("sleeve") = {{sleeve[]}};
     Physical Volume("rubber") = {{rubber[]}};
     Physical Surface("outer") = {{outer[]}};
     Physical Surface("ends") = {{ends[]}};
+    Physical Surface("bore") = {{bore[]}};
     """
     return write_msh(comm, folder, script, order=order)
 
