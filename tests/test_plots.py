@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from picture_runs import bad, record, write_record
 
+from fem_snh.errors import BadInput
 from fem_snh.viewing import plots
+from fem_snh.viewing.plots.curves import curve_figure, run_table
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.plots.sweeps import read_sweep, sweep_figure
+from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
 
 HEAD = "point,scene,material,nu,hessian,cells,converged,newton,linear,volume_ratio,seconds\n"
 ROWS = """\
@@ -64,6 +66,53 @@ def test_plot_runs(tmp_path):
     assert plots.main([a, b]) == tmp_path / "comparison.png"
     out = plots.main([a], tmp_path / "new" / "x.pdf")
     assert out.read_bytes().startswith(b"%PDF")
+
+
+def twisted(moments=(1.0, 3.0)):
+    """A run with a torque, half of it a force, over an angle of 2."""
+    run = record((0.5, 1.0), scene="turn", load_name="angle", load_range=[0.0, 2.0])
+    for step, moment in zip(run["steps"], moments, strict=True):
+        step["moments"] = {"inner": [0.1, 0.0, moment]}
+        step["reactions"] = {"inner": [moment / 2, 0.0, 0.0]}
+    return run
+
+
+def test_the_torque_is_a_panel_of_the_default_picture():
+    figure = run_figure([twisted(), twisted((2.0, 5.0))])
+    assert figure.axes[2].get_ylabel() == "inner.moment.z"
+    found = [list(map(float, line.get_ydata())) for line in figure.axes[2].lines]
+    assert [1.0, 3.0] in found and [2.0, 5.0] in found
+
+
+def test_curves_of_columns(tmp_path):
+    """A column over the load by its name, a quotient, and another column."""
+    table = run_table(twisted())
+    figure = curve_figure({"turn": table}, "angle", ["inner.moment.z", "inner.moment.z/angle"])
+    (line,), (slope,) = (ax.lines for ax in figure.axes)
+    assert line.get_xdata().tolist() == [1.0, 2.0] and line.get_ydata().tolist() == [1.0, 3.0]
+    assert slope.get_ydata().tolist() == [1.0, 1.5]
+    write_record(tmp_path, twisted())
+    assert plots.main([tmp_path], y=["inner.force.x"]) == tmp_path / "curves.png"
+    assert (tmp_path / "curves.png").stat().st_size > 1000
+    with pytest.raises(BadInput, match=r"column = 'iner.moment.z': .*'inner.moment.z'"):
+        plots.main([tmp_path], y=["iner.moment.z"])
+    with pytest.raises(BadInput, match="--x angle: expected with --y"):
+        plots.main([tmp_path], x="angle")
+
+
+def test_stiffness_over_nu_in_a_sweep(tmp_path):
+    """A line for each material, in the order of nu; points that failed are left out."""
+    rows = [("b", 0.49, True, 8.0), ("a", 0.3, True, 6.0), ("c", 0.4999, False, 1.0)]
+    text = "point,material,nu,converged,newton,linear,volume_ratio,seconds,top.force.z,top.z\n"
+    text += "".join(f"{p},snh,{nu},{ok},1,1,1,1,{force},2\n" for p, nu, ok, force in rows)
+    (tmp_path / "sweep.csv").write_text(text)
+    table = read_table(tmp_path / "sweep.csv")
+    figure = curve_figure(by_material(table, "nu"), "nu", ["top.force.z/top.z"])
+    (line,) = figure.axes[0].lines
+    assert line.get_xdata().tolist() == [0.3, 0.49] and line.get_ydata().tolist() == [3.0, 4.0]
+    assert plots.main([tmp_path], x="nu", y=["top.force.z"]) == tmp_path / "curves.png"
+    with pytest.raises(BadInput, match="--y: expected with --x"):
+        plots.main([tmp_path], y=["top.force.z"])
 
 
 def test_plot_sweep(tmp_path):

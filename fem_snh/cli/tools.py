@@ -19,6 +19,9 @@ def plot_parser() -> Parser:
         paths DIR|TABLE.csv  what to draw
         --out PNG  file of the picture
         --newton  also draw the Newton iterations
+        --x COLUMN  what the curves of --y are over: a column of steps.csv or of the table, e.g.
+            corner.y, nu; default: the load, or what the scene calls it, as angle
+        --y COLUMN,COLUMN  columns to draw, e.g. top.force.z,inner.moment.z; A/B is a quotient
         """,
         paths={"nargs": "+", "type": Path},
         out=output,
@@ -33,7 +36,8 @@ def plot(argv: list[str]) -> int:
 
     from fem_snh.viewing.plots import main
 
-    print(main(args.paths, args.out, args.newton))
+    columns = [name.strip() for name in args.y.split(",")] if args.y is not None else []
+    print(main(args.paths, args.out, args.newton, args.x, columns))
     return 0
 
 

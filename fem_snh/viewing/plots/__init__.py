@@ -15,14 +15,21 @@ from matplotlib.figure import Figure
 
 from fem_snh.atomic_files import make_folder_of, output_path, replace_file
 from fem_snh.errors import BadInput
+from fem_snh.viewing.plots.curves import curve_figure, run_table, x_of
 from fem_snh.viewing.plots.newton import newton_figure
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.plots.sweeps import read_sweep, read_table, sweep_figure
+from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
 from fem_snh.viewing.plots.tradeoff import tradeoff_figure
 from fem_snh.viewing.render import read_record
 
 
-def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -> Path:
+def main(
+    paths: Sequence[Path],
+    out: Path | None = None,
+    newton: bool = False,
+    x: str | None = None,
+    y: Sequence[str] = (),
+) -> Path:
     """Plot run folders in one graph, or the CSV file of one study, and return the picture's path.
 
     Parameters
@@ -34,6 +41,9 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
         several, and the name of the CSV file with .png.
     newton : bool
         Add a panel with the Newton iterations per step.
+    x, y : str and sequence of str, optional
+        Columns of steps.csv, or of the study's table, or quotients of two: a panel for each of
+        ``y`` over ``x``, which is the load parameter of runs by default.
 
     Raises
     ------
@@ -49,11 +59,21 @@ def main(paths: Sequence[Path], out: Path | None = None, newton: bool = False) -
     if any(t.suffix == ".csv" for t in tables):
         if len(tables) > 1:
             raise BadInput(f"{tables[0]}: plot one table at a time, without run folders")
-        figure, default = _table_figure(tables[0]), tables[0].with_suffix(".png")
+        figure, default = _table_figure(tables[0], x, y), tables[0].with_suffix(".png")
+        if y:
+            default = default.with_name("curves.png")
     else:
-        figure = run_figure([read_record(p) for p in paths], newton)
+        records = [read_record(p) for p in paths]
+        if x is not None and not y:
+            raise BadInput(f"--x {x}: expected with --y, the columns of the curves")
+        if y:
+            labels = paths if len(paths) > 1 else [str(records[0]["scene"])]
+            found = dict(zip(map(str, labels), map(run_table, records), strict=True))
+            figure, name = curve_figure(found, x or x_of(records), y), "curves.png"
+        else:
+            figure, name = run_figure(records, newton), "history.png"
         above = Path(os.path.commonpath([p.resolve() for p in paths]))
-        default = paths[0] / "history.png" if len(paths) == 1 else above / "comparison.png"
+        default = paths[0] / name if len(paths) == 1 else above / "comparison.png"
     return save(figure, output_path("--out", out) if out is not None else default)
 
 
@@ -65,8 +85,12 @@ def _table_in(path: Path) -> Path:
     return path
 
 
-def _table_figure(path: Path) -> Figure:
+def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
     table = read_table(path)
+    if y:
+        if x is None:
+            raise BadInput("--y: expected with --x, a column of the table")
+        return curve_figure(by_material(table, x), x, y)
     if "passed" in table:
         return newton_figure(table, path)
     if "error_displacement" in table:

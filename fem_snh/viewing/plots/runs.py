@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from fem_snh.errors import BadInput
+from fem_snh.viewing.plots.curves import column, principal_result, run_table
 from fem_snh.viewing.plots.energies import draw_energies
 from fem_snh.viewing.plots.style import (
     colour,
@@ -35,15 +36,24 @@ from fem_snh.viewing.render.records import (
 # Volume change [%] at stretch 3.4 and nu = 0.49, Smith et al. 2018, Section 6.
 PAPER = {"stable_neo_hookean": 4.3, "fixed_corotational": 4.5, "filtered_neo_hookean": 4.9}
 PAPER_STRETCH = 3.4
+#: Labels of the panels that every run has.
+_LABELS = {
+    "volume": "volume change [%]",
+    "linear": "linear iterations per step",
+    "newton": "Newton iterations per step",
+}
 
 
 def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figure:
     """Return a graph of volume change and iterations per step, a line per record (run.json).
 
+    Where all runs have a reaction, its largest component has a panel.
+
     If all runs are in time, a panel shows energies.
     """
     steps = [steps_of(record) for record in records]
-    panels = ["volume", "linear", *(["newton"] if newton else [])]
+    main = principal_result(records)
+    panels = ["volume", "linear", *(["newton"] if newton else []), *([main] if main else [])]
     in_time = all(duration(record) is not None for record in records)
     figure, axes = subplots(len(panels) + in_time)
     if in_time:
@@ -51,6 +61,9 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
     for index, (record, table, name) in enumerate(zip(records, steps, names(records), strict=True)):
         good, bad = table[table["converged"]], table[~table["converged"]]
         for panel, ax in zip(panels, axes, strict=True):
+            if panel == main:
+                ax.plot(good["x"], column(run_table(record), main), **style(index, len(good)))
+                continue
             start = good.head(0)
             if panel == "volume":  # the state at rest is the first point
                 start = pd.DataFrame({"x": [load_range(record)[0]], "volume": [0.0]})
@@ -59,8 +72,7 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
             ax.plot(bad["x"], bad[panel], **failure(index))
     _paper_marks(axes[0], records)
     load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
-    labels = ("volume change [%]", "linear iterations per step", "Newton iterations per step")
-    for ax, label in zip(axes, labels, strict=False):
+    for ax, label in zip(axes, [_LABELS.get(panel, plain(panel)) for panel in panels], strict=True):
         ax.set_xlabel(load)
         ax.set_ylabel(label)
         if label.endswith("step"):

@@ -121,6 +121,15 @@ def varied_columns(table: pd.DataFrame) -> list[str]:
     return [c for c in requested if c not in skip and table[c].nunique(dropna=False) > 1]
 
 
+def by_material(table: pd.DataFrame, x: str) -> dict[str, pd.DataFrame]:
+    """Return the points that converged by material and combination of the values but ``x``."""
+    if "converged" not in table or "material" not in table:
+        return {"all points": table}
+    good = table[table["converged"].astype(str).str.lower() == "true"]
+    varied = [c for c in ("nu", *varied_columns(table)) if c != x and table[c].nunique() > 1]
+    return dict(_series(good, varied))
+
+
 def _series(table: pd.DataFrame, varied: list[str]) -> Iterator[tuple[str, pd.DataFrame]]:
     for key, rows in table.groupby(["material", *varied], sort=False, dropna=False):
         material, *rest = key

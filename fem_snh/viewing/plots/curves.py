@@ -1,0 +1,112 @@
+"""Draw curves of results: any column of runs or of a sweep over any other.
+
+Columns are those of steps.csv and sweep.csv: ``inner.moment.z``, ``corner.y``, ``volume_ratio``. A
+run has its load parameter, too, by its name: ``angle``. ``A/B`` is the quotient of two columns, as
+a stiffness: ``right.force.x/corner.x``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from fem_snh.errors import BadInput, choose
+from fem_snh.run_tables import flat, results
+from fem_snh.viewing.plots.style import legend, plain, style, subplots
+from fem_snh.viewing.render.records import load_name, load_range
+
+
+def run_table(record: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the steps of a run that converged as a table, with its load parameter by name.
+
+    Raises
+    ------
+    BadInput
+        If no step has converged.
+    """
+    rows = [flat(step) for step in record["steps"] if step.get("converged", True)]
+    if not rows:
+        raise BadInput(f"run of '{record['scene']}': nothing to plot: no step has converged")
+    table = pd.DataFrame(rows)
+    low, high = load_range(dict(record))
+    table[load_name(dict(record))] = low + table["load"].astype(float) * (high - low)
+    return table
+
+
+def column(table: pd.DataFrame, name: str) -> pd.Series:
+    """Return a column, or the quotient of two, as numbers.
+
+    Raises
+    ------
+    BadInput
+        For a column that the table does not have, or that has no numbers.
+    """
+    if name not in table and "/" in name:
+        for at in (i for i, letter in enumerate(name) if letter == "/"):
+            above, below = name[:at], name[at + 1 :]
+            if above in table and below in table:
+                return column(table, above) / column(table, below)
+    numbers = [c for c in table if pd.to_numeric(table[c], errors="coerce").notna().any()]
+    choose("column", name, numbers)
+    return pd.to_numeric(table[name], errors="coerce")
+
+
+def curve_figure(tables: Mapping[str, pd.DataFrame], x: str, y: Sequence[str]) -> Figure:
+    """Return a panel for each of ``y`` over ``x``, with a line for each table.
+
+    Raises
+    ------
+    BadInput
+        For a column that a table does not have.
+    """
+    figure, axes = subplots(len(y))
+    for index, (label, table) in enumerate(tables.items()):
+        across = column(table, x)
+        for ax, name in zip(axes, y, strict=True):
+            values = column(table, name)
+            order = across.sort_values(kind="stable").index if _is_study(table) else across.index
+            ax.plot(across[order], values[order], label=plain(label), **style(index, len(table)))
+    for ax, name in zip(axes, y, strict=True):
+        ax.set_xlabel(plain(x))
+        ax.set_ylabel(plain(name))
+    legend(figure, axes[0])
+    return figure
+
+
+def _is_study(table: pd.DataFrame) -> bool:
+    """Return whether rows are points, whose order says nothing; the steps of a run are a path."""
+    return "point" in table
+
+
+def principal_result(records: Sequence[Mapping[str, Any]]) -> str:
+    """Return the column of the largest component of a reaction that all runs have, or "".
+
+    A moment, which the scene asks for by its point, comes before a force.
+    """
+    good = [[s for s in record["steps"] if s.get("converged", True)] for record in records]
+    if not all(good):
+        return ""
+    first, *others = [results(steps[-1]) for steps in good]
+    for kind in (".moment.", ".force."):
+        names = [name for name in first if kind in name and all(name in row for row in others)]
+        sizes = {name: abs(first[name] or 0.0) for name in names}
+        if sizes and max(sizes.values()) > 0:
+            return max(sizes, key=lambda name: sizes[name])
+    return ""
+
+
+def x_of(records: Sequence[Mapping[str, Any]]) -> str:
+    """Return the default of ``x`` for runs: their load parameter.
+
+    Raises
+    ------
+    BadInput
+        If they differ in it.
+    """
+    names = {load_name(dict(record)) for record in records}
+    if len(names) > 1:
+        raise BadInput(f"--x: expected a column, as the runs have {', '.join(sorted(names))}")
+    return names.pop()
