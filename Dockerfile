@@ -1,4 +1,4 @@
-# fem_snh on Debian 13, for users: no compiler of LaTeX, no tests. In a copy of the repository:
+# fem_snh on Debian 13, without what only tests and documentation need. In a copy of the repository:
 #   docker build -t fem-snh .
 #   docker run --rm -v "$PWD/out:/out" fem-snh run twist --out /out/twist
 # `make test-docker` runs these steps without Docker, in a root directory.

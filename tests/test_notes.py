@@ -188,3 +188,13 @@ def test_a_program_has_notes_and_one_warning_of_a_kind(comm):
         assert len(warned) == (len(kinds) if comm.rank == 0 else 0)
         for note in problem.notes:
             assert "element = 'Q1' locks" in note.text and note.values["stiffness"] is None
+
+
+def test_more_than_half_a_turn_in_a_step_is_said():
+    """A whole turn in one step ends at the body's rest, which is no wound body."""
+    whole = solve("twist", cells=1, steps=1, angle=2 * np.pi)
+    assert whole.converged and whole.steps[-1]["energy"] == pytest.approx(0, abs=1e-9)
+    (note,) = [note for note in whole.notes if "rotate turns by" in note["text"]]
+    assert "turns by 360 degrees in 1 step," in note["text"] and "at least 2 steps" in note["text"]
+    half = solve("twist", cells=1, steps=1, angle=np.pi)
+    assert not [note for note in half.notes if "rotate turns by" in note["text"]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -15,9 +16,33 @@ from fem_snh.accuracy.state_notes import (
 from fem_snh.assembly.elements import Element
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
+from fem_snh.scenes import Scene
 
 #: Makes the run's problem with another element.
 Make = Callable[[Element], Problem]
+
+
+def turns(scene: Scene) -> list[str]:
+    """Return a line for each prescribed rotation by more than half a turn a step.
+
+    The pose at a load does not tell a turn from a turn and a half: the body follows whichever its
+    states before lead to.
+    """
+    steps = scene.time.steps if scene.time else scene.steps
+    found = []
+    for key in ("move", "rigid"):
+        for i, table in enumerate(getattr(scene, key)):
+            rotate = table.rotate
+            if rotate is None or table.table is not None or rotate.table is not None:
+                continue
+            if abs(rotate.angle) > steps * math.pi * (1 + 1e-9):
+                degrees, least = math.degrees(rotate.angle), math.ceil(abs(rotate.angle) / math.pi)
+                found.append(
+                    f"{key}.{i}.rotate turns by {degrees:.6g} degrees in {steps} "
+                    f"step{'s' if steps > 1 else ''}, more than half a turn in one: whole turns "
+                    f"may be lost; take at least {least} steps"
+                )
+    return found
 
 
 def final_notes(
