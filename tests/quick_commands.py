@@ -60,7 +60,7 @@ ELSEWHERE = {
     "fem-snh extremes": "tests/test_extremes.py",
     "fem-snh plot": "tests/test_plots.py",
     "fem-snh render": "tests/test_render.py",
-    "fem-snh run cook --accuracy": "docs/howto/choose.md",
+    "fem-snh run SCENE --accuracy": "tests/test_accuracy.py",
     "fem-snh run out/own_mesh/bracket.toml": "tests/test_demos.py",
     "fem-snh run own.toml": "tests/test_tradeoff.py",
     "fem-snh run pull --material demos/gent.py:gent": "docs/howto/own_material.md",

@@ -132,21 +132,6 @@ def test_bad_input(
     assert message.replace("\\", "") in output and output.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "words, message",
-    [
-        ("pull --accuracy 1%", "there is no table for pull, only for"),
-        ("cook --accuracy-table a.csv", "--accuracy-table: expected with --accuracy"),
-        ("cook --accuracy 1% --accuracy-table none.csv", "cannot be read"),
-        ("cook --accuracy 1% --accuracy-table setup.py", "has no column"),
-    ],
-)
-def test_bad_accuracy(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", *words.split()]) == 2
-    output = capsys.readouterr().err
-    assert message in output and output.count("\n") == 1
-
-
 SCENE = """
 mesh = "box1.msh"
 element = "Q1"

@@ -93,6 +93,11 @@ def input_vertices(domain: Any, dim: int) -> Array:
     return number[_rows(topology.connectivity(dim, 0), corners[dim])]
 
 
+def input_nodes(domain: Any) -> Array:
+    """Return the row of each of this rank's geometry nodes in the input of `create_mesh`."""
+    return np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+
+
 def cell_vertices(domain: Any) -> Array:
     """Return the vertices of each owned cell by global numbers, (cells, corners) int64."""
     topology = domain.topology

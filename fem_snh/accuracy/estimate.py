@@ -54,11 +54,14 @@ class GoalError:
         The estimate of what is to be added to it; None: no estimate.
     scale : float
         The largest size of a component of the same vector.
+    unit : float
+        The size of the largest displacement or force; 0 for other goals.
     """
 
     value: float
     error: float | None = None
     scale: float = 0.0
+    unit: float = 0.0
 
     @property
     def corrected(self) -> float | None:
@@ -159,16 +162,21 @@ class Estimate:
         """Return what is printed: a line for each goal, or why there is no estimate."""
         if self.reason:
             return [f"no estimate of the error: {self.reason}"]
-        shown = {name: goal for name, goal in self.goals.items() if not goal.is_zero}
-        lines = [goal.text(name) for name, goal in shown.items()]
-        largest = max(
-            (name for name in shown if name in self.places),
-            key=lambda name: abs(shown[name].error or 0.0) / shown[name].scale,
-            default=None,
-        )
-        if largest is not None:
-            lines.append(f"where the error of {largest} is: {self.places[largest]}")
-        return lines
+        lines = [goal.text(name) for name, goal in self.goals.items() if not goal.is_zero]
+        return [*lines, self.where] if self.where else lines
+
+    @property
+    def where(self) -> str:
+        """Return the line that says where most of the largest error is; empty without one."""
+        sizes = {
+            name: abs(goal.error or 0.0) / goal.scale
+            for name, goal in self.goals.items()
+            if name in self.places and goal.scale > 0
+        }
+        if not sizes:
+            return ""
+        largest = max(sizes, key=sizes.__getitem__)
+        return f"where the error of {largest} is: {self.places[largest]}"
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -219,7 +227,8 @@ def estimate_error(
     for goal, vector in zip(goals, vectors, strict=True):
         scale = max(map(abs, vector))
         pairs = zip(goal.names, vector, strict=True)
-        found.goals |= {name: GoalError(value, None, scale) for name, value in pairs}
+        unit = goal.unit(problem)
+        found.goals |= {name: GoalError(value, None, scale, unit) for name, value in pairs}
     try:
         errors = _errors(problem, make, goals, found, announce)
         for name, error in zip(list(found.goals), errors, strict=True):

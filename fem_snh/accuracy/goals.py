@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -67,6 +68,9 @@ class Goal(Protocol):
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """Return a function that evaluates the scalars of the problem's state. Collective."""
 
+    def unit(self, problem: Problem) -> float:
+        """Return the size of the largest displacement or force; 0 for other goals. Collective."""
+
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """Yield for each scalar the dual solution z: its error is -z . r to first order.
 
@@ -78,6 +82,12 @@ class Goal(Protocol):
 class _Point(NamedTuple):
     name: str
     point: Sequence[float]
+
+
+def _largest_displacement(problem: Problem) -> float:
+    """Return the largest norm of a nodal displacement [m]. Collective."""
+    norms = np.linalg.norm(problem.nodal(problem.x), axis=1)
+    return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
 
 
 class PointGoal:
@@ -109,6 +119,10 @@ class PointGoal:
             return [u[i] for i in self._components]
 
         return values
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return _largest_displacement(problem)
 
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
@@ -154,6 +168,10 @@ class ForceGoal:
 
         return values
 
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return problem.largest_force(problem.x)
+
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         mask = self._entries(at.problem)
@@ -197,6 +215,10 @@ class MomentGoal:
             return [float(total[i]) for i in self._components]
 
         return values
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return problem.length * problem.largest_force(problem.x)
 
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
@@ -258,6 +280,10 @@ class MeanGoal:
 
         return values
 
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return _largest_displacement(problem)
+
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         for weight in self._weights(at.problem):
@@ -305,6 +331,10 @@ class FunctionalGoal:
 
         return values
 
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return 0.0
+
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         form = ufl.replace(self._form, {self._u: at.problem.u})
@@ -344,6 +374,10 @@ class VolumeGoal:
 
         return values
 
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return 0.0
+
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         domain, element = at.problem.domain, at.problem.element
@@ -366,6 +400,10 @@ class EnergyGoal:
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
         return lambda: [problem.energy(problem.x)]
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return 0.0
 
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`: the energy's error is r . step / 2, of second order."""

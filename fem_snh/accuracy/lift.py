@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -147,15 +148,19 @@ def memory(problem: Problem, element: Element) -> float:
 
 def check_memory(problem: Problem, needed: float) -> None:
     """Raise NoEstimate if the ranks' machines have less memory than that [bytes]. Collective."""
-    hosts = dict(problem.comm.allgather((os.uname().nodename, _available_memory())))
-    if needed > (available := sum(hosts.values())):
+    if needed > (available := available_memory(problem.comm)):
         raise NoEstimate(
             f"it needs about {needed / 1e9:.1f} GB of memory, of which {available / 1e9:.1f} GB "
             "are available"
         )
 
 
-def _available_memory() -> float:
+def available_memory(comm: Any) -> float:
+    """Return the memory that is available to the ranks on all machines [bytes]. Collective."""
+    return float(sum(dict(comm.allgather((os.uname().nodename, _available_here()))).values()))
+
+
+def _available_here() -> float:
     """Return the memory that is available on this machine [bytes]; infinity if it is unknown."""
     try:
         with open("/proc/meminfo", encoding="ascii") as lines:

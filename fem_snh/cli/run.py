@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import textwrap
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 from fem_snh.cli.doctor import check
 from fem_snh.cli.options import (
@@ -36,17 +33,20 @@ def run_parser() -> Parser:
         --set KEY=VALUE  any other key of the scene: angle=1.57, material.barrier=true
         --error  estimate the errors of probes, reactions, volumes and energy, or of the scene's
             accuracy.goals, after the last step
-        --accuracy A  relative accuracy of displacements, 1%% or 0.01: choose element, mesh and
-            solver from the measured accuracy-cost table of the scene
-        --accuracy-table CSV  table of a `fem-snh tradeoff` study for --accuracy; default: the table
-            of the built-in scene
+        --accuracy A  relative error of every goal, 1%% or 0.01: solve on finer and finer meshes
+            until the estimated errors are within it; the exit code is 1 if they are not
+        --max-time S  begin no level of --accuracy that ends later [s]
+        --max-memory MB  nor one whose estimate needs more memory
+        --max-dofs N  nor one with more unknowns
         --out DIR  folder for run.json, tables and fields
         --overwrite  replace the run in DIR
         --resume  continue the run of this scene in DIR from its last step, on any number of ranks
         --quiet  print no progress
         """,
         set=REPEATED,
-        accuracy_table=Path,
+        max_time=value,
+        max_memory=value,
+        max_dofs=value,
         out=output,
     )
     return parser
@@ -72,12 +72,15 @@ def run(argv: list[str]) -> int:
 
     if args.error:
         overrides["error"] = True
+    if args.accuracy is not None:
+        overrides["accuracy.within"] = args.accuracy
+    for key in ("max_time", "max_memory", "max_dofs"):
+        if (limit := getattr(args, key)) is not None:
+            overrides[f"accuracy.{key}"] = limit
 
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    # Rank 0 alone reads the files: the other ranks may not see the same file system.
-    overrides, note = on_root(comm, partial(_by_accuracy, args, overrides))
     if petsc:
         overrides["petsc"] = petsc
     # Functions in a scene of a Python file cannot be sent to the other ranks.
@@ -93,35 +96,9 @@ def run(argv: list[str]) -> int:
         resume=args.resume,
         comm=comm,
         progress=not args.quiet,
-        note=note,
     )
-    return 0 if result.converged else 1
-
-
-def _by_accuracy(
-    args: argparse.Namespace, overrides: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the overrides with the values that --accuracy chooses, and its record for run.json."""
-    if args.accuracy is None:
-        if args.accuracy_table is not None:
-            raise BadInput("--accuracy-table: expected with --accuracy, e.g. --accuracy 1%")
-        return overrides, {}
-    from fem_snh import scenes
-    from fem_snh.studies.tradeoff import accuracy
-
-    accuracy_asked = accuracy.fraction(args.accuracy)
-    scene = scenes.load(args.scene, **overrides)
-    chosen = accuracy.choose(args.scene, scene.nu, accuracy_asked, args.accuracy_table, scene)
-    changed = chosen.changes(scene)
-    overrides = overrides | chosen.values(overrides)
-    if not args.quiet:
-        print(chosen.message(), flush=True)
-        if line := accuracy.changes_message(changed):
-            print(line, flush=True)
-        given = [key for key, v in overrides.items() if v is not None]
-        if other := [key for key in given if key not in {"nu", *chosen.choice.values()}]:
-            print(f"accuracy: the table was measured without changes of {', '.join(other)}")
-    return overrides, chosen.record(accuracy_asked, changed)
+    reached = result.record.get("accuracy", {}).get("reached", True)
+    return 0 if result.converged and reached else 1
 
 
 def scene_list() -> str:

@@ -231,3 +231,33 @@ def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     label = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     found[found] = np.isin(label[len(wanted) :], label[: len(wanted)])
     return found
+
+
+def gather(mesh: Mesh) -> gmsh_input.MeshData:
+    """Return the mesh that was distributed; on other ranks than 0 without its cells. Collective.
+
+    Nodes and cells have the numbers that they had before.
+    """
+    domain, comm = mesh.domain, mesh.domain.comm
+    owned = _dolfinx.num_owned(domain)
+    nodes, rows = _dolfinx.input_nodes(domain), _dolfinx.input_cells(domain)
+    cells = nodes[_dolfinx.geometry_dofs(domain)]
+    parts = comm.gather((rows[:owned], cells, nodes, _dolfinx.geometry_x(domain)))
+    groups = []
+    for group in mesh.groups:
+        local = group.entities
+        if group.dim == mesh.dim:
+            entities = rows[local[local < owned]]
+        else:
+            entities = _dolfinx.input_vertices(domain, group.dim)[local]
+        pieces = comm.gather(entities)
+        found = np.unique(np.concatenate(pieces), axis=0) if pieces else entities[:0]
+        groups.append(gmsh_input.PhysicalGroup(group.name, group.dim, group.tag, found))
+    degree = _dolfinx.geometry_degree(domain)
+    x = np.empty((0, mesh.dim))
+    if parts:
+        cells = np.empty((sum(len(part[0]) for part in parts), cells.shape[1]), dtype=np.int64)
+        x = np.zeros((max(int(part[2].max(initial=-1)) for part in parts) + 1, mesh.dim))
+        for cell_rows, cell_nodes, node_rows, coordinates in parts:
+            cells[cell_rows], x[node_rows] = cell_nodes, coordinates[:, : mesh.dim]
+    return gmsh_input.MeshData(cells, x, mesh.cell, degree, groups)

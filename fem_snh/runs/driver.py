@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -30,6 +30,7 @@ from fem_snh.runs.setup import Setup, set_up
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
     from fem_snh.accuracy.goals import Goal
+    from fem_snh.runs.levels import Level
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
 #: run.json. It is longer than the second after which mpirun kills all ranks.
@@ -100,11 +101,18 @@ def run(
     # Files may differ from rank to rank: the scene, and the functions that it refers to.
     scene = on_every(comm, partial(scenes.load, scene, **overrides))
     printed = Progress(comm, progress, expected)
+    solve: Callable[..., Result] = partial(
+        _run, comm, printed=printed, note=note or {}, start=start
+    )
+    if scene.accuracy and scene.accuracy.within:
+        from fem_snh.runs.levels import run_levels
+
+        solve = partial(run_levels, comm, solve, printed)
     if out is None:
-        return _run(comm, scene, None, None, printed, note or {}, start)
+        return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
         stored = Checkpoint.read(folder, scene) if resume else None
-        result = _run(comm, scene, folder, stored, printed, note or {}, start)
+        result = solve(scene, folder=folder, stored=stored)
     comm.barrier()  # the files are complete before any rank returns
     return result
 
@@ -112,20 +120,24 @@ def run(
 def _run(
     comm: MPI.Comm,
     scene: scenes.Scene,
-    folder: Folder | None,
-    stored: Checkpoint | None,
+    *,
     printed: Progress,
     note: Mapping[str, Any],
     start: float,
+    folder: Folder | None = None,
+    stored: Checkpoint | None = None,
+    level: Level | None = None,
 ) -> Result:
-    """Solve a scene, from the checkpoint if there is one; see `run`. Collective."""
+    """Solve a scene, from the checkpoint or the level before if there is one. Collective."""
     defaults = multigrid.smoothers(min(material.E for material in scene.materials))
     with (
         solver.petsc_failures(),
         default_options(solver.PREFIX, scene.petsc) as given,
         default_options(solver.PREFIX, defaults),
     ):
-        setup = set_up(comm, scene, stored is not None)
+        setup = set_up(comm, scene, stored is not None, level.mesh if level else None)
+        if level:
+            level.begin(setup)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
         notes = [Note("folder", folder.note)] if folder and folder.note else []
@@ -150,6 +162,8 @@ def _run(
 
             on_root(comm, copy_surfaces, scene, folder)
         estimate = _solve(comm, scene, setup, recorder, printed, goals)
+        if level:
+            level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
         recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
@@ -202,7 +216,8 @@ def _solve(
                 setup.problem, setup.make, goals, printed.estimating, setup.mesh
             )
             recorder.add_estimate(estimate)
-            printed.estimated(estimate)
+            if not (scene.accuracy and scene.accuracy.within):  # the levels have rows of their own
+                printed.estimated(estimate)
     return estimate
 
 

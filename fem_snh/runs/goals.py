@@ -50,7 +50,8 @@ def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
     BadInput
         On every rank, for a goal that the scene or its mesh does not have.
     """
-    names = scene.accuracy.goals if scene.accuracy else default_goals(scene, has_energy)
+    named = scene.accuracy.goals if scene.accuracy else []
+    names = named or default_goals(scene, has_energy)
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, as there is a force without an energy")
     return [_goal(scene, mesh, name) for name in dict.fromkeys(names)]

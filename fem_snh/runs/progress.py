@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +104,29 @@ class Progress:
         """Print the goals with their errors, or why there is no estimate."""
         for line in estimate.lines():
             self._print(f"  {line}")
+
+    def line(self, text: str) -> None:
+        """Print a line about the levels of a run to a required accuracy."""
+        self._print(text)
+
+    def level(self, lines: Sequence[str]) -> None:
+        """Print a level's row and goals."""
+        for line in lines:
+            self._print(self._style(line, "bold") if line is lines[0] else line)
+
+    def reached(self, accuracy: Mapping[str, Any]) -> None:
+        """Print whether the required accuracy was reached, and what ended the levels."""
+        asked = f"{100 * accuracy['within']:g} %"
+        if accuracy["reached"]:
+            self._print(self._style(f"every goal is within {asked}", "green"))
+            return
+        best = (
+            f"{accuracy['worst']} is known to {100 * accuracy['relative']:.2g} %"
+            if (accuracy["worst"])
+            else "no goal has an estimate"
+        )
+        ended = f"; {accuracy['limit']}" if accuracy["limit"] else ""
+        self._print(self._style(f"not within {asked}: {best}{ended}", "red"))
 
     def end(self, record: dict[str, Any], out: Path | None, unused: list[str]) -> None:
         """Print the frequencies, the status, the files, and PETSc options that nothing used."""

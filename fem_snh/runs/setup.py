@@ -84,8 +84,10 @@ class Setup:
         self.stepper.solver.destroy()
 
 
-def set_up(comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False) -> Setup:
-    """Return a scene's problem, solver and load stepping. Collective.
+def set_up(
+    comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False, mesh: meshes.Mesh | None = None
+) -> Setup:
+    """Return a scene's problem, solver and load stepping, on another mesh if given. Collective.
 
     The state of a run that is ``resumed`` is not read here, nor that of the run it started from.
 
@@ -97,7 +99,7 @@ def set_up(comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False) -> Setup:
     start, working = perf_counter(), process_time()
     kinematics = PLANAR[scene.kinematics] if scene.kinematics else SOLID
     element = elements.element(scene.element, scene.quadrature, kinematics)
-    mesh = make_mesh(comm, scene, element)
+    mesh = mesh or make_mesh(comm, scene, element)
     find_kinematics(scene.kinematics, mesh.dim)
     _check_groups(scene, mesh)
     meshed = perf_counter()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from fem_snh.output_fields import IN_TIME
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._outputs import Geometry, read_goal
+from fem_snh.scenes._outputs import Accuracy, Geometry, Probe, read_goal
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
 from fem_snh.terms.feature import feature_classes, grouped
@@ -53,13 +53,23 @@ def check_consistency(scene: Scene) -> None:
         raise bad_value("static_condensation", "false", f"true, as {why}")
     _check_fields(scene)
     _check_mesh(scene)
-    for goal in scene.accuracy.goals if scene.accuracy else ():
-        read_goal(goal, scene.probe)
+    if scene.accuracy:
+        _check_accuracy(scene.accuracy, scene.probe)
     if scene.time:
         _check_time(scene)
     else:
         _check_quasi_static(scene)
     _check_constraints(scene.hold, scene.move)
+
+
+def _check_accuracy(accuracy: Accuracy, probes: Sequence[Probe]) -> None:
+    """Raise BadInput for a goal that the scene does not have, and for limits of nothing."""
+    for goal in accuracy.goals:
+        read_goal(goal, probes)
+    for key in ("max_time", "max_memory", "max_dofs"):
+        limit = getattr(accuracy, key)
+        if limit is not None and accuracy.within is None:
+            raise BadInput(f"accuracy.{key} = {limit:g}: expected with accuracy.within")
 
 
 def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:

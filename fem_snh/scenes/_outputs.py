@@ -166,19 +166,49 @@ class GoalName(NamedTuple):
         return self.kind != "point" and bool(self.name)
 
 
+def _read_share(value: Any) -> Any:
+    """Return 0.01 for "1%" or "1 %"; other values as they are."""
+    if isinstance(value, str) and value.strip().endswith("%"):
+        try:
+            return float(value.strip().removesuffix("%")) / 100
+        except ValueError:
+            return value
+    return value
+
+
 class Accuracy(Table):
-    """The goals of the error estimate, which a scene with this table has."""
+    """The goals of the error estimate, which a scene with this table has, and their accuracy."""
 
     goals: Annotated[
         list[Text],
-        Field(min_length=1),
         Expect("a list of goals, e.g. 'corner.y', 'top.force.z', 'volume', 'energy'"),
         BeforeValidator(split_text),
     ] = Field(
+        default=[],
         description="Probes and their components, corner.y; reaction forces and moments and mean "
         "displacements of groups, top.force.z, top.moment.z and top.mean.z; volume ratios, volume "
-        "and core.volume; energy."
+        "and core.volume; energy. Default: probes, reactions, volumes and energy.",
     )
+    within: (
+        Annotated[
+            Bounded,
+            Field(gt=0, lt=1),
+            Expect("per cent or a fraction, e.g. '1%' or 0.01"),
+            BeforeValidator(_read_share),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="Relative error that every goal may have: the scene is solved on finer and "
+        "finer meshes until it has.",
+    )
+    max_time: Positive | None = Field(
+        default=None, description="No further level is begun that ends later [s]."
+    )
+    max_memory: Positive | None = Field(
+        default=None, description="Nor one whose estimate needs more memory [MB]."
+    )
+    max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
 
 
 def read_goal(text: str, probes: Sequence[Probe]) -> GoalName:

@@ -7,6 +7,5 @@ grid : the combinations that are run.
 reference : the reference solution, and how accurate it is.
 errors : the errors of all rows.
 advice : recommended settings, as sentences and as a table.
-accuracy : settings for a required accuracy: `fem-snh run SCENE --accuracy 1%`.
 study : the whole study.
 """

@@ -1,0 +1,342 @@
+"""Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
+
+The value of a goal is within the request if its estimated error is. From the second level on the
+corrected value may serve instead, as its own error is known then: from the change of the corrected
+value, which decreases at least with the size h of the cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf, log
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh.accuracy.estimate import Estimate, GoalError
+
+Array = npt.NDArray[Any]
+
+#: The error of a corrected value is at least this part of the correction: in docs/results/error.md
+#: the effectivity is 0.9 to 1.1 at best where the solution is singular.
+_LEAST = 0.1
+#: A corrected value serves if the error of the value is at most so many times the request.
+_LARGEST_CORRECTION = 20.0
+#: Relative errors are of the largest component of the same vector, or of this part of the largest
+#: displacement or force, if that is more.
+_LEAST_SCALE = 1e-3
+#: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
+#: degree 1 decreases as h to h^2.
+_ORDER = {1: 1.2, 2: 1.5}
+#: Factors between the sizes of cells of two levels, least and most.
+_LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
+#: Goals below this part of their scale are not printed: the solvers leave that much.
+_SHOWN = 1e-5
+#: The error aimed at, as a part of the request.
+_AIM = 0.7
+#: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
+_TIME_POWER = 1.2
+
+
+@dataclass(frozen=True)
+class GoalLevel:
+    """A goal at one level.
+
+    Attributes
+    ----------
+    value, error : float
+        The value, and the estimate of what is to be added to it.
+    scale : float
+        What the errors are relative to.
+    uncertainty : float or None
+        Bound of the error of the corrected value; None on the first level.
+    """
+
+    value: float
+    error: float
+    scale: float
+    uncertainty: float | None = None
+
+    @property
+    def corrected(self) -> float:
+        """The value with the estimate added."""
+        return self.value + self.error
+
+    def relative(self, asked: float) -> float:
+        """Return the relative error with which the goal is known, of the better of both values."""
+        return self.best(asked)[1] / self.scale if self.scale > 0 else 0.0
+
+    def best(self, asked: float) -> tuple[float, float]:
+        """Return the value that is known better, or the corrected one, and a bound of its error."""
+        own = abs(self.error)
+        if self.uncertainty is None or own > _LARGEST_CORRECTION * asked * self.scale:
+            return self.value, own
+        return min((self.value, own), (self.corrected, self.uncertainty), key=lambda b: b[1])
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether value and correction are rounding beside the other components."""
+        return max(abs(self.value), abs(self.error)) <= _SHOWN * self.scale
+
+    def record(self, asked: float) -> dict[str, float | None]:
+        """Return the entry of a goal in run.json."""
+        return {
+            "value": self.value,
+            "error": self.error,
+            "corrected": self.corrected,
+            "uncertainty": self.uncertainty,
+            "relative": self.relative(asked),
+        }
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What the next level will cost, about.
+
+    Attributes
+    ----------
+    cells, dofs : int
+        Its cells and unknowns.
+    seconds, memory : float
+        Elapsed seconds, with the estimate; memory of the estimate's problem [bytes].
+    """
+
+    cells: int
+    dofs: int
+    seconds: float
+    memory: float
+
+    def __str__(self) -> str:
+        return (
+            f"about {self.cells:,} cells, {self.dofs:,} dofs, {self.seconds:.2g} s, "
+            f"{self.memory / 1e6:.2g} MB"
+        )
+
+
+@dataclass
+class LevelRow:
+    """One level.
+
+    Attributes
+    ----------
+    element, cells, dofs : str, int, int
+        The discretisation.
+    seconds : float
+        Elapsed seconds of the last load step and of the estimate, without compilation.
+    memory : float
+        Memory of the estimate's problem [bytes].
+    goals : dict of GoalLevel
+        The goals; empty without an estimate.
+    reason : str
+        Why there is no estimate.
+    elapsed : float
+        Seconds since the start of the first level.
+    fineness : float
+        A number to which the size of the cells is inverse.
+    where : str
+        Where most of the largest error is.
+    """
+
+    element: str
+    cells: int
+    dofs: int
+    seconds: float
+    memory: float
+    goals: dict[str, GoalLevel] = field(default_factory=dict)
+    reason: str = ""
+    elapsed: float = 0.0
+    fineness: float = 1.0
+    where: str = ""
+
+
+class Levels:
+    """The levels so far, and the decisions that follow from them.
+
+    Parameters
+    ----------
+    asked : float
+        The relative error that is asked for.
+    degree : int
+        Degree of the displacement.
+    limits : mapping, optional
+        ``max_time`` [s], ``max_memory`` [MB], ``max_dofs``; None or missing: none.
+    """
+
+    def __init__(
+        self, asked: float, degree: int, limits: Mapping[str, float | None] | None = None
+    ) -> None:
+        self.asked, self._order = asked, _ORDER[degree]
+        self.rows: list[LevelRow] = []
+        self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
+        #: Why the levels end before the request is met.
+        self.limit = ""
+
+    def add(self, row: LevelRow, estimate: Estimate | None) -> None:
+        """Add a level with its estimate."""
+        if estimate is None or estimate.reason:
+            row.reason = estimate.reason if estimate else "the load steps did not converge"
+        else:
+            before = self.rows[-1] if self.rows else None
+            for name, goal in estimate.goals.items():
+                row.goals[name] = self._goal(name, goal, row, before)
+            row.where = estimate.where
+        self.rows.append(row)
+
+    def _goal(
+        self, name: str, goal: GoalError, row: LevelRow, before: LevelRow | None
+    ) -> GoalLevel:
+        error = goal.error or 0.0
+        corrected = goal.value + error
+        scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
+        uncertainty = None
+        if before is not None and name in before.goals and row.fineness > before.fineness:
+            ratio = row.fineness / before.fineness
+            change = abs(corrected - before.goals[name].corrected)
+            uncertainty = max(change / (ratio - 1), _LEAST * abs(error))
+        return GoalLevel(goal.value, error, scale, uncertainty)
+
+    @property
+    def worst(self) -> tuple[str, float] | None:
+        """The goal with the largest relative error on the last level; None without an estimate."""
+        goals = self.rows[-1].goals if self.rows else {}
+        if not goals:
+            return None
+        name = max(goals, key=lambda name: goals[name].relative(self.asked))
+        return name, goals[name].relative(self.asked)
+
+    @property
+    def reached(self) -> bool:
+        """Whether every goal of the last level is within the request."""
+        return self.worst is not None and self.worst[1] <= self.asked
+
+    def refinement(self) -> float:
+        """Return the factor by which the cells of the next level are to be smaller."""
+        if self.worst is None:
+            return _MOST_REFINEMENT
+        goals, asked = self.rows[-1].goals, self.asked
+        ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
+        return min(max(ratio ** (1 / self._order), _LEAST_REFINEMENT), _MOST_REFINEMENT)
+
+    def forecast(self, refinement: float) -> Forecast:
+        """Return what a level with cells that are so many times smaller will cost."""
+        last, power = self.rows[-1], 3.0
+        if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
+            power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
+        growth = refinement**power
+        seconds = last.seconds * growth**_TIME_POWER
+        cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
+        return Forecast(cells, dofs, seconds, last.memory * growth)
+
+    def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
+        """Return why the next level is not solved; empty if it is.
+
+        Parameters
+        ----------
+        forecast : Forecast
+            What it will cost.
+        elapsed : float
+            Seconds so far.
+        available : float
+            Memory that is available [bytes].
+        """
+        limits = self._limits
+        if forecast.dofs > limits.get("max_dofs", inf):
+            return f"max_dofs = {limits['max_dofs']:,.0f}: the next level has {forecast}"
+        if elapsed + forecast.seconds > limits.get("max_time", inf):
+            return (
+                f"max_time = {limits['max_time']:g} s, of which {elapsed:.2g} s have passed: the "
+                f"next level has {forecast}"
+            )
+        memory = forecast.memory / 1e6
+        if memory > limits.get("max_memory", inf):
+            return f"max_memory = {limits['max_memory']:g} MB: the next level has {forecast}"
+        if forecast.memory > available:
+            return f"{available / 1e6:.2g} MB are available: the next level has {forecast}"
+        return ""
+
+    def cell_weights(self, estimate: Estimate, cells: int) -> Array:
+        """Return the errors of cells over the request, of the goals that are not within it."""
+        goals, weights = self.rows[-1].goals, np.zeros(cells)
+        for name, indicators in estimate.indicators.items():
+            goal = goals[name]
+            if goal.relative(self.asked) > self.asked:
+                weights += np.abs(indicators) / (self.asked * goal.scale)
+        return weights
+
+    def lines(self) -> list[str]:
+        """Return the rows of the last level to print: a head, and a line for each goal."""
+        row, asked = self.rows[-1], self.asked
+        head = f"level {len(self.rows)}: {row.cells:,} {row.element} cells, {row.dofs:,} dofs"
+        if not row.goals:
+            return [f"{head}: no estimate: {row.reason}"]
+        counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
+        head += f", {row.elapsed:.2g} s: {counts} of {len(row.goals)} goals within {asked:.2%}"
+        shown = {name: goal for name, goal in row.goals.items() if not goal.is_zero}
+        lines = [head, *(self._line(name, goal) for name, goal in shown.items())]
+        return [*lines, f"  {row.where}"] if row.where else lines
+
+    def _line(self, name: str, goal: GoalLevel) -> str:
+        relative = goal.relative(self.asked)
+        value, error = goal.best(self.asked)
+        which = "" if value == goal.value else " (corrected)"
+        mark = "" if relative <= self.asked else "  not yet"
+        return f"  {name} {value:.6g} +- {error:.2g} ({100 * relative:.2g} %){which}{mark}"
+
+    def record(self) -> dict[str, Any]:
+        """Return the entry ``accuracy`` of run.json."""
+        return {
+            "within": self.asked,
+            "reached": self.reached,
+            "limit": self.limit or None,
+            "worst": self.worst[0] if self.worst else None,
+            "relative": self.worst[1] if self.worst else None,
+            "levels": [
+                {
+                    "element": row.element,
+                    "cells": row.cells,
+                    "dofs": row.dofs,
+                    "seconds": row.elapsed,
+                    "reason": row.reason or None,
+                    "goals": {n: g.record(self.asked) for n, g in row.goals.items()},
+                }
+                for row in self.rows
+            ],
+        }
+
+
+def target_volumes(volumes: Array, weights: Array, degree: int, growth: float) -> Array:
+    r"""Return the volumes of cells with which an error needs the fewest cells.
+
+    A cell of size h has the weight :math:`\eta = c\, h^{3 + 2p}` with a local constant c, as the
+    goal's error is a product of two errors of order p. Of all meshes with the same sum of the
+    weights, the fewest cells have those of equal weight per :math:`3 / (3 + 2p)`: the number of
+    cells in the place of one is proportional to :math:`\eta^{3/(3+2p)}`.
+
+    Parameters
+    ----------
+    volumes, weights : (cells,) array
+        The volumes [length^3], and the sizes of the errors of the cells.
+    degree : int
+        Degree p of the displacement.
+    growth : float
+        The factor by which the number of cells is to be larger.
+    """
+    power = 3 / (3 + 2 * degree)
+    density = np.maximum(weights, 0.0) ** power
+    if not density.sum() > 0:
+        return np.asarray(volumes / growth)
+    low, high = 0.0, 2 * growth * len(volumes) / density.sum() * max(1.0, len(volumes))
+    for _ in range(100):
+        middle = (low + high) / 2
+        if np.maximum(1.0, middle * density).sum() < growth * len(volumes):
+            low = middle
+        else:
+            high = middle
+    parts = np.clip(high * density, 1.0, _MOST_PARTS)
+    return np.asarray(volumes / parts)
+
+
+#: Cells into which one cell is divided at most from one level to the next: edges of a quarter.
+_MOST_PARTS = 64.0

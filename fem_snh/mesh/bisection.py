@@ -1,0 +1,161 @@
+"""Refine tetrahedra where they are too large, by bisection, with the groups of the mesh.
+
+Cells are bisected at their longest edge (Rivara 1991). The marked edges of a face are bisected in
+the order of their lengths in both of its cells, so the mesh has no hanging nodes. Only rank 0 has
+the mesh; `fem_snh.mesh.mesh.distribute` distributes it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fem_snh import _dolfinx
+from fem_snh.mesh.gmsh_input import MeshData
+
+Array = np.ndarray
+
+#: A cell is bisected if its volume is larger than the target times this: halves are then as much
+#: too small as the whole was too large.
+_TOLERANCE = 2**0.5
+#: Rounds of bisection: three halve the edges.
+_MAX_ROUNDS = 60
+
+
+class _Marked(NamedTuple):
+    """Edges to bisect: sorted keys, ranks by length, and the numbers of their midpoints."""
+
+    keys: Array
+    ranks: Array
+    midpoints: Array
+
+
+def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
+    """Return the mesh with tetrahedra of about these volumes, or smaller ones. On rank 0.
+
+    Parameters
+    ----------
+    data : MeshData
+        A mesh of tetrahedra, in dolfinx's order of nodes.
+    volumes : (cells,) array
+        The largest volume wanted in each cell [length^3].
+    max_cells : int
+        No further round is made with so many cells.
+
+    Returns
+    -------
+    MeshData
+        The mesh. Cells of degree 2 are on the curved faces of those that they are part of.
+    """
+    vertices, corners = np.unique(data.cells[:, :4], return_inverse=True)
+    cells, x = corners.reshape(-1, 4).astype(np.int64), data.x[vertices]
+    parts = {
+        i: np.searchsorted(vertices, group.entities)
+        for i, group in enumerate(data.groups)
+        if group.dim in (1, 2)
+    }
+    roots = np.arange(len(cells))
+    barycentric = np.broadcast_to(np.eye(4), (len(cells), 4, 4)).copy()
+    for _ in range(_MAX_ROUNDS):
+        edges = x[cells[:, 1:]] - x[cells[:, :1]]
+        marked = np.abs(np.linalg.det(edges)) / 6 > _TOLERANCE * volumes[roots]
+        if not marked.any() or len(cells) >= max_cells:
+            break
+        found, places = _marked_edges(cells, x, marked)
+        owner, edge = np.divmod(places, len(_EDGES))
+        ends = barycentric[owner[:, None], _EDGES[edge]]
+        x = np.concatenate([x, _points(data, roots[owner], ends.mean(axis=1))])
+        cells, parents, barycentric = _split(cells, found, barycentric)
+        roots = roots[parents]
+        parts = {i: _split(simplices, found)[0] for i, simplices in parts.items()}
+    used, numbers = np.unique(cells, return_inverse=True)
+    assert len(used) == len(x)
+    cells = numbers.reshape(-1, 4)
+    groups = []
+    for i, group in enumerate(data.groups):
+        if group.dim == 3:
+            entities = np.flatnonzero(np.isin(roots, group.entities))
+        else:
+            entities = parts.get(i, np.searchsorted(vertices, group.entities))
+        groups.append(group._replace(entities=entities))
+    if data.degree == 2:
+        cells, x = _with_midpoints(data, cells, x, roots, barycentric)
+    return data._replace(cells=cells, x=x, groups=groups)
+
+
+_EDGES = np.array([(i, j) for i in range(4) for j in range(i + 1, 4)])
+
+
+def _keys(pairs: Array) -> Array:
+    """Return a number for each pair of vertices (..., 2), whatever their order."""
+    low, high = np.sort(pairs, axis=-1).T
+    return np.asarray((low.astype(np.int64) << 32 | high).T)
+
+
+def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array]:
+    """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
+    keys = _keys(cells[:, _EDGES])
+    unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
+    edges = edges.reshape(keys.shape)
+    ends = cells[:, _EDGES].reshape(-1, 2)[first]
+    lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    ranks = np.empty(len(unique), dtype=np.int64)
+    ranks[np.lexsort((unique, np.round(np.log(lengths), 9)))] = np.arange(len(unique))
+    longest = edges[np.arange(len(cells)), ranks[edges].argmax(axis=1)]
+    chosen = np.zeros(len(unique), dtype=bool)
+    chosen[longest[marked]] = True
+    # A cell with a marked edge is bisected at its longest one first, which keeps angles large.
+    while (lacking := chosen[edges].any(axis=1) & ~chosen[longest]).any():
+        chosen[longest[lacking]] = True
+    numbers = len(x) + np.arange(chosen.sum())
+    return _Marked(unique[chosen], ranks[chosen], numbers), first[chosen]
+
+
+def _split(
+    simplices: Array, marked: _Marked, barycentric: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Return simplices without marked edges, the row of each one's origin, and coordinates."""
+    size = simplices.shape[1]
+    pairs = np.array([(i, j) for i in range(size) for j in range(i + 1, size)])
+    origins = np.arange(len(simplices))
+    attached = np.zeros((len(simplices), size, 0)) if barycentric is None else barycentric
+    while len(simplices):
+        keys = _keys(simplices[:, pairs])
+        at = np.minimum(np.searchsorted(marked.keys, keys), len(marked.keys) - 1)
+        ranks = np.where(marked.keys[at] == keys, marked.ranks[at], -1)
+        split = ranks.max(axis=1) >= 0
+        if not split.any():
+            break
+        edge = ranks[split].argmax(axis=1)
+        rows = np.arange(len(edge))
+        middle = marked.midpoints[at[split][rows, edge]]
+        halves, positions = [simplices[~split]], [attached[~split]]
+        means = attached[split][rows[:, None], pairs[edge]].mean(axis=1)
+        for end in pairs[edge].T:
+            half, position = simplices[split].copy(), attached[split].copy()
+            half[rows, end], position[rows, end] = middle, means
+            halves.append(half)
+            positions.append(position)
+        simplices, attached = np.concatenate(halves), np.concatenate(positions)
+        origins = np.concatenate([origins[~split], origins[split], origins[split]])
+    return simplices, origins, attached
+
+
+def _points(data: MeshData, roots: Array, barycentric: Array) -> Array:
+    """Return points of cells of the original mesh from barycentric coordinates, (n, 3)."""
+    basis = _dolfinx.tabulate_element("tetrahedron", data.degree, barycentric[:, 1:], 0)[0]
+    return np.asarray(np.einsum("pk,pki->pi", basis, data.x[data.cells[roots]]))
+
+
+def _with_midpoints(
+    data: MeshData, cells: Array, x: Array, roots: Array, barycentric: Array
+) -> tuple[Array, Array]:
+    """Return cells of degree 2 and their nodes: the midpoints are on the original curved cells."""
+    edges = _dolfinx.reference_edges("tetrahedron")
+    keys = _keys(cells[:, edges])
+    _, first, numbers = np.unique(keys, return_index=True, return_inverse=True)
+    owner, edge = np.divmod(first, len(edges))
+    middle = barycentric[owner[:, None], edges[edge]].mean(axis=1)
+    nodes = np.concatenate([x, _points(data, roots[owner], middle)])
+    return np.concatenate([cells, len(x) + numbers.reshape(keys.shape)], axis=1), nodes

@@ -1,0 +1,114 @@
+"""Interpolate the state of a problem on another mesh of the same body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from fem_snh import _dolfinx
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[Any]
+
+#: Cells that are searched for a point, those with the nearest centres first.
+_CANDIDATES = 24
+#: A point so far outside of the reference cell is in the cell, within rounding.
+_INSIDE = 1e-8
+#: Newton iterations for the coordinates in a reference cell; one suffices for tetrahedra.
+_NEWTON = 6
+
+
+def transfer_state(source: Problem, target: Problem) -> None:
+    """Set ``target.x`` to the state of ``source``, interpolated. Collective.
+
+    Points outside of the source's mesh, which a curved surface has, have the values that the
+    polynomials of the nearest cell have there. An unknown pressure is transferred if both problems
+    have one of the same kind; otherwise it is zero.
+    """
+    source.split(source.x)
+    size = target.owned_displacements
+    components = size // max(1, len(target.coordinates))
+    target.x.set(0.0)
+    u = evaluate(source.u, target.coordinates)
+    target.x.array[:size] = u[:, :components].ravel()
+    ours, theirs = source.saddle_point, target.saddle_point
+    if ours is not None and theirs is not None:
+        if not (ours.cell_pressures or theirs.cell_pressures):
+            pressure = _dolfinx.function(ours.Q, "pressure")
+            pressure.x.array[:] = ours.pressure()
+            dofs = theirs.pressure_dofs(target.x)
+            points = theirs.Q.tabulate_dof_coordinates()[: len(dofs)]
+            dofs[:] = evaluate(pressure, points)[:, 0] / theirs.unit
+
+
+def evaluate(function: Any, points: Array) -> Array:
+    """Return the values (n, components) of a Lagrange function at points of any rank. Collective.
+
+    Parameters
+    ----------
+    function : dolfinx Function
+        The function, with ghosts.
+    points : (n, 3)
+        This rank's points [length].
+    """
+    V = function.function_space
+    comm = V.mesh.comm
+    nodal = function.x.array.reshape(-1, _dolfinx.num_components(V))
+    counts = comm.allgather(len(points))
+    first = sum(counts[: comm.rank])
+    every = np.concatenate(comm.allgather(points))
+    cells, xi, outside = _locate(V.mesh, every)
+    best, rank = outside.copy(), np.empty(len(every), dtype=np.int32)
+    comm.Allreduce(MPI.IN_PLACE, best, op=MPI.MIN)
+    rank[:] = np.where(outside == best, comm.rank, comm.size)
+    comm.Allreduce(MPI.IN_PLACE, rank, op=MPI.MIN)
+    mine = np.flatnonzero(rank == comm.rank)
+    values = np.zeros((len(every), nodal.shape[1]))
+    if len(mine):
+        basis = _dolfinx.tabulate_values(V, xi[mine])
+        dofs = _dolfinx.node_dofs(V)[cells[mine]]
+        values[mine] = np.einsum("pk,pki->pi", basis, nodal[dofs])
+    comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
+    return values[first : first + len(points)]
+
+
+def _locate(domain: Any, points: Array) -> tuple[Array, Array, Array]:
+    """Return this rank's cell of each point or the nearest one, its coordinates there, the excess.
+
+    The excess is the distance from the reference cell, <= 0 inside; infinite without cells.
+    """
+    x = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)]
+    cells, outside = np.zeros(len(points), dtype=np.int64), np.full(len(points), np.inf)
+    dim = _dolfinx.mesh_dimension(domain)[0]
+    best = np.zeros((len(points), dim))
+    if not len(x) or not len(points):
+        return cells, best, outside
+    x = x[..., :dim]
+    count = min(_CANDIDATES, len(x))
+    nearest = cKDTree(x.mean(axis=1)).query(points[:, :dim], count)[1].reshape(-1, count)
+    simplex = _dolfinx.cell_name(domain) in ("tetrahedron", "triangle")
+    start = np.full(dim, 1 / (dim + 1) if simplex else 0.5)
+    for candidate in nearest.T:
+        rest = np.flatnonzero(outside > _INSIDE)
+        if not len(rest):
+            break
+        nodes, xi = x[candidate[rest]], np.tile(start, (len(rest), 1))
+        for _ in range(_NEWTON):
+            basis = _dolfinx.tabulate_geometry_values(domain, xi)
+            gradients = _dolfinx.tabulate_geometry(domain, xi)
+            excess = points[rest, :dim] - np.einsum("pk,pki->pi", basis, nodes)
+            jacobians = np.einsum("pki,pkj->pij", nodes, gradients)
+            xi += np.linalg.solve(jacobians, excess[..., None])[..., 0]
+            np.clip(xi, -1.0, 2.0, out=xi)  # far outside, Newton's method may diverge
+        upper = xi.sum(axis=1) if simplex else xi.max(axis=1)
+        distance = np.maximum(-xi.min(axis=1), upper - 1)
+        better = distance < outside[rest]
+        chosen = rest[better]
+        cells[chosen], best[chosen] = candidate[chosen], xi[better]
+        outside[chosen] = distance[better]
+    return cells, best, outside

@@ -1,0 +1,280 @@
+"""Run a scene to a required accuracy: levels of finer and finer meshes, each a run of the driver.
+
+The load steps are followed on the first mesh. A finer one starts from the end state of the level
+before it, interpolated, in one step to the full load. `fem_snh.accuracy.levels` decides when the
+levels end and how fine the next is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import ceil
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
+from fem_snh.accuracy.lift import available_memory
+from fem_snh.accuracy.state_notes import REPLACEMENTS
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.errors import BadInput
+from fem_snh.mesh.bisection import bisect
+from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
+from fem_snh.problem.problem import Problem
+from fem_snh.problem.transfer import transfer_state
+from fem_snh.runs.result import Result
+
+if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.runs.checkpoint import Checkpoint
+    from fem_snh.runs.folder import Folder
+    from fem_snh.runs.progress import Progress
+    from fem_snh.runs.setup import Setup
+
+#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
+#: (docs/results/locking.md).
+_LOCKING = 0.4
+#: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
+_PLANE_FACES = ("bar", "block", "cook", "cube", "two_blocks")
+#: Cells of the first level over those of the scene, along an edge.
+_FIRST = 0.5
+#: Fewest cells along an edge of a first level.
+_FEWEST = 3
+#: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
+#: then reduced, down to this factor, until at most so many times as many are made.
+_TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
+#: Cells at which bisection ends.
+_MOST_CELLS = 20_000_000
+#: Levels without an estimate after which the run ends: the first meshes may be too coarse.
+_MOST_WITHOUT = 3
+
+
+@dataclass
+class Level:
+    """One level: what the driver starts it from, and what it reports.
+
+    Attributes
+    ----------
+    levels : Levels
+        The levels so far, to which this one is added.
+    start : float
+        The value of `time.perf_counter` at the start of the first level.
+    mesh : Mesh or None
+        Its mesh; None: that of the scene.
+    before : Problem or None
+        The problem of the level before it, at its solution.
+    fineness : float
+        The cells along an edge; 0: the cube root of the number of cells.
+    volumes : (owned cells,) array
+        The volumes of its cells [length^3].
+    """
+
+    levels: Levels
+    start: float
+    mesh: Mesh | None = None
+    before: Problem | None = None
+    fineness: float = 0.0
+    volumes: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def begin(self, setup: Setup) -> None:
+        """Take the end state of the level before. Collective."""
+        self.mesh, self.volumes = setup.mesh, cell_volumes(setup.problem.domain)
+        if self.before is not None:
+            setup.problem.set_load(1.0)
+            transfer_state(self.before, setup.problem)
+            setup.problem.prescribe(setup.problem.x)
+            setup.problem.set_load(0.0)
+            self.before = None
+
+    def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
+        """Add the level to the levels, and them to the record of the run."""
+        seconds = sum(row["seconds"] for row in record["steps"][-1:])
+        memory = 0.0
+        if estimate:
+            seconds += estimate.seconds - estimate.jit
+            memory = estimate.memory
+        row = LevelRow(record["element"], record["cells"], record["dofs"], seconds, memory)
+        row.elapsed = perf_counter() - self.start
+        row.fineness = self.fineness or row.cells ** (1 / 3)
+        self.levels.add(row, estimate)
+        record["accuracy"] = self.levels.record()
+
+
+#: ``solve(scene, folder=folder, level=level)`` is a run of the driver.
+Solve = Callable[..., Result]
+
+
+def run_levels(
+    comm: MPI.Comm,
+    solve: Solve,
+    printed: Progress,
+    scene: scenes.Scene,
+    folder: Folder | None = None,
+    stored: Checkpoint | None = None,
+) -> Result:
+    """Solve a scene on finer and finer meshes until its goals are within the request. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    solve : callable
+        See `Solve`.
+    printed : Progress
+        The printer.
+    scene : Scene
+        The scene, whose ``accuracy.within`` is set.
+    folder : Folder, optional
+        The folder of the output, which has that of the last level.
+    stored : Checkpoint, optional
+        That of a run to resume, which is refused.
+
+    Returns
+    -------
+    Result
+        That of the last level. ``record["accuracy"]`` has all of them.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a mesh that cannot be refined, and a run to resume.
+    """
+    if stored is not None:
+        raise BadInput("--resume: expected without --accuracy, whose levels start again")
+    wanted = scene.accuracy
+    assert wanted is not None and wanted.within is not None
+    limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
+    scene = _first_scene(scene, printed)
+    refine = _refinement(scene)
+    levels = Levels(wanted.within, ELEMENTS[scene.element].degree, limits)
+    start, current = perf_counter(), scene
+    by_cells = refine is _more_cells
+
+    def next_level(mesh: Mesh | None = None, before: Problem | None = None) -> Level:
+        return Level(levels, start, mesh, before, float(current.cells or 0) if by_cells else 0.0)
+
+    level = next_level()
+    while True:
+        result = solve(current, folder=folder, level=level)
+        if not result.converged and current.steps != scene.steps:
+            printed.line("the path is followed again: no equilibrium was found near the last state")
+            levels.rows.pop()
+            current = current.model_copy(update=_path(scene))
+            level = next_level(level.mesh)
+            result = solve(current, folder=folder, level=level)
+        printed.level(levels.lines())
+        if not result.converged or levels.reached:
+            break
+        without = [not row.goals for row in levels.rows[-_MOST_WITHOUT:]]
+        if len(without) == _MOST_WITHOUT and all(without):
+            levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
+            break
+        refinement = levels.refinement()
+        forecast = levels.forecast(refinement)
+        elapsed = comm.bcast(perf_counter() - start)
+        if limit := levels.exceeds(forecast, elapsed, available_memory(comm)):
+            levels.limit = limit
+            break
+        printed.line(f"level {len(levels.rows) + 1}: {forecast}")
+        current, mesh = refine(comm, current, level, result.estimate, refinement)
+        if levels.rows[-1].goals:
+            current = current.model_copy(update=_ONE_STEP)
+        level = next_level(mesh, result.problem if levels.rows[-1].goals else None)
+    result.record["accuracy"] = levels.record()
+    printed.reached(result.record["accuracy"])
+    return result
+
+
+#: What a level that starts from the state before has in place of the scene's own.
+_ONE_STEP = {"steps": 1, "predictor": "none", "nu_continuation": [], "start": None}
+
+
+def _path(scene: scenes.Scene) -> dict[str, Any]:
+    return {key: getattr(scene, key) for key in _ONE_STEP}
+
+
+def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
+    """Return the scene of the first level: a coarse mesh, and an element that does not lock."""
+    update: dict[str, Any] = {}
+    locks = max(material.nu for material in scene.materials) > _LOCKING
+    if locks and (other := REPLACEMENTS.get(scene.element)):
+        printed.line(f"element = '{other}' in place of '{scene.element}', which locks")
+        update["element"] = other
+    if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
+        update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST * scene.cells))
+    return scene.model_copy(update=update)
+
+
+Refine = Callable[
+    [MPI.Comm, scenes.Scene, Level, "Estimate | None", float], tuple[scenes.Scene, Mesh | None]
+]
+
+
+def _refinement(scene: scenes.Scene) -> Refine:
+    """Return how the mesh of a scene is refined; raise BadInput if it cannot be."""
+    tetrahedra = ELEMENTS[scene.element].cell == "tetrahedron"
+    if isinstance(scene.mesh, scenes.Lattice):
+        return _smaller_lattice
+    plane = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in _PLANE_FACES
+    if scene.cells is not None and not (tetrahedra and plane):
+        return _more_cells
+    if tetrahedra:
+        return _bisected
+    raise BadInput(
+        f"accuracy.within: mesh = {scene.mesh}: expected tetrahedra, a lattice or a built-in "
+        "geometry with 'cells', as hexahedra of a file cannot be refined"
+    )
+
+
+def _more_cells(
+    comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
+) -> tuple[scenes.Scene, Mesh | None]:
+    assert scene.cells is not None
+    cells = max(scene.cells + 1, ceil(scene.cells * finer))
+    return scene.model_copy(update={"cells": cells}), None
+
+
+def _smaller_lattice(
+    comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
+) -> tuple[scenes.Scene, Mesh | None]:
+    assert isinstance(scene.mesh, scenes.Lattice)
+    cell = scene.mesh.cell / finer
+    return scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": cell})}), None
+
+
+def _bisected(
+    comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
+) -> tuple[scenes.Scene, Mesh | None]:
+    assert level.mesh is not None
+    domain, owned = level.mesh.domain, len(level.volumes)
+    weights = np.zeros(owned)
+    if estimate is not None and level.levels.rows[-1].goals:
+        weights = level.levels.cell_weights(estimate, owned)
+    data = gather(level.mesh)
+    rows = comm.gather((_dolfinx.input_cells(domain)[:owned], level.volumes, weights))
+    degree = ELEMENTS[scene.element].degree
+
+    def make() -> Any:
+        volumes, sizes = np.empty((2, len(data.cells)))
+        for numbers, *values in rows:
+            volumes[numbers], sizes[numbers] = values
+        wanted = growth = finer**3
+        for _ in range(_TRIES):
+            refined = bisect(data, target_volumes(volumes, sizes, degree, growth), _MOST_CELLS)
+            found = len(refined.cells) / len(volumes)
+            if found <= _MORE * wanted or growth == _LEAST_GROWTH:
+                break
+            growth = max(_LEAST_GROWTH, growth * wanted / found)
+        return refined
+
+    return scene, distribute(comm, "the refined mesh", make)
+
+
+def accuracy_of(scene: scenes.Scene) -> float | None:
+    """Return the relative accuracy that a scene asks for, or None."""
+    return scene.accuracy.within if scene.accuracy else None

@@ -1,0 +1,219 @@
+"""Runs to a required accuracy: refinement, transfer, decisions, and true errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from running import solve
+
+from fem_snh import _dolfinx, scenes
+from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
+from fem_snh.cli import main
+from fem_snh.errors import BadInput
+from fem_snh.mesh import mesh as meshes
+from fem_snh.mesh.bisection import bisect
+from fem_snh.problem.transfer import evaluate
+
+mpi = pytest.mark.mpi
+_COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
+
+
+def volumes(data):
+    """The volumes of tetrahedra, from their corners."""
+    corners = data.x[data.cells[:, :4]]
+    return np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
+
+
+def refined(source, **parameters):
+    """A mesh of tetrahedra, its data, and the same refined near a corner."""
+    mesh = meshes.generate(MPI.COMM_SELF, source, "tetrahedron", **parameters)
+    data = meshes.gather(mesh)
+    centres = data.x[data.cells[:, :4]].mean(axis=1)
+    near = np.linalg.norm(centres - data.x.min(axis=0), axis=1) < 0.5
+    sizes = volumes(data)
+    return mesh, data, bisect(data, np.where(near, sizes / 64, sizes), 10**6), near
+
+
+def test_bisection_leaves_no_hanging_nodes():
+    """Each facet is of two cells, or in one of the groups on the boundary of the cube."""
+    _, data, finer, _ = refined("cube", cells=2)
+    assert len(finer.cells) > 4 * len(data.cells)
+    assert volumes(finer).sum() == pytest.approx(1.0, rel=1e-12)
+    corners = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
+    facets = np.sort(finer.cells[:, corners].reshape(-1, 3), axis=1)
+    _, counts = np.unique(facets, axis=0, return_counts=True)
+    groups = {group.name: group for group in finer.groups}
+    sides = [groups[name] for name in ("left", "right", "bottom", "top", "front", "back")]
+    assert (counts == 1).sum() == sum(len(side.entities) for side in sides)
+    assert counts.max() == 2
+    left = finer.x[groups["left"].entities]
+    assert np.abs(left[..., 0]).max() < 1e-15
+    edges = left[:, 1:] - left[:, :1]
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    assert areas.sum() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_bisection_is_where_it_is_wanted():
+    _, data, finer, near = refined("cube", cells=4)
+    wanted = volumes(data)[near].min() / 64
+    centres = finer.x[finer.cells].mean(axis=1)
+    inside = np.linalg.norm(centres - finer.x.min(axis=0), axis=1) < 0.35
+    far = np.linalg.norm(centres - finer.x.max(axis=0), axis=1) < 0.5
+    assert volumes(finer)[inside].max() <= 2**0.5 * wanted * (1 + 1e-12)
+    assert volumes(finer)[far].min() == pytest.approx(volumes(data).min(), rel=1e-9)
+
+
+def test_cells_of_degree_2_stay_on_their_curved_faces():
+    mesh, _, finer, _ = refined("cylinder", cells=3, order=2)
+    other = meshes.distribute(MPI.COMM_SELF, "refined", lambda: finer)
+    assert other.num_cells > 4 * mesh.num_cells
+    assert meshes.volume(other.domain) == pytest.approx(meshes.volume(mesh.domain), rel=1e-9)
+    side = next(group for group in finer.groups if group.name == "side")
+    radii = np.hypot(*finer.x[np.unique(side.entities)][:, 1:].T)
+    # Parabolas for arcs of 45 degrees; chords have 0.462.
+    assert 0.494 < radii.min() < radii.max() < 0.5 + 1e-12
+
+
+@mpi
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_a_distributed_mesh_is_gathered_as_it_was(cell):
+    comm = MPI.COMM_WORLD
+    mesh = meshes.generate(comm, "cube", cell, cells=3)
+    data = meshes.gather(mesh)
+    again = meshes.distribute(comm, "again", lambda: data)
+    assert again.num_cells == mesh.num_cells
+    assert [(g.label, g.count) for g in again.groups] == [(g.label, g.count) for g in mesh.groups]
+    assert meshes.volume(again.domain) == pytest.approx(1.0, rel=1e-12)
+
+
+@mpi
+@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 2), ("hexahedron", 1)])
+def test_a_field_is_interpolated_on_another_mesh(cell, degree):
+    """Exactly, if it is a polynomial of the element; also at points of other ranks."""
+    comm = MPI.COMM_WORLD
+    mesh = meshes.generate(comm, "cube", cell, cells=3)
+    V = _dolfinx.function_space(mesh.domain, degree, (3,))
+    u = _dolfinx.function(V, "u")
+    size = 3 * _dolfinx.num_nodes(V)[0]
+
+    def field(X):
+        square = X**2 if degree == 2 else X
+        return np.stack([square[:, 0] + X[:, 1], X[:, 2], 1 - square[:, 1]], axis=1)
+
+    X = V.tabulate_dof_coordinates()[: size // 3]
+    u.x.array[:size] = field(X).ravel()
+    u.x.scatter_forward()
+    points = np.random.default_rng(comm.rank).random((40, 3))
+    assert np.abs(evaluate(u, points) - field(points)).max() < 1e-10
+
+
+def test_cells_get_smaller_where_the_error_is():
+    """The number in the place of each cell is proportional to a power of its weight."""
+    weights = np.array([0.0, 1.0, 32.0])
+    found = np.ones(3) / target_volumes(np.ones(3), weights, 1, 4.0)
+    assert found[0] == 1
+    assert found[2] / found[1] == pytest.approx(32 ** (3 / 5), rel=1e-6)
+    assert found.sum() == pytest.approx(12.0, rel=1e-6)
+    assert target_volumes(np.ones(3), np.zeros(3), 1, 4.0) == pytest.approx(0.25)
+
+
+def test_decisions():
+    """A value serves if its error is within the request, a corrected one if its own error is."""
+
+    def estimate(value, error, scale=1.0, unit=0.0):
+        return Estimate(goals={"a": GoalError(value, error, scale, unit)})
+
+    levels = Levels(0.01, 1, {"max_dofs": 5000})
+    levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
+    assert not levels.reached and levels.worst == ("a", pytest.approx(0.1))
+    assert levels.refinement() == 2.0
+    forecast = levels.forecast(2.0)
+    assert (forecast.cells, forecast.dofs, forecast.memory) == (512, 4000, 8e6)
+    assert not levels.exceeds(forecast, 0.0, 1e9)
+    assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
+    assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
+    # The corrected value changed by 0.002 where h was halved: so much may be left.
+    levels.add(LevelRow("Q1P0", 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.03))
+    assert levels.worst == ("a", pytest.approx(0.003))  # a tenth of the correction is more
+    assert levels.reached
+    assert levels.lines()[1] == "  a 0.998 +- 0.003 (0.3 %) (corrected)"
+    # A component that is small beside the largest displacement is judged by that.
+    levels = Levels(0.01, 1)
+    row = LevelRow("Q1P0", 64, 500, 1.0, 1e6)
+    levels.add(row, estimate(1e-9, 1e-9, scale=1e-9, unit=1.0))
+    assert levels.reached
+    levels.add(LevelRow("Q1P0", 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
+    assert not levels.reached and levels.lines() == [
+        "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
+    ]
+
+
+def reference(nu):
+    """The corner's displacement in the finest solution of the study of Cook's membrane."""
+    with _COOK.open() as file:
+        table = [row for row in csv.DictReader(file) if row["element"] == "Q2Q1"]
+    found = [r for r in table if float(r["nu"]) == nu and r["default"] == r["converged"] == "True"]
+    finest = max(found, key=lambda row: int(row["cells"]))
+    return float(finest["corner.y"])
+
+
+@pytest.mark.parametrize(
+    ("element", "nu", "cells", "asked"),
+    [("Q1P0", 0.3, 8, 0.02), ("Q1", 0.4999, 8, 0.02), ("P1", 0.3, 4, 0.03)],
+)
+def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_path):
+    """Hexahedra by their number; tetrahedra where the error is; Q1 is replaced, as it locks."""
+    keys = {"accuracy.goals": "corner.y", "accuracy.within": asked, "out": tmp_path / "run"}
+    result = solve("cook", element=element, nu=nu, cells=cells, **keys)
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    accuracy = record["accuracy"]
+    assert accuracy["reached"] and result.record["accuracy"] == accuracy
+    assert record["element"] == ("Q1P0" if element == "Q1" else element)
+    levels = accuracy["levels"]
+    assert len(levels) > 1
+    assert [level["cells"] for level in levels] == sorted({level["cells"] for level in levels})
+    # Only the first level follows the load steps.
+    assert len(record["steps"]) == 1 and record["cells"] == levels[-1]["cells"]
+    goal = levels[-1]["goals"]["corner.y"]
+    better = min((abs(goal["error"]), goal["value"]), (goal["uncertainty"], goal["corrected"]))
+    assert abs(better[1] - reference(nu)) <= min(asked * reference(nu), 1.5 * better[0])
+
+
+def test_limits_end_the_levels(capsys):
+    words = "run cook --element Q1P0 --cells 8 --nu 0.3 --accuracy 0.1% --max-dofs 1300"
+    assert main(words.split()) == 1
+    output = capsys.readouterr().out.splitlines()
+    assert output[-1].startswith("not within 0.1 %: ")
+    assert "max_dofs = 1,300: the next level has about" in output[-1]
+    assert any(line.startswith("level 1: 16 Q1P0 cells, 150 dofs, ") for line in output)
+    assert any(line.startswith("level 2: about ") for line in output)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("cook --accuracy 0", "accuracy.within = '0': expected per cent or a fraction"),
+        ("cook --accuracy 200%", "expected per cent or a fraction, e.g. '1%' or 0.01"),
+        ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
+        ("cook --max-dofs 100", "accuracy.max_dofs = 100: expected with accuracy.within"),
+        ("bounce --accuracy 1%", "accuracy"),
+    ],
+)
+def test_bad_input(words, message, capsys):
+    assert main(["run", *words.split()]) == 2
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
+
+
+def test_hexahedra_of_a_file_are_refused(tmp_path):
+    loaded = scenes.load("twist", cells=2)
+    scene = loaded.model_copy(update={"mesh": tmp_path / "cube.msh", "cells": None})
+    with pytest.raises(BadInput, match="expected tetrahedra, a lattice or a built-in geometry"):
+        solve(scene, **{"accuracy.within": 0.01})
