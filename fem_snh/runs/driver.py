@@ -101,9 +101,7 @@ def run(
     # Files may differ from rank to rank: the scene, and the functions that it refers to.
     scene = on_every(comm, partial(scenes.load, scene, **overrides))
     printed = Progress(comm, progress, expected)
-    solve: Callable[..., Result] = partial(
-        _run, comm, printed=printed, note=note or {}, start=start
-    )
+    solve: Callable[..., Result] = partial(_run, comm, printed=printed, note=note, start=start)
     if scene.accuracy and scene.accuracy.within:
         from fem_snh.runs.levels import run_levels
 
@@ -122,7 +120,7 @@ def _run(
     scene: scenes.Scene,
     *,
     printed: Progress,
-    note: Mapping[str, Any],
+    note: Mapping[str, Any] | None,
     start: float,
     folder: Folder | None = None,
     stored: Checkpoint | None = None,
@@ -145,7 +143,7 @@ def _run(
         notes += [note for note in (setup.note, supports) if note]
         if notes:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
-        about |= note
+        about |= note or {}
         printed.start(about)
         if stored and folder:
             stored.restore(setup.stepper)
