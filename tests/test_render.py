@@ -169,6 +169,7 @@ def test_render_modes_bad_files(twisted):
     write_modes(MPI.COMM_WORLD, twisted, [1.0, 2.0])
     assert "no mode 3: the run has 1 to 2" in bad(render.main, twisted, None, [3], "J", True)
     assert "no mode 1.5" in bad(render.main, twisted, None, [1.5], "J", True)
+    assert "--modes and --revolve" in bad(lambda: render.main(twisted, modes=True, revolve=True))
     (twisted / "modes.pvd").unlink()
     assert "modes.pvd" in bad(render.main, twisted, None, None, "J", True)
 

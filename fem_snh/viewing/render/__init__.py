@@ -95,6 +95,8 @@ def main(
     """
     folder = Path(folder)
     if modes:
+        if revolve:
+            raise BadInput("--modes and --revolve: expected one of the two")
         from fem_snh.viewing.render.modes import main as draw_modes
 
         return draw_modes(folder, out, loads)

@@ -1,0 +1,63 @@
+"""An O-ring between two plates with friction: it converges, and the forces are in equilibrium."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pytest
+
+import fem_snh
+from fem_snh.errors import BadInput
+
+
+def press(kinematics, **options):
+    """The rows of the steps, each converged, and the forces of the upper plate."""
+    result = fem_snh.run("seal", cells=6, kinematics=kinematics, progress=False, **options)
+    assert result.converged, result.status
+    return result.steps, [-row["obstacles"]["upper"]["force"][1] for row in result.steps]
+
+
+@pytest.mark.parametrize("kinematics", ["axisymmetric", "plane_strain"])
+def test_plates_balance_and_the_force_grows(kinematics):
+    rows, upper = press(kinematics)
+    lower = [row["obstacles"]["lower"]["force"][1] for row in rows]
+    assert len(rows) == 6
+    assert lower == pytest.approx(upper, rel=1e-6)
+    growth = [b - a for a, b in zip([0, *upper], upper, strict=False)]
+    assert growth == sorted(growth) and growth[0] > 0  # it stiffens
+    assert min(row["min_J"] for row in rows) > 0.9
+
+
+def test_friction_is_balanced_by_the_plane_of_symmetry():
+    rows, _ = press("plane_strain")
+    for row in rows:
+        friction = [plate["force"][0] for plate in row["obstacles"].values()]
+        assert max(friction) < 0  # against the sides that bulge
+        assert row["reactions"]["middle"][0] == pytest.approx(-sum(friction), rel=1e-5)
+        for plate in row["obstacles"].values():
+            assert abs(plate["force"][0]) < 0.2 * (1 + 1e-9) * abs(plate["force"][1])
+
+
+def test_large_ring_is_a_straight_cord():
+    """The force per length: twice that of the half of a straight cord."""
+    straight, ring = (press(k, ring=40.0)[1][-1] for k in ("plane_strain", "axisymmetric"))
+    assert ring / (2 * pi * 40) == pytest.approx(2 * straight, rel=0.01)
+
+
+def test_half_of_the_height_converges():
+    """Press it by 50 %, nearly incompressible, from default settings."""
+    _, forces = press("axisymmetric", squeeze=0.5, nu=0.4999, steps=10)
+    assert forces == sorted(forces)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"kinematics": "plane_stress"}, "kinematics = 'plane_stress': expected one of"),
+        ({"squeeze": 1.0}, "squeeze = 1.0: expected a number below 1"),
+        ({"ring": 1.0}, "ring = 1.0: expected a number above 1"),
+    ],
+)
+def test_mistakes_are_one_line(given, message):
+    with pytest.raises(BadInput, match=message):
+        fem_snh.run("seal", progress=False, **given)
