@@ -52,7 +52,7 @@ def render_parser() -> Parser:
         --modes N,N  draw eigenmodes: these numbers, or all
         --field NAME  field of the run that the colours show, or a component: cauchy_stress.xy;
             default: J
-        --revolve  draw an axisymmetric body revolved, with a quarter left open; not in movies or of modes
+        --revolve  draw an axisymmetric body revolved, with a quarter left open; no movies, no modes
         --opacity A  opacity of the body, e.g. 0.4 to show its bones; default: 1
         --movie FILE  draw a movie instead: a file .mp4 or .gif
         --seconds S  length of the movie; default: 4
