@@ -14,11 +14,20 @@ from fem_snh.errors import BadInput
     [
         ("1e-3", 1e-3), ("-2", -2), (".5", 0.5), ("true", True), ("False", False),
         ("[1, 0, 0]", [1, 0, 0]), ('"3"', "3"), ("Q1", "Q1"), ("", ""), ("a b", "a b"),
+        ('[{group = "top", about = [0, 0, 1]}]', [{"group": "top", "about": [0, 0, 1]}]),
+        ('[{"group": "top", "about": [0, 0, 1]}]', [{"group": "top", "about": [0, 0, 1]}]),
+        ('{"a": {"b": [true, null]}}', {"a": {"b": [True, None]}}),
     ],
 )  # fmt: skip
 def test_value(text: str, meaning: object) -> None:
     found = options.value(text)
     assert found == meaning and type(found) is type(meaning)
+
+
+@pytest.mark.parametrize("text", ["[1, 0", '[{"group": top}]', "{a: 1}"])
+def test_a_list_or_table_is_toml_or_json(text: str) -> None:
+    with pytest.raises(BadInput, match="expected a list or a table in TOML or JSON"):
+        options.value(text)
 
 
 def test_petsc_words() -> None:

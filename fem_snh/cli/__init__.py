@@ -37,6 +37,7 @@ COMMANDS = {
     "render": ("tools", "draw the deformed body of a run"),
     "view": ("tools", "write a run as one interactive HTML page"),
     "export": ("tools", "write a run as one VTKHDF file, or its surface as OBJ files"),
+    "help": ("help", "tell what a key of a scene or a material is, and what it accepts"),
     "doctor": ("doctor", "check the installation"),
 }
 #: Errors of a full disk, which can also concern standard output.
@@ -100,7 +101,7 @@ def _open_standard_streams() -> None:
 
 def _dispatch(argv: list[str]) -> int:
     """Run the command that ``argv`` names, or print the usage or the version."""
-    if not argv or argv[0] in ("-h", "--help", "help"):
+    if not argv or argv[0] in ("-h", "--help"):
         print(usage())
         return 0
     if argv[0] == "--version":
@@ -135,7 +136,8 @@ def usage() -> str:
             "  fem-snh run twist --cells 8 --out out/twist",
             "  mpirun -n 2 fem-snh run stretch --material neo_hookean --out out/stretch",
             "",
-            "`fem-snh COMMAND --help` lists the options of a command.",
+            "`fem-snh COMMAND --help` lists the options of a command, `fem-snh help` the keys of a",
+            "scene and the materials, `fem-snh help KEY` what a key is and accepts.",
         ]
     )
 

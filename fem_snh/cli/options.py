@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import textwrap
 import tomllib
@@ -21,7 +22,7 @@ from fem_snh.choices import (
     HESSIANS,
     PREDICTORS,
 )
-from fem_snh.errors import BadInput, unknown_name
+from fem_snh.errors import BadInput, bad_value, unknown_name
 
 #: Scene keys with an option of their own: key, placeholder, help.
 SCENE_OPTIONS = (
@@ -140,11 +141,23 @@ def _is_number(word: str) -> bool:
 
 
 def value(text: str) -> Any:
-    """Return the value that ``text`` has in a TOML file; a bare word is a string."""
+    """Return the value that ``text`` has in a TOML file or in JSON; a bare word is a string.
+
+    Raises
+    ------
+    BadInput
+        For a list or a table that is neither.
+    """
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         pass
+    if text.startswith(("[", "{")):
+        try:
+            return json.loads(text)
+        except ValueError:
+            accepted = "a list or a table in TOML or JSON, e.g. [{ group = 'top' }]"
+            raise bad_value("value", text, accepted) from None
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     return float(text) if _is_number(text) else text

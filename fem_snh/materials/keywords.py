@@ -28,6 +28,15 @@ TUNING: dict[str, float | str | None] = {
     "lambda_part": None,
     "epsilon": None,
 }
+#: What each of them is.
+MEANINGS = {
+    "alpha": "nonlinearity: the same material at small strain, stiffer (above 1) or softer at "
+    "large stretch (Chen & Barbič)",
+    "alpha_mu": "alpha of the part of mu alone",
+    "alpha_lambda": "alpha of the part of lambda alone",
+    "lambda_part": "name of the material whose part of lambda replaces its own",
+    "epsilon": "stretch below which the nonlinearity is extended so that it survives inversion",
+}
 #: Accepted alpha: s^alpha increases with s, and s^(4 alpha) has at most the largest exponent of
 #: generated code.
 ALPHAS = (0.01, MAX_EXPONENT / 4)

@@ -29,7 +29,7 @@ _WITH_AXIS = KINDS[1:]
 class RigidJoint(Table):
     """A joint of a rigid part to the world or to another rigid part."""
 
-    kind: str = Field(
+    kind: Annotated[str, Expect(f"one of {', '.join(KINDS)}")] = Field(
         description="ball: a rotation about a point is free; hinge: one about an axis; slider: a "
         "translation along an axis, without rotation."
     )

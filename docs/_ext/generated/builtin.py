@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import fem_snh
 from fem_snh import scenes as built_in
-from fem_snh.materials import defaults, describe
+from fem_snh.materials import describe
+from fem_snh.scenes import reference
 from generated.table import table
 
 
@@ -18,13 +19,19 @@ def scenes() -> str:
 
 
 def materials() -> str:
-    """Return a table of the built-in materials with their shape parameters."""
-    rows = []
+    """Return a table of the built-in materials, and one of the keys of each and of all."""
+    rows = [(f"`{name}`", describe(name).partition("\n\n")[0]) for name in fem_snh.materials()]
+    common = reference.tuning()
+    parts = [table(("material", "what it is"), rows), "## Keys of every material", _keys(common)]
     for name in fem_snh.materials():
-        own = (f"`{key}={value}`" for key, value in defaults(name).items())
-        first = describe(name).partition("\n\n")[0]
-        rows.append((f"`{name}`", first, " ".join(own)))
-    return table(("material", "source", "shape parameters"), rows)
+        if own := [row for row in reference.parameters(name) if row not in common]:
+            parts += [f"## Keys of {name}", _keys(own)]
+    return "\n\n".join(parts)
+
+
+def _keys(rows: list[tuple[str, str, str]]) -> str:
+    head = ("key", "default", "meaning")
+    return table(head, [(f"`{key}`", f"`{default}`", what) for key, default, what in rows])
 
 
 def _short(value: object) -> str:
