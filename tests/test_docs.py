@@ -136,6 +136,21 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_reference_pages_are_those_of_the_program() -> None:
+    """In a process of its own: other tests add tables to scenes."""
+    command = [sys.executable, str(ROOT / "docs/reference/make.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, f"python docs/reference/make.py: {done.stdout}{done.stderr}"
+    for page, words in (
+        ("scene_file", ("`friction` | a number >= 0 | `0.0` |", "## [[obstacle]]", "`von_mises`")),
+        ("materials", ("`ogden`", "## Keys of ogden", "`exponents`", "`alpha_mu`")),
+        ("command_line", ("`twist`",)),
+        ("petsc_options", ("`-snh_snes_scaled_tol`",)),
+    ):
+        text = (ROOT / f"docs/reference/{page}.md").read_text(encoding="utf-8")
+        assert all(word in text for word in words), page
+
+
 def test_blocks_of_a_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
