@@ -25,19 +25,24 @@ class OutputField(NamedTuple):
         Names of its components; none for a scalar.
     meaning : str
         A sentence for tables and messages.
+    nonnegative : bool
+        Whether its values, or those of each component, cannot be negative: a scale starts at 0.
     """
 
     label: str
     unit: str
     components: tuple[str, ...] = ()
     meaning: str = ""
+    nonnegative: bool = False
 
 
 #: The fields that every run writes, if its problem has them.
 STANDARD = {
     "displacement": OutputField("displacement u", "m", VECTOR, "displacement of the nodes"),
     "J": OutputField("J  (volume ratio)", "", (), "volume ratio det F, mean over the cell"),
-    "energy_density": OutputField("energy density", "Pa", (), "energy per reference volume, mean"),
+    "energy_density": OutputField(
+        "energy density", "Pa", (), "energy per reference volume, mean", True
+    ),
     "min_eigenvalue": OutputField(
         "smallest eigenvalue of the Hessian", "Pa", (),
         "smallest eigenvalue of the energy density's Hessian in the cell",
@@ -52,7 +57,7 @@ STANDARD = {
 ON_REQUEST = {
     "cauchy_stress": OutputField("Cauchy stress", "Pa", TENSOR, "sigma = P F^T / J"),
     "von_mises": OutputField(
-        "von Mises stress", "Pa", (), "sqrt(3/2 s : s), s the deviator of the Cauchy stress"
+        "von Mises stress", "Pa", (), "sqrt(3/2 s : s), s the deviator of the Cauchy stress", True
     ),
     "principal_stresses": OutputField(
         "principal stress", "Pa", PRINCIPAL,
@@ -90,7 +95,7 @@ AT_OBSTACLES = {
     "contact_pressure": OutputField(
         "contact pressure", "Pa", (),
         "force per reference area of the surface: normal force with [[obstacle]], magnitude with "
-        "[self_contact]",
+        "[self_contact]", True,
     ),
     "gap": OutputField(
         "gap", "m", (), "signed distance from the closest obstacle; with [[obstacle]]"

@@ -6,9 +6,23 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fem_snh.cli.options import Parser, output, value
 from fem_snh.errors import BadInput
+
+if TYPE_CHECKING:
+    from fem_snh.viewing.render.options import ViewOptions
+
+
+#: Options of ``render`` and ``view``.
+_VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove the side that
+            the normal points to: x, 0,0,1@0,0,0.2, or x@0.2, the plane x = 0.2; default: through
+            the centre; write --clip=-y if it begins with a minus
+        --camera DIRECTION[@FOCUS]  direction to the viewer: x, -y or 1,-1,0.5@0,0,1
+        --up DIRECTION  direction that is upwards; default: z
+        --zoom A  magnification; default: 1
+        --hide NAME,NAME  obstacles and bones that are not drawn"""
 
 
 def plot_parser() -> Parser:
@@ -54,9 +68,10 @@ def render_parser() -> Parser:
             default: J
         --revolve  draw an axisymmetric body revolved, with a quarter left open; no movies, no modes
         --opacity A  opacity of the body, e.g. 0.4 to show its bones; default: 1
+        {_VIEW}
         --movie FILE  draw a movie instead: a file .mp4 or .gif
         --seconds S  length of the movie; default: 4
-        """,
+        """.replace("{_VIEW}", _VIEW),
         folder=Path,
         out=output,
         modes={"nargs": "?", "const": ""},
@@ -64,6 +79,7 @@ def render_parser() -> Parser:
         opacity={"type": float, "default": 1.0},
         movie=output,
         seconds={"type": float, "default": 4.0},
+        zoom={"type": float, "default": 1.0},
     )
     return parser
 
@@ -83,8 +99,27 @@ def render(argv: list[str]) -> int:
 
     pictured = loads if args.modes is None else modes
     modal = args.modes is not None
-    print(main(args.folder, args.out, pictured, args.field, modal, args.opacity, args.revolve))
+    print(
+        main(
+            args.folder,
+            args.out,
+            pictured,
+            args.field,
+            modal,
+            args.opacity,
+            args.revolve,
+            _view(args),
+        )
+    )
     return 0
+
+
+def _view(args: Namespace) -> ViewOptions:
+    """Return what the options say of clip plane, camera and hidden solids."""
+    from fem_snh.viewing.render.options import view_options
+
+    hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]
+    return view_options(args.clip, args.camera, args.up, args.zoom, hide)
 
 
 def _movie(args: Namespace) -> int:
@@ -101,7 +136,9 @@ def _movie(args: Namespace) -> int:
     from fem_snh.viewing.render.movie import main
 
     with _progress_bar("drawing") as report:
-        path = main(args.folder, args.movie, args.field, args.seconds, report, args.opacity)
+        path = main(
+            args.folder, args.movie, args.field, args.seconds, report, args.opacity, _view(args)
+        )
     print(path)
     return 0
 
@@ -119,10 +156,12 @@ def view_parser() -> Parser:
         --out HTML  the page; default: DIR/view.html
         --field NAME  field that the colours show; default: J
         --revolve  show an axisymmetric body revolved, with a quarter left open
-        """,
+        {_VIEW}
+        """.replace("{_VIEW}", _VIEW),
         folder=Path,
         out=output,
         field={"default": "J"},
+        zoom={"type": float, "default": 1.0},
     )
     return parser
 
@@ -133,7 +172,7 @@ def view(argv: list[str]) -> int:
 
     from fem_snh.viewing.view import main
 
-    print(main(args.folder, args.out, args.field, args.revolve))
+    print(main(args.folder, args.out, args.field, args.revolve, _view(args)))
     return 0
 
 

@@ -17,7 +17,9 @@ from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.run_record import load_record
 from fem_snh.viewing.render.fields import check_field
+from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (
+    check_hidden,
     load_name,
     load_unit,
     material_name,
@@ -46,7 +48,8 @@ class Panel:
 class Job:
     """The input of a drawing process; ``out`` is the file, or the folder of the files.
 
-    With ``revolve`` sections are drawn as bodies of revolution.
+    With ``revolve`` sections are drawn as bodies of revolution. ``note`` follows the label of the
+    colour bar.
     """
 
     field: str
@@ -55,6 +58,8 @@ class Job:
     out: str
     opacity: float = 1.0
     revolve: bool = False
+    view: ViewOptions = WHOLE
+    note: str = ""
 
 
 def main(
@@ -65,6 +70,7 @@ def main(
     modes: bool = False,
     opacity: float = 1.0,
     revolve: bool = False,
+    view: ViewOptions | None = None,
 ) -> Path:
     """Draw the body of a run at some loads or times side by side and return the path of the PNG.
 
@@ -84,9 +90,10 @@ def main(
         Draw eigenmodes instead (`fem_snh.viewing.render.modes.main`); ``loads`` are their numbers.
     opacity : float
         Opacity of the body, between 0 and 1: bones are seen through a translucent one.
-
     revolve : bool
         Draw an axisymmetric body revolved, with a quarter left open, in place of its section.
+    view : ViewOptions, optional
+        Clip plane, camera and hidden solids.
 
     Raises
     ------
@@ -99,12 +106,14 @@ def main(
             raise BadInput("--modes and --revolve: expected one of the two")
         from fem_snh.viewing.render.modes import main as draw_modes
 
-        return draw_modes(folder, out, loads)
-    run = StoredRun(folder, field)
+        return draw_modes(folder, out, loads, view)
+    run = StoredRun(folder, field, view)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
     run.check_revolved(revolve)
-    panels = [run.panel(t) for t in choose_loads(list(run.states), loads)]
-    draw(Job(field, title(run.record), panels, str(out), check_opacity(opacity), revolve))
+    chosen = choose_loads(list(run.states), loads)
+    panels, note = [run.panel(load) for load in chosen], run.note(chosen)
+    opacity = check_opacity(opacity)
+    draw(Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note))
     return out
 
 
@@ -132,6 +141,8 @@ class StoredRun:
         The folder.
     field : str, optional
         A field, or a component of one, that the run must have written.
+    view : ViewOptions, optional
+        What is shown.
 
     Attributes
     ----------
@@ -145,12 +156,16 @@ class StoredRun:
     Raises
     ------
     BadInput
-        If a file is missing or cannot be read, or the run has not written the field.
+        If a file is missing or cannot be read, or the run has not written the field or has no
+        solid of a name that is to be hidden.
     """
 
-    def __init__(self, folder: Path, field: str | None = None) -> None:
-        self.folder = Path(folder)
+    def __init__(
+        self, folder: Path, field: str | None = None, view: ViewOptions | None = None
+    ) -> None:
+        self.folder, self.view, self._field = Path(folder), view or WHOLE, field
         self.record = read_record(self.folder)
+        check_hidden(self.record, self.view.hide)
         skin = self.folder / "skin.pvd"
         self.pvd = skin if skin.is_file() else self.folder / "fields.pvd"
         self.states = {
@@ -169,11 +184,22 @@ class StoredRun:
             raise BadInput(
                 "--revolve: expected a run without obstacles: only sections of them are known"
             )
+        if revolve and self.view.clip:
+            raise BadInput("--clip and --revolve: expected one of the two")
 
     def panel(self, load: float) -> Panel:
         """Return the panel of a stored load or time."""
-        obstacles = obstacle_poses(self.record, self.folder, load)
+        obstacles = obstacle_poses(self.record, self.folder, load, self.view.hide)
         return Panel(self.states[load], panel_label(self.record, load), load, obstacles)
+
+    def note(self, loads: Sequence[float]) -> str:
+        """Return what the colours of some loads hide: the smallest J at a point, as cells
+        have means."""
+        steps = [step_at(self.record, load) for load in loads]
+        smallest = [step["min_J"] for step in steps if step and step.get("min_J") is not None]
+        if self._field != "J" or not smallest:
+            return ""
+        return f"smallest at a quadrature point {min(smallest):.3g}"
 
 
 def read_record(folder: Path) -> dict[str, Any]:

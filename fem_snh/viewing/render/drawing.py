@@ -22,8 +22,9 @@ from matplotlib.ticker import MaxNLocator
 
 from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
-from fem_snh.viewing.render.fields import label
+from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
+from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat, revolve
 from fem_snh.viewing.render.worker import serve
 
@@ -47,20 +48,24 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
     """Return colour map, range and open ends of the colour bar, which all panels share.
 
     The range excludes the lowest and highest percent of the values. J is centred at 1, so that grey
-    means no change of volume; other fields that change sign are centred at 0.
+    means no change of volume; other fields that change sign are centred at 0. The scale of what
+    cannot be negative starts at 0.
     """
     values = values[np.isfinite(values)]
     if not len(values):
         raise BadInput(f"'{field}' has no finite value")
     low, high = np.percentile(values, [1, 99])
-    signed = field != "energy_density" and low < 0 < high
     if field == "mode":
         return "viridis", Normalize(0, 1), "neither"
+    one_sided = is_nonnegative(field)
+    signed = not one_sided and low < 0 < high
     centre = 1.0 if field == "J" else 0.0 if signed else None
     if centre is not None:
         half = round_up(max(high - centre, centre - low, 1e-3))
         half = min(half, 1.0) if field == "J" else half  # cells with J < 0 are inverted
         low, high = centre - half, centre + half
+    elif one_sided and high > 0:
+        low = 0.0
     elif high <= low:
         high = low + max(abs(low), 1.0) * 1e-3
     under, over = values.min() < low, values.max() > high
@@ -89,23 +94,29 @@ class View:
 
     centre: np.ndarray
     towards: np.ndarray
+    up: np.ndarray
     width: float
     height: float
 
     def place(self, camera: Any, distance: float) -> None:
-        """Place a camera at a distance, with z upwards, or y if it looks along z."""
+        """Place a camera at a distance."""
         camera.focal_point = self.centre
         camera.position = self.centre + distance * self.towards
-        camera.up = (0.0, 0.0, 1.0) if self.towards[2] < 1 else (0.0, 1.0, 0.0)
+        camera.up = self.up
 
 
-def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]] = ()) -> View:
+def view(
+    bodies: Sequence[DrawnBody],
+    obstacles: Sequence[Sequence[pv.PolyData]] = (),
+    options: ViewOptions | None = None,
+) -> View:
     """Return a view from the front, right and above, or from the side of a long body.
 
-    One of two dimensions is drawn in its plane.
-
-    ``obstacles`` are the surfaces of all panels; with some, the view is that of all together.
+    One of two dimensions is drawn in its plane. z is upwards, or y if the camera looks along z.
+    ``obstacles`` are the surfaces of all panels; with some, the view is that of all together. The
+    ``options`` may choose direction, centre and magnification.
     """
+    options = options or WHOLE
     points = np.concatenate([np.concatenate([b.surface.points, b.ghost.points]) for b in bodies])
     size = np.ptp(points, axis=0)
     points = np.concatenate([points, *(o.points for panel in obstacles for o in panel)])
@@ -114,14 +125,20 @@ def view(bodies: Sequence[DrawnBody], obstacles: Sequence[Sequence[pv.PolyData]]
         towards = np.array(TOWARDS_LONG[size.argmax()])
     if all(is_flat(b.rest.points) for b in bodies):
         towards = np.array([0.0, 0.0, 1.0])
+    if options.camera:
+        towards = np.array(options.camera)
     towards /= np.linalg.norm(towards)
-    right = np.cross([0.0, 0.0, 1.0] if towards[2] < 1 else [0.0, 1.0, 0.0], towards)
+    upwards = [0.0, 0.0, 1.0] if abs(towards[2]) < 1 - 1e-9 else [0.0, 1.0, 0.0]
+    right = np.cross(options.up or upwards, towards)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(towards, right), towards])
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height = (high - low)[:2] * 1.04
-    return View((low + high) / 2 @ axes, towards, width, height)
+    centre = (low + high) / 2 @ axes
+    if options.focus:
+        centre = np.array(options.focus)
+    return View(centre, towards, axes[1], width / options.zoom, height / options.zoom)
 
 
 class Drawing:
@@ -137,6 +154,10 @@ class Drawing:
         Those of each panel, as `fem_snh.viewing.render.records.obstacle_poses` returns them.
     loads : sequence of float
         The load or time of each panel.
+    options : ViewOptions, optional
+        Camera and clip plane.
+    note : str
+        What follows the label of the colour bar.
     """
 
     def __init__(
@@ -145,8 +166,10 @@ class Drawing:
         bodies: Sequence[DrawnBody],
         obstacles: Sequence[list[dict[str, Any]]],
         loads: Sequence[float],
+        options: ViewOptions | None = None,
+        note: str = "",
     ) -> None:
-        self.field = field
+        self.field, self._note = field, note
         values = np.concatenate([body.values for body in bodies])
         self.cmap, self.norm, self.extend = colours(field, values)
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
@@ -154,17 +177,18 @@ class Drawing:
         solids = [Obstacles(records) for records in obstacles]
         self.solids_at = lambda panel, load: solids[panel].at(load, limits)
         self.solids = [self.solids_at(k, load) for k, load in enumerate(loads)]
-        self.view = view(bodies, self.solids)
+        self.view = view(bodies, self.solids, options)
 
     @classmethod
     def of(cls, job: dict[str, Any]) -> tuple[Drawing, list[DrawnBody]]:
         """Return the drawing and the bodies of the panels of a `render.Job`."""
         panels, field = job["panels"], job["field"]
-        bodies = [body(panel["files"], field) for panel in panels]
+        options = ViewOptions(**job["view"])
+        bodies = [body(panel["files"], field, options) for panel in panels]
         if job["revolve"]:
             bodies = [revolve(item, field) for item in bodies]
         obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
-        return cls(field, bodies, obstacles, loads), bodies
+        return cls(field, bodies, obstacles, loads, options, job["note"]), bodies
 
     def add(
         self,
@@ -239,7 +263,8 @@ class Drawing:
             extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7),
         )  # fmt: skip
         bar.tick_params(labelsize=8)
-        bar.set_xlabel(label(self.field), fontsize=8.5, labelpad=2)
+        text = f"{label(self.field)}, {self._note}" if self._note else label(self.field)
+        bar.set_xlabel(text, fontsize=8.5, labelpad=2)
 
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> Any:

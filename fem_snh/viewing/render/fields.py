@@ -45,6 +45,13 @@ def label(field: str) -> str:
     return f"{text} [{known.unit}]" if known.unit else text
 
 
+def is_nonnegative(field: str) -> bool:
+    """Return whether a field, or the magnitude that is drawn of it, cannot be negative."""
+    name, component = split_component(field)
+    known = _KNOWN.get(name, OutputField(name, ""))
+    return known.nonnegative or bool(known.components and not component)
+
+
 def check_field(pvd: Path, field: str) -> None:
     """Raise BadInput unless a run has written a field and the field has the component.
 

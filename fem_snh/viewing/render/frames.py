@@ -20,6 +20,7 @@ from PIL import Image
 from fem_snh.atomic_files import make_folder_of, remove
 from fem_snh.errors import BadInput
 from fem_snh.viewing.render.drawing import DPI, FOOT, LABEL, TOP, Drawing, write_text
+from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.surfaces import body_of
 from fem_snh.viewing.render.worker import serve
 from fem_snh.viewing.states import InterpolatedStates
@@ -36,15 +37,16 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
     files = [panel["files"] for panel in job["panels"]]
     states = InterpolatedStates(dict(zip(loads, files, strict=True)), job["field"])
     # The view and the range of colours are those of all stored states together.
-    bodies = [body_of(states.grid(load), job["field"]) for load in loads]
-    drawing = Drawing(job["field"], bodies, [job["obstacles"]] * len(loads), loads)
+    options = ViewOptions(**job["view"])
+    bodies = [body_of(states.grid(load), job["field"], options) for load in loads]
+    drawing = Drawing(job["field"], bodies, [job["obstacles"]] * len(loads), loads, options)
     where = drawing.view
     wide = min(_WIDTH, round(_TALLEST * where.width / where.height))
     del bodies
     decimals = max(0, 2 - floor(log10(abs(job["names"][-1] - job["names"][0]) or 1.0)))
     figure = None
     for load in np.linspace(loads[0], loads[-1], job["frames"]):
-        item = body_of(states.grid(load), job["field"])
+        item = body_of(states.grid(load), job["field"], options)
         image = drawing.image(item, drawing.solids_at(0, load), wide, job["opacity"], scale=1)
         if figure is None:
             height = TOP + LABEL + image.shape[0] + FOOT

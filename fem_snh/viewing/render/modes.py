@@ -8,13 +8,19 @@ from typing import Any
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing import render
+from fem_snh.viewing.render.options import WHOLE, ViewOptions
 
 #: Frequencies below this fraction of the highest are rigid motions, drawn on request only.
 _RIGID = 1e-3
 _SHOWN = 6
 
 
-def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None = None) -> Path:
+def main(
+    folder: Path,
+    out: Path | None = None,
+    numbers: Sequence[float] | None = None,
+    view: ViewOptions | None = None,
+) -> Path:
     """Draw eigenmodes of a run and return the path of the PNG.
 
     The outline shows the linearised state; all modes are exaggerated to the same amplitude.
@@ -27,6 +33,8 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
         Default: ``folder/modes.png``.
     numbers : sequence of float, optional
         Numbers of the modes, from 1; default: the first six that deform the body.
+    view : ViewOptions, optional
+        Clip plane and camera.
 
     Raises
     ------
@@ -44,7 +52,8 @@ def main(folder: Path, out: Path | None = None, numbers: Sequence[float] | None 
             raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
         files = [str(file) for file in stored[number]]
         panels.append(render.Panel(files, label(number, frequencies[number - 1])))
-    render.draw(render.Job("mode", render.title(record), panels, str(out)))
+    shown = view or WHOLE
+    render.draw(render.Job("mode", render.title(record), panels, str(out), view=shown))
     return out
 
 

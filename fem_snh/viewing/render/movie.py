@@ -10,6 +10,7 @@ from typing import Any
 from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.viewing.render import Job, Panel, StoredRun, check_opacity, title
+from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.records import load_name, load_unit, obstacle_poses, parameter
 from fem_snh.viewing.render.worker import draw_elsewhere, require
 
@@ -45,6 +46,7 @@ def main(
     seconds: float = 4.0,
     report: Callable[[int, int], None] | None = None,
     opacity: float = 1.0,
+    view: ViewOptions | None = None,
 ) -> Path:
     """Draw a movie of a run and return its path.
 
@@ -65,6 +67,8 @@ def main(
         Called with the numbers of frames drawn and of all frames.
     opacity : float
         Opacity of the body, as for `fem_snh.viewing.render.main`.
+    view : ViewOptions, optional
+        Clip plane, camera and hidden solids.
 
     Raises
     ------
@@ -80,7 +84,7 @@ def main(
     require("render", ("pyvista", "matplotlib"))
     remedy = "'fem_snh[movies]', or write a .gif"
     require(f"a movie {out.suffix}", TYPES[out.suffix.lower()], remedy)
-    run = StoredRun(folder, field)
+    run = StoredRun(folder, field, view)
     if len(run.states) < 2:
         raise BadInput(f"{folder}: a movie needs two stored loads or more: found {len(run.states)}")
     frames = max(2, round(seconds * FRAMES_PER_SECOND))
@@ -90,10 +94,11 @@ def main(
         [Panel(files, "", load) for load, files in run.states.items()],
         str(out),
         check_opacity(opacity),
+        view=run.view,
         names=[parameter(run.record, load) for load in run.states],
         load_name=load_name(run.record),
         load_unit=load_unit(run.record),
-        obstacles=obstacle_poses(run.record, run.folder),
+        obstacles=obstacle_poses(run.record, run.folder, hide=run.view.hide),
         frames=frames,
     )
 

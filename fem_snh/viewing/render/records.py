@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
+
+from fem_snh.errors import bad_value
 
 #: Keys of run.json whose solids are drawn.
 KINDS = ("obstacles", "bones")
@@ -73,20 +76,30 @@ def step_at(record: dict[str, Any], stored: float) -> dict[str, Any] | None:
     return found[-1] if found else None
 
 
+def check_hidden(record: dict[str, Any], names: Collection[str]) -> None:
+    """Raise BadInput for a name that no obstacle and no bone of a run has."""
+    known = [name for kind in KINDS for name in record.get(kind, {})]
+    for name in names:
+        if name not in known:
+            accepted = f"one of {', '.join(known)}" if known else "a run with obstacles or bones"
+            raise bad_value("--hide", name, accepted, known)
+
+
 def obstacle_poses(
-    record: dict[str, Any], folder: Path, at: float | None = None
+    record: dict[str, Any], folder: Path, at: float | None = None, hide: Collection[str] = ()
 ) -> list[dict[str, Any]]:
     """Return the obstacles and the bones of a run: kind, shape, and the pose at each load or time.
 
     With ``at`` these are two loads [or times in s], one of which is the closest to it. A surface is
-    given by the path of its file in the folder. A bone that is a group of the mesh is left out.
+    given by the path of its file in the folder. A bone that is a group of the mesh is left out, as
+    are those whose names are in ``hide``.
     """
     found = []
     key = "load" if duration(record) is None else "time"
     steps = [step for step in record["steps"] if step.get("converged", True)]
     items = [(k, n, about) for k in KINDS for n, about in record.get(k, {}).items()]
     for kind, name, about in items:
-        if "shape" not in about:
+        if "shape" not in about or name in hide:
             continue
         poses = {0.0: about["pose"]}
         poses |= {step[key]: step[kind][name]["pose"] for step in steps}

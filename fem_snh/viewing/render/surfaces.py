@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyvista as pv
+from vtkmodules.vtkCommonCore import mutable
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
 from fem_snh.output_fields import SUMMED
 from fem_snh.viewing.render.fields import component_index, split_component
+from fem_snh.viewing.render.options import ViewOptions
 
 #: Largest number of boundary faces with which element edges are drawn.
 EDGES_UP_TO = 6000
+#: Corners of the reference cells, in the order of VTK.
+_TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+_HEXAHEDRON = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
+    dtype=float,
+)
+#: The name of the data that are the numbers of cells.
+_CELL = "fem_snh_cell"
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
 
@@ -84,8 +95,16 @@ def face_edges(surface: pv.PolyData, faces: int) -> pv.PolyData:
     A line inside a face belongs to two of its triangles, an element edge to one. The surface filter
     writes the triangles of a face one after another, the same number for each face.
     """
+    count = surface.n_cells // faces
+    return _sides(surface, np.arange(surface.n_cells) // count)
+
+
+def _sides(surface: pv.PolyData, face: np.ndarray) -> pv.PolyData:
+    """Return the sides of triangles that belong to one triangle of their face only.
+
+    ``face`` has the number of the face, or cell, of each triangle.
+    """
     triangles = surface.regular_faces
-    face = np.arange(len(triangles)) // (len(triangles) // faces)
     sides = np.sort(
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     )
@@ -178,28 +197,118 @@ def _caps(mesh: pv.PolyData) -> pv.PolyData:
     return pv.merge(ends, merge_points=False)
 
 
-def body(files: list[str], field: str) -> DrawnBody:
+def clip(
+    surface: pv.PolyData,
+    edges: pv.PolyData | None,
+    grid: pv.UnstructuredGrid,
+    normal: Sequence[float],
+    origin: Sequence[float],
+) -> tuple[pv.PolyData, pv.PolyData | None]:
+    """Return surface and element edges of the part of a body behind a plane, with its section.
+
+    The section is that of the cells of degree 1 between the nodes.
+
+    Parameters
+    ----------
+    surface, edges : pyvista.PolyData
+        Those of the whole body.
+    grid : pyvista.UnstructuredGrid
+        The deformed body.
+    normal, origin : (3,)
+        Normal of the plane, which points to the part that is cut away, and a point of it.
+
+    Raises
+    ------
+    BadInput
+        If nothing of the body is left.
+    """
+    plane = {"normal": list(normal), "origin": list(origin)}
+    kept: Any = surface.clip(invert=True, **plane)
+    if not kept.n_cells:
+        raise BadInput(f"--clip: nothing of the body is behind the plane at {list(origin)}")
+    outline = edges.clip(invert=True, **plane) if edges is not None else None
+    section: Any = linear_cells(grid).slice(generate_triangles=True, **plane)
+    if len(section.faces):  # a skin or a body of two dimensions has a line in place of it
+        if outline is not None:
+            cuts = _sides(section, np.asarray(section.cell_data[_CELL]))
+            outline = pv.merge([outline, cuts], merge_points=False)
+        del section.cell_data[_CELL]
+        kept = pv.merge([kept, section], merge_points=False)
+    return kept, outline
+
+
+def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
+    """Return the cells of degree 1 between the nodes of tetrahedra or hexahedra of degree 1 or 2.
+
+    Their data `_CELL` are the numbers of the cells. VTK loses the data of Lagrange cells that it
+    cuts. Cells of two dimensions are returned as they are.
+    """
+    cell = grid.GetCell(0)
+    if cell.GetCellDimension() < 3:
+        return grid
+    nodes = cell.GetNumberOfPoints()
+    is_hexahedron = nodes in (8, 27)
+    degree = 1 if nodes in (4, 8) else 2
+    corners = (_HEXAHEDRON if is_hexahedron else _TETRAHEDRON) / degree
+    if is_hexahedron:
+        starts = np.stack(np.meshgrid(*[np.arange(degree) / degree] * 3), axis=-1).reshape(-1, 1, 3)
+        parts = starts + corners
+    elif degree == 1:
+        parts = corners[None]
+    else:
+        middles = {(i, j): corners[i] + corners[j] for i in range(4) for j in range(i + 1, 4)}
+        ring = [middles[edge] for edge in ((0, 2), (0, 3), (1, 3), (1, 2))]
+        around = [[middles[0, 1], middles[2, 3], ring[k - 1], ring[k]] for k in range(4)]
+        parts = np.array([*(corners + corner for corner in corners), *around])
+    local = np.array([[_node_at(cell, point) for point in part] for part in parts])
+    connectivity = np.asarray(grid.cell_connectivity).reshape(-1, nodes)[:, local]
+    kind = pv.CellType.HEXAHEDRON if is_hexahedron else pv.CellType.TETRA
+    fine = pv.UnstructuredGrid({kind: connectivity.reshape(-1, local.shape[1])}, grid.points)
+    for name, values in grid.point_data.items():
+        fine.point_data[name] = values
+    for name, values in grid.cell_data.items():
+        fine.cell_data[name] = np.repeat(values, len(local), axis=0)
+    fine.cell_data[_CELL] = np.repeat(np.arange(grid.n_cells), len(local))
+    return fine
+
+
+def _node_at(cell: Any, point: np.ndarray) -> int:
+    """Return the node of a cell at a point of the reference cell: versions of VTK order them."""
+    weights = [0.0] * cell.GetNumberOfPoints()
+    cell.EvaluateLocation(mutable(0), point, [0.0] * 3, weights)
+    return int(np.argmax(weights))
+
+
+def body(files: list[str], field: str, options: ViewOptions | None = None) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks."""
     grid = read_grid(files, field)
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
-    return body_of(grid, field)
+    return body_of(grid, field, options)
 
 
-def body_of(grid: pv.UnstructuredGrid, field: str) -> DrawnBody:
-    """Return surface, element edges, outline at rest and values (per cell or point) of a grid."""
+def body_of(grid: pv.UnstructuredGrid, field: str, options: ViewOptions | None = None) -> DrawnBody:
+    """Return surface, element edges, outline at rest and values (per cell or point) of a grid.
+
+    With a clip plane among the ``options``, the surface is that of the remaining part.
+    """
     faces = boundary(grid, 0).n_cells
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
     rest = boundary(grid, min(level, 1))
-    surface = boundary(grid.warp_by_vector("displacement"), level)
+    deformed = grid.warp_by_vector("displacement")
+    surface = boundary(deformed, level)
     # The edges of a skin are no element's.
     is_skin = set(grid.celltypes) == {pv.CellType.TRIANGLE} and not is_flat(grid.points)
     edges = face_edges(surface, faces) if faces <= EDGES_UP_TO and not is_skin else None
     ghost = rest.extract_feature_edges(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False
     )
+    if options and options.clip:
+        origin = options.clip_point or tuple(grid.center)
+        surface, edges = clip(surface, edges, deformed, options.clip, origin)
+        ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
     values = np.asarray(surface[field], dtype=float)
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)

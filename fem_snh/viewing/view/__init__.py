@@ -14,13 +14,20 @@ from pathlib import Path
 from fem_snh.atomic_files import make_folder_of, output_path, replace_file
 from fem_snh.errors import BadInput
 from fem_snh.viewing.render import Job, StoredRun
+from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.worker import draw_elsewhere, require
 
 #: States on a page, at most: each takes about a tenth of a second and 100 kB for 1,000 cells.
 MAX_STATES = 13
 
 
-def main(folder: Path, out: Path | None = None, field: str = "J", revolve: bool = False) -> Path:
+def main(
+    folder: Path,
+    out: Path | None = None,
+    field: str = "J",
+    revolve: bool = False,
+    view: ViewOptions | None = None,
+) -> Path:
     """Write the page of a run and return its path.
 
     Parameters
@@ -33,6 +40,8 @@ def main(folder: Path, out: Path | None = None, field: str = "J", revolve: bool 
         The field that the colours show, or a component of it: see `fem_snh.viewing.render.main`.
     revolve : bool
         Show an axisymmetric body revolved, in place of its section.
+    view : ViewOptions, optional
+        Clip plane, hidden solids, and the camera of the page's first view.
 
     Raises
     ------
@@ -45,7 +54,7 @@ def main(folder: Path, out: Path | None = None, field: str = "J", revolve: bool 
         raise BadInput(f"--out {out}: expected a file .html")
     require("view", ("pyvista", "matplotlib"))
     require("view", ("trame_vtk",), "'fem_snh[view]'")
-    run = StoredRun(folder, field)
+    run = StoredRun(folder, field, view)
     run.check_revolved(revolve)
     states = [run.panel(load) for load in choose_states(list(run.states))]
 
@@ -53,7 +62,8 @@ def main(folder: Path, out: Path | None = None, field: str = "J", revolve: bool 
 
     with tempfile.TemporaryDirectory() as scratch:
         draw_elsewhere(
-            asdict(Job(field, "", states, scratch, revolve=revolve)), "fem_snh.viewing.view.scenes"
+            asdict(Job(field, "", states, scratch, revolve=revolve, view=run.view)),
+            "fem_snh.viewing.view.scenes",
         )
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
     make_folder_of(out)
