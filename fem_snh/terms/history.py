@@ -140,7 +140,7 @@ class TermHistory:
         Raises
         ------
         NotSettled
-            On every rank, if they still change after `MAX_SOLVES`.
+            On every rank, if they still change after MAX_SOLVES solves.
         """
         self.solves += 1
         self.change = change = largest_change([term.update_lagged(u) for term in self._terms])

@@ -240,8 +240,8 @@ def clip(
 def linear_cells(grid: pv.UnstructuredGrid) -> pv.UnstructuredGrid:
     """Return the cells of degree 1 between the nodes of tetrahedra or hexahedra of degree 1 or 2.
 
-    Their data `_CELL` are the numbers of the cells. VTK loses the data of Lagrange cells that it
-    cuts. Cells of two dimensions are returned as they are.
+    Their data "fem_snh_cell" are the numbers of the cells. VTK loses the data of Lagrange cells
+    that it cuts. Cells of two dimensions are returned as they are.
     """
     cell = grid.GetCell(0)
     if cell.GetCellDimension() < 3:
