@@ -69,6 +69,12 @@ def test_page_draws_and_rotates_without_errors_and_network(page):
         wait_for(lambda: is_drawn(picture(viewer)) and (picture(viewer) != before).mean() > 0.05)
         wait_for(lambda: np.allclose(camera_position(browser), turned))
         assert browser.find_element(By.ID, "label").text.startswith("angle 0")
+        play = browser.find_element(By.ID, "play")
+        play.click()
+        assert play.text == "Pause"
+        wait_for(lambda: play.text == "Play")
+        assert state.get_property("value") == "2"
+        wait_for(lambda: np.allclose(camera_position(browser), turned))
         rows = browser.find_elements(By.CSS_SELECTOR, "tbody tr.failed")
         assert ["<DIVERGED>" in row.text for row in rows] == [True]
         assert not console_errors(browser) and not network_requests(browser)
