@@ -13,6 +13,7 @@ from benchmarks import (
     negative_curvature,
     quadrature,
     taylor_hood,
+    two_dimensions,
     volume_split,
 )
 from fem_snh.assembly.elements import ELEMENTS
@@ -91,3 +92,10 @@ def test_linear_iterations_hardly_grow_with_nu(
     (row,) = taylor_hood.rows(elements=element, scenes="block", nus="0.3,0.5", tolerance=1e-6)
     assert row["ok"] and 1 < row["growth"] <= 2
     assert row["growth"] == pytest.approx(row["linear"]["0.5"] / row["linear"]["0.3"], abs=0.006)
+
+
+def test_sections_of_the_bushing_and_the_tube():
+    """The parts that are asked for, to the finest mesh."""
+    rows = list(two_dimensions.rows(parts="tube,bushing", finest=2))
+    assert [row["cells"] for row in rows] == [2, 2, 1, 2, 1, 2, 4]
+    assert max(row["error"] for row in rows[:2]) < 1e-3
