@@ -50,6 +50,7 @@ PICTURES = {
     "biceps": ["biceps/biceps.png"],
     "squash": ["squash/squash.png"],
     "swing": ["swing/swing.png"],
+    "seal": ["seal/seal.png"],
     "hand": ["hand/hand.png"],
     "torso": ["torso/torso.png"],
 }
