@@ -62,7 +62,7 @@ ELSEWHERE = {
     "fem-snh render": "tests/test_render.py",
     "fem-snh run SCENE --accuracy": "tests/test_accuracy.py",
     "fem-snh run out/own_mesh/bracket.toml": "tests/test_demos.py",
-    "fem-snh run own.toml": "tests/test_tradeoff.py",
+    "fem-snh run stretch --cells 128": "tests/test_resume.py",
     "fem-snh run pull --material demos/gent.py:gent": "docs/howto/own_material.md",
     "fem-snh materials demos/gent.py:gent": "docs/howto/own_material.md",
     "fem-snh run squeeze.toml": "docs/howto/own_scene.md",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import subprocess
 import sys
@@ -204,16 +203,6 @@ def test_a_study_of_ones_own_scene(own: Path, capsys: pytest.CaptureFixture[str]
     pd.testing.assert_frame_equal(again, table)
     with pytest.raises(BadInput, match=r"holds tradeoff\.csv of other values"):
         study(own, lines, overrides={"E": 2.0})
-
-    with (own / "out" / "advice.csv").open() as file:
-        best = list(csv.DictReader(file))[-1]
-    asked = f"{1.01 * float(best['error'])}"
-    words = ["run", str(own / "box.toml"), "--accuracy", asked, "--out", str(own / "run")]
-    assert main([*words, "--accuracy-table", str(own / "out" / "advice.csv")]) == 0
-    assert f"accuracy: {best['element']}, {best['mesh']}" in capsys.readouterr().out
-    record = json.loads((own / "run" / "run.json").read_text())
-    assert record["accuracy"]["element"] == record["element"] == best["element"]
-    assert record["accuracy"]["error"] == pytest.approx(float(best["error"]))
 
 
 def test_what_runs_out_of_time_is_a_row(own: Path, tmp_path: Path) -> None:

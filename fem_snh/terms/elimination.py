@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.nodal_mass import NodalMass
+
+if TYPE_CHECKING:
+    from fem_snh.assembly.nodal_mass import NodalMass  # it imports scipy
 
 Array = npt.NDArray[np.float64]
 
