@@ -4,7 +4,7 @@
     >>> m = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
     >>> m.hessian(F, filter="clamp")  # F (..., 3, 3) -> (..., 9, 9), positive semidefinite
     >>> print(m.report())  # stability, admissible region, stress curves
-    >>> fem_snh.fit("ogden", "pull.csv").table()  # a material fitted to test data
+    >>> fem_snh.fit("mooney_rivlin", "treloar").table()  # a material fitted to test data
     >>> result = fem_snh.run("twist", cells=15, out="out/twist")  # also under mpirun
     >>> fem_snh.NonlinearProblem(u, {m: ufl.dx}, bcs=bcs).solve()  # in a dolfinx program
     >>> fem_snh.DynamicProblem(u, {m: ufl.dx}, {m: 1e3}, duration=1.0).step(0.01)  # in time

@@ -140,7 +140,7 @@ def test_a_run_has_the_note(comm: MPI.Comm, folder: Any) -> None:
     assert note["step"] == 3 and note["steps"] == [1, 2, 3] and note["name"] == "obstacle 'plate'"
     assert note["deepest"] == pytest.approx(0.08, abs=1e-9) and note["penetration"] == 0
     table = rows(folder / "whole")
-    depths = [float(row["plate_deepest"]) for row in table]
+    depths = [float(row["plate.deepest"]) for row in table]
     np.testing.assert_allclose(depths, [0.02, 0.04, 0.06, 0.08], atol=1e-9)
     assert [row["notes"] for row in table] == ["", *["penetration"] * 3]
     assert record(folder / "whole")["notes"] == result.notes

@@ -35,7 +35,7 @@ def test_displacements(comm, body):
         (None, "u = None: expected a dolfinx Function, the displacement"),
         (
             fem.Function(vector_space(square, components=2)),
-            "missing key 'kinematics': expected one of plane_strain, axisymmetric, "
+            "missing key 'kinematics': expected one of plane_strain, plane_stress, axisymmetric, "
             "axisymmetric_torsion, as the mesh has 2 dimensions",
         ),
         (fem.Function(cubic), "of degree 1 or 2 with 3 components"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,7 @@ def test_example(capsys: pytest.CaptureFixture[str]) -> None:
 def test_new_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "gel.py").write_text(block("python", "def gel", "docs/howto/own_material.md"))
     monkeypatch.setattr(models, "__path__", [*models.__path__, str(tmp_path)])
+    monkeypatch.delitem(sys.modules, f"{models.__name__}.gel", raising=False)  # of another test
     assert "gel" in fem_snh.materials()
     m = fem_snh.material("gel", E=2.0, nu=0.3)
     assert m.lame == pytest.approx(materials.make_energy("neo_hookean", 2.0, 0.3).lame)

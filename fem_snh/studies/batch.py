@@ -265,7 +265,12 @@ class Batch:
 
     def _row(self, name: str, point: Point) -> dict[str, Any]:
         """Return the columns of a point that are known before it runs."""
-        row = {"point": name, "ranks": self._ranks(point), **point.requested()}
+        requested = {  # dotted keys of a scene are columns only where the study varies them
+            key: value
+            for key, value in point.requested().items()
+            if "." not in key or key in self.table.columns
+        }
+        row = {"point": name, "ranks": self._ranks(point), **requested}
         return row | dict(point.columns)
 
     def _result(
