@@ -50,8 +50,13 @@ class NotSettled(RuntimeError):
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``."""
-    match = get_close_matches(str(word), [str(k) for k in known], n=1, cutoff=_SIMILAR)
+    """Return ``" (did you mean 'x'?)"`` for the known word closest to ``word``, or ``""``.
+
+    The only one that begins with it is the closest.
+    """
+    words = [str(k) for k in known]
+    longer = [k for k in words if word and k.startswith(str(word))]
+    match = longer if len(longer) == 1 else get_close_matches(str(word), words, 1, _SIMILAR)
     return f" (did you mean '{match[0]}'?)" if match else ""
 
 

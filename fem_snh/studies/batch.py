@@ -62,6 +62,8 @@ class Batch:
     reuse : bool
         Run the points, all of which are commands of ``fem-snh``, one after another in ``jobs``
         processes. A process is replaced after a point that fails.
+    results : bool
+        Whether the table has columns of what the scene asks for: see `StudyTable`.
     report : callable
         Called with one line per point.
 
@@ -84,6 +86,7 @@ class Batch:
         retry: bool = False,
         overwrite: bool = False,
         reuse: bool = False,
+        results: bool = True,
         report: Callable[[str], None] = print,
     ) -> None:
         self.name, self.limits, self.report = name, limits, report
@@ -98,7 +101,7 @@ class Batch:
             report(f"note: {self._folder.note}")
         if overwrite:
             self._jobs.clear()
-        self.table = StudyTable(self.out / f"{name}.csv", columns)
+        self.table = StudyTable(self.out / f"{name}.csv", columns, results)
         self._success, self._retry, self._reuse = success, retry, reuse
 
     def __enter__(self) -> Batch:

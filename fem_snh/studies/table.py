@@ -37,10 +37,12 @@ class StudyTable:
     columns : sequence of str
         Names of the columns; ``point`` is the key. Those of results, whose names contain a dot
         (``corner.y``, ``top.force.z``), are added when a row has them.
+    results : bool, optional
+        Whether they are; the scenes of one study have the same.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self.path, self.columns = path, list(columns)
+    def __init__(self, path: Path, columns: Sequence[str], results: bool = True) -> None:
+        self.path, self.columns, self._has_results = path, list(columns), results
         rows = self.rows() if path.exists() else []
         self._add_results(rows[0] if rows else ())
         self.replace(rows)
@@ -71,6 +73,7 @@ class StudyTable:
     def _add_results(self, keys: Iterable[str]) -> bool:
         """Add the columns of results; return whether there are new ones."""
         new = [key for key in keys if "." in key and key not in self.columns]
+        new = new if self._has_results else []
         self.columns += new
         return bool(new)
 

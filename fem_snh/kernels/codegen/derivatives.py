@@ -41,6 +41,8 @@ I1, I_C, II_C, J = INVARIANTS
 #: `_is_zero` evaluates an expression at this many random points, with this many digits. A value
 #: below _ZERO is 0: far above 50-digit rounding, far below the terms of an energy.
 _POINTS, _DIGITS, _ZERO = 16, 50, 1e-30
+#: Powers above this of stretches up to 1e12 are no doubles.
+_LARGEST_POWER = 8
 
 
 class Derivatives:
@@ -145,10 +147,14 @@ class Derivatives:
 def _simplified(expression: sympy.Expr) -> sympy.Expr:
     """Return a simpler form; the pieces of a `where` are left as they are written.
 
-    sympy would expand the small differences in them, such as I_C - 3, and lose their digits.
+    sympy would expand the small differences in them, such as I_C - 3, and lose their digits. A
+    common denominator such as J^10 would overflow: the expression is then left as it is.
     """
     pieces = {w: sympy.Dummy(real=True) for w in expression.atoms(where)}
     simpler = sympy.simplify(expression.xreplace(pieces))
+    powers = (p.exp for p in simpler.atoms(sympy.Pow) if p.exp.is_Number)
+    if max(map(abs, powers), default=0) > _LARGEST_POWER:
+        return expression
     return simpler.xreplace({dummy: w for w, dummy in pieces.items()})
 
 

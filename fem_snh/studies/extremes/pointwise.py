@@ -206,7 +206,11 @@ def evaluate(energy: Energy, s: Any) -> Exact:
         energy.psi_sigma, energy.slopes, energy.domain, energy.constants
     )
     constants = [mpf(v) for v in energy.values]
-    if any(mpmath.im(d) != 0 or d <= 0 for d in domain(*s, *constants)):
+    try:
+        limits = domain(*s, *constants)
+    except ZeroDivisionError:  # J = 0
+        limits = [mpf(0)]
+    if any(mpmath.im(d) != 0 or d <= 0 for d in limits):
         return Exact(mpmath.inf if energy.has_energy else None)
     value, terms = map(mpf, psi(*s, *constants))
     p, A = map(exactly, derivatives(*s, *constants))

@@ -119,7 +119,7 @@ def extremes(
     batch = Batch(
         out, "extremes", definition, COLUMNS, Limits(**limits),
         inputs=[file for case in cases.values() for file in case.point.files()],
-        success="passed", report=report, **flags,
+        success="passed", results=False, report=report, **flags,
     )  # fmt: skip
 
     def evaluate(record: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any]:
