@@ -62,6 +62,7 @@ ELSEWHERE = {
     "fem-snh render": "tests/test_render.py",
     "fem-snh run SCENE --accuracy": "tests/test_accuracy.py",
     "fem-snh run out/own_mesh/bracket.toml": "tests/test_demos.py",
+    "python -m benchmarks two_dimensions": "tests/test_bench_elements.py",
     "fem-snh run stretch --cells 128": "tests/test_resume.py",
     "fem-snh run pull --material demos/gent.py:gent": "docs/howto/own_material.md",
     "fem-snh materials demos/gent.py:gent": "docs/howto/own_material.md",

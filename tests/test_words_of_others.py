@@ -58,11 +58,11 @@ def test_a_scene_file_without_its_suffix(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "bushing.toml").write_text("steps = 1\n")
-    for name in ("bushing", "bushin"):
+    (tmp_path / "mounting.toml").write_text("steps = 1\n")
+    for name in ("mounting", "mountin"):
         assert cli.main(["run", name]) == 2
         assert f"scene = '{name}': expected" in (error := capsys.readouterr().err)
-        assert "did you mean 'bushing.toml'" in error
+        assert "did you mean 'mounting.toml'" in error
 
 
 def test_lists_with_commas() -> None:
