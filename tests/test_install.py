@@ -148,7 +148,7 @@ def test_remedy_where_debian_has_not_installed_it(
 
 
 def test_the_dockerfile_installs_what_setup_installs() -> None:
-    """`make test-docker` and .ci/run carry its steps out; here they are read."""
+    """`make test-docker` carries its steps out; here they are read."""
     tool = [sys.executable, str(ROOT / "tools" / "dockerfile-steps")]
     steps = subprocess.check_output(tool, text=True).splitlines()
     packages = subprocess.check_output([ROOT / "tools" / "setup", "--packages"], text=True).split()
