@@ -39,6 +39,28 @@ def gmsh_model(script: str, folder):
         gmsh.finalize()
 
 
+@contextmanager
+def section(path, order: int = 1):
+    """Yield gmsh's geometry and tables of groups, curves and surfaces; then mesh and write them."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo, curves, surfaces = gmsh.model.geo, {}, {}
+        yield geo, curves, surfaces
+        geo.synchronize()
+        for dim, groups in ((1, curves), (2, surfaces)):
+            for name, tags in groups.items():
+                group = gmsh.model.addPhysicalGroup(dim, tags)
+                gmsh.model.setPhysicalName(dim, group, name)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+
+
 def write_msh(comm, folder, script: str, version=4.1, order=1, binary=False, dim=3):
     """The mesh of a gmsh script as a .msh file, written by rank 0."""
     path = folder / "mesh.msh"

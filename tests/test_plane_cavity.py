@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import pi
 
-import gmsh
 import numpy as np
 import pytest
+from gmsh_files import section
 from test_plane_scenes import own_scene, solve
 
 from fem_snh.errors import BadInput
@@ -16,28 +16,21 @@ INNER, OUTER = 1.0, 1.5
 
 def ring(path):
     """A quarter of a ring, with the groups x0, y0 (its cuts), inner and outer."""
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    geo = gmsh.model.geo
-    for number, (x, y) in enumerate([(0, 0), (INNER, 0), (OUTER, 0), (0, OUTER), (0, INNER)], 1):
-        geo.addPoint(x, y, 0, 1.0, number)
-    geo.addLine(2, 3, 1)
-    geo.addCircleArc(3, 1, 4, 2)
-    geo.addLine(4, 5, 3)
-    geo.addCircleArc(5, 1, 2, 4)
-    surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
-    for line, points in ((1, 4), (3, 4), (2, 7), (4, 7)):
-        geo.mesh.setTransfiniteCurve(line, points)
-    geo.mesh.setTransfiniteSurface(surface)
-    geo.mesh.setRecombine(2, surface)
-    geo.synchronize()
-    for tag, name in ((1, "y0"), (2, "outer"), (3, "x0"), (4, "inner")):
-        gmsh.model.setPhysicalName(1, gmsh.model.addPhysicalGroup(1, [tag]), name)
-    gmsh.model.addPhysicalGroup(2, [surface])
-    gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.setOrder(2)
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with section(path, 2) as (geo, curves, surfaces):
+        corners = [(0, 0), (INNER, 0), (OUTER, 0), (0, OUTER), (0, INNER)]
+        for number, (x, y) in enumerate(corners, 1):
+            geo.addPoint(x, y, 0, 1.0, number)
+        geo.addLine(2, 3, 1)
+        geo.addCircleArc(3, 1, 4, 2)
+        geo.addLine(4, 5, 3)
+        geo.addCircleArc(5, 1, 2, 4)
+        surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
+        for line, points in ((1, 4), (3, 4), (2, 7), (4, 7)):
+            geo.mesh.setTransfiniteCurve(line, points)
+        geo.mesh.setTransfiniteSurface(surface)
+        geo.mesh.setRecombine(2, surface)
+        curves |= {"y0": [1], "outer": [2], "x0": [3], "inner": [4]}
+        surfaces["body"] = [surface]
 
 
 SHELL = """

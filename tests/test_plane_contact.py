@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from math import pi
 
-import gmsh
 import numpy as np
 import pytest
 from barrier_problems import needs_ipctk
+from derivatives import check_derivatives
+from gmsh_files import section
 from test_plane_scenes import own_scene, solve
 
 import fem_snh
@@ -18,31 +19,21 @@ FLAT = ("plane_strain", "axisymmetric")
 
 def blocks(path, triangles, order, gap=0.0):
     """Two rectangles, 3 and 4 cells wide, one above the other at a distance."""
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    geo, groups, surfaces = gmsh.model.geo, {}, []
-    for low, names, count in ((0.0, ("bottom", "under"), 3), (0.5 + gap, ("over", "top"), 4)):
-        corners = [geo.addPoint(x, low + y, 0) for x, y in ((0, 0), (1, 0), (1, 0.5), (0, 0.5))]
-        lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-        surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        for line, points in zip(lines, (count + 1, 3, count + 1, 3), strict=True):
-            geo.mesh.setTransfiniteCurve(line, points)
-        geo.mesh.setTransfiniteSurface(surface)
-        if not triangles:
-            geo.mesh.setRecombine(2, surface)
-        groups |= {names[0]: [lines[0]], names[1]: [lines[2]]}
-        groups.setdefault("axis", []).append(lines[3])
-        surfaces.append(surface)
-    geo.synchronize()
-    for name, lines in groups.items():
-        gmsh.model.setPhysicalName(1, gmsh.model.addPhysicalGroup(1, lines), name)
-    for number, surface in enumerate(surfaces):
-        tag = gmsh.model.addPhysicalGroup(2, [surface])
-        gmsh.model.setPhysicalName(2, tag, f"block_{number}")
-    gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.setOrder(order)
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with section(path, order) as (geo, groups, bodies):
+        blocks = ((0.0, ("bottom", "under"), 3), (0.5 + gap, ("over", "top"), 4))
+        for number, (low, names, count) in enumerate(blocks):
+            places = ((0, 0), (1, 0), (1, 0.5), (0, 0.5))
+            corners = [geo.addPoint(x, low + y, 0) for x, y in places]
+            lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+            for line, points in zip(lines, (count + 1, 3, count + 1, 3), strict=True):
+                geo.mesh.setTransfiniteCurve(line, points)
+            geo.mesh.setTransfiniteSurface(surface)
+            if not triangles:
+                geo.mesh.setRecombine(2, surface)
+            groups |= {names[0]: [lines[0]], names[1]: [lines[2]]}
+            groups.setdefault("axis", []).append(lines[3])
+            bodies[f"block_{number}"] = [surface]
 
 
 SCENE = """
@@ -113,23 +104,9 @@ def test_residual_and_hessian_are_derivatives(tmp_path, kinematics, element, tri
     rng = np.random.default_rng(0)
     problem.x.array[:] += rng.uniform(-5e-3, 5e-3, problem.x.getLocalSize())
     term.begin_step(problem.split(problem.x)[0])
-    r, high, low, x = (problem.x.duplicate() for _ in range(4))
-    problem.gradient(problem.x, r)
-    problem.jacobian(problem.x, "exact")
-    h, free = 1e-7, np.setdiff1d(np.arange(len(r.array)), problem.constrained_dofs)
     near = abs(problem.coordinates[:, 1] - 0.5) < 1e-9
-    for dof in np.intersect1d(free, (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()):
-        energies = []
-        for sign, force in ((1, high), (-1, low)):
-            problem.x.copy(x)
-            x.array[dof] += sign * h
-            energies.append(problem.energy(x))
-            problem.gradient(x, force)
-        slope = (energies[0] - energies[1]) / (2 * h)
-        assert slope == pytest.approx(r.array[dof], abs=5e-7 * abs(r.array).max())
-        column = ((high.array - low.array) / (2 * h))[free]
-        exact = problem.A.getColumnVector(int(dof)).array[free]
-        assert abs(column - exact).max() < 1e-5 * abs(exact).max()
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 5e-7, 1e-5, constrained=False)
 
 
 def test_momentum_of_a_collision(tmp_path):
@@ -225,23 +202,9 @@ def test_barrier_has_derivatives(tmp_path, element):
     term.set_load(1.0)
     rng = np.random.default_rng(0)
     problem.x.array[:] += rng.uniform(-1e-4, 1e-4, problem.x.getLocalSize())
-    r, high, low, x = (problem.x.duplicate() for _ in range(4))
-    problem.gradient(problem.x, r)
-    problem.jacobian(problem.x, "exact")
-    h, free = 1e-7, np.setdiff1d(np.arange(len(r.array)), problem.constrained_dofs)
     near = abs(problem.coordinates[:, 1] - 0.525) < 0.03
-    for dof in np.intersect1d(free, (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()):
-        energies = []
-        for sign, force in ((1, high), (-1, low)):
-            problem.x.copy(x)
-            x.array[dof] += sign * h
-            energies.append(problem.energy(x))
-            problem.gradient(x, force)
-        slope = (energies[0] - energies[1]) / (2 * h)
-        assert slope == pytest.approx(r.array[dof], abs=1e-6 * abs(r.array).max())
-        column = ((high.array - low.array) / (2 * h))[free]
-        exact = problem.A.getColumnVector(int(dof)).array[free]
-        assert abs(column - exact).max() < 1e-4 * abs(exact).max()
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 1e-6, 1e-4, constrained=False)
     assert (tmp_path / "out" / "fields.pvd").is_file()
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from math import pi, sqrt
 
-import gmsh
 import numpy as np
 import pytest
 from command_line import start_program
+from gmsh_files import section
 
 import fem_snh
 from fem_snh.errors import BadInput
@@ -68,29 +68,21 @@ def test_stretch_is_that_of_the_cylinder():
 
 def write_mesh(path, triangles, order=1):
     """A rectangle 0 <= x <= 1/2, 0 <= y <= 1 with the groups bottom, side, top and body."""
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    geo = gmsh.model.geo
-    for number, (x, y) in enumerate([(0, 0), (0.5, 0), (0.5, 1), (0, 1)], 1):
-        geo.addPoint(x, y, 0, 0.3, number)
-    for number in range(1, 5):
-        geo.addLine(number, number % 4 + 1, number)
-    surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
-    for line in (1, 3):
-        geo.mesh.setTransfiniteCurve(line, 3)
-    for line in (2, 4):
-        geo.mesh.setTransfiniteCurve(line, 4)
-    geo.mesh.setTransfiniteSurface(surface)
-    if not triangles:
-        geo.mesh.setRecombine(2, surface)
-    geo.synchronize()
-    for tag, name in ((1, "bottom"), (2, "side"), (3, "top")):
-        gmsh.model.setPhysicalName(1, gmsh.model.addPhysicalGroup(1, [tag]), name)
-    gmsh.model.setPhysicalName(2, gmsh.model.addPhysicalGroup(2, [surface]), "body")
-    gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.setOrder(order)
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with section(path, order) as (geo, curves, surfaces):
+        for number, (x, y) in enumerate([(0, 0), (0.5, 0), (0.5, 1), (0, 1)], 1):
+            geo.addPoint(x, y, 0, 0.3, number)
+        for number in range(1, 5):
+            geo.addLine(number, number % 4 + 1, number)
+        surface = geo.addPlaneSurface([geo.addCurveLoop([1, 2, 3, 4])])
+        for line in (1, 3):
+            geo.mesh.setTransfiniteCurve(line, 3)
+        for line in (2, 4):
+            geo.mesh.setTransfiniteCurve(line, 4)
+        geo.mesh.setTransfiniteSurface(surface)
+        if not triangles:
+            geo.mesh.setRecombine(2, surface)
+        curves |= {"bottom": [1], "side": [2], "top": [3]}
+        surfaces["body"] = [surface]
 
 
 SCENE = """
