@@ -136,17 +136,19 @@ class PointGoal:
             yield at.solve_for(weights)
 
 
-class ForceGoal:
-    """Components of the reaction force [N] on nodes: the sum of dE/du over them.
+class ReactionGoal:
+    """Components of the reaction on nodes: the force [N], or its moment [N m] about a point.
 
     Parameters
     ----------
     name : str
-        Name of the force.
+        Name of the force or of the moment.
     entries : callable
-        Returns the (n, 3) bool mask of the owned dofs that are summed, given a problem.
+        Returns the (n, 3) bool mask of the owned dofs whose dE/du count, given a problem.
     components : sequence of int, optional
         The components; default: all.
+    about : (3,) sequence of float, optional
+        The point of the moment [m]; without it the goal is the force.
     """
 
     def __init__(
@@ -154,78 +156,37 @@ class ForceGoal:
         name: str,
         entries: Callable[[Problem], Array],
         components: Sequence[int] = (0, 1, 2),
+        about: Sequence[float] | None = None,
     ) -> None:
         self._entries, self._components = entries, list(components)
+        self._about = None if about is None else np.array(about, dtype=float)
         self.names = [f"{name}.{AXES[i]}" for i in components]
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
-        mask = self._entries(problem)
+        mask, about = self._entries(problem), self._about
 
         def values() -> list[float]:
-            total = reaction(problem, mask)[0]
-            return [float(total[i]) for i in self._components]
+            force, moment = reaction(problem, mask, (0, 0, 0) if about is None else about)
+            found = force if about is None else moment
+            return [float(found[i]) for i in self._components]
 
         return values
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
-        return problem.largest_force(problem.x)
-
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
-        mask = self._entries(at.problem)
-        for i in self._components:
-            virtual = np.broadcast_to(np.eye(3)[i], mask.shape)
-            yield _dual_of_reaction(at, mask, virtual)
-
-
-class MomentGoal:
-    """Components of the moment [N m] of the reaction on nodes.
-
-    Parameters
-    ----------
-    name : str
-        Name of the moment.
-    entries : callable
-        Returns the (n, 3) bool mask of the owned dofs whose forces count, given a problem.
-    about : (3,) sequence of float
-        The point [m].
-    components : sequence of int, optional
-        The components; default: all.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        entries: Callable[[Problem], Array],
-        about: Sequence[float],
-        components: Sequence[int] = (0, 1, 2),
-    ) -> None:
-        self._entries, self._about = entries, np.array(about, dtype=float)
-        self._components = list(components)
-        self.names = [f"{name}.{AXES[i]}" for i in components]
-
-    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
-        """See `Goal.bind`."""
-        mask = self._entries(problem)
-
-        def values() -> list[float]:
-            total = reaction(problem, mask, self._about)[1]
-            return [float(total[i]) for i in self._components]
-
-        return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return problem.length * problem.largest_force(problem.x)
+        arm = 1.0 if self._about is None else problem.length
+        return arm * problem.largest_force(problem.x)
 
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         problem, mask = at.problem, self._entries(at.problem)
-        arms = problem.coordinates + problem.nodal(problem.x) - self._about
         for i in self._components:
-            yield _dual_of_reaction(at, mask, np.cross(np.eye(3)[i], arms))
+            virtual = np.broadcast_to(np.eye(3)[i], mask.shape)
+            if self._about is not None:
+                arms = problem.coordinates + problem.nodal(problem.x) - self._about
+                virtual = np.cross(virtual, arms)
+            yield _dual_of_reaction(at, mask, virtual)
 
 
 def _dual_of_reaction(at: Linearisation, mask: Array, virtual: Array) -> PETSc.Vec:

@@ -13,12 +13,11 @@ from fem_snh import _dolfinx
 from fem_snh.accuracy.estimate import Estimate, estimate_error
 from fem_snh.accuracy.goals import (
     EnergyGoal,
-    ForceGoal,
     FunctionalGoal,
     Goal,
     MeanGoal,
-    MomentGoal,
     PointGoal,
+    ReactionGoal,
     VolumeGoal,
 )
 from fem_snh.errors import BadInput, bad_value
@@ -130,10 +129,11 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         return MeanGoal(name or f"mean {number}", goal)
     if hasattr(goal, "dof_indices"):
         i = condition_number(bcs, goal, key)
-        return ForceGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
+        return ReactionGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
     if isinstance(goal, tuple) and len(goal) == 2 and hasattr(goal[0], "dof_indices"):
         i, about = condition_number(bcs, goal[0], key), three_numbers(key, goal[1])
-        return MomentGoal(name or f"bcs[{i}].moment", partial(_owned_mask, number=i), about)
+        mask = partial(_owned_mask, number=i)
+        return ReactionGoal(name or f"bcs[{i}].moment", mask, about=about)
     try:
         point = np.asarray(goal, dtype=float)
     except (TypeError, ValueError):

@@ -10,11 +10,10 @@ import numpy as np
 from fem_snh import _dolfinx
 from fem_snh.accuracy.goals import (
     EnergyGoal,
-    ForceGoal,
     Goal,
     MeanGoal,
-    MomentGoal,
     PointGoal,
+    ReactionGoal,
     VolumeGoal,
 )
 from fem_snh.assembly.boundary_conditions import group_nodes
@@ -97,11 +96,11 @@ def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
     if kind == "volume":
         return VolumeGoal(text, _cells(mesh, name, text) if name else None)
     if kind == "force":
-        return ForceGoal(f"{name}.force", _dofs_of_group(mesh, name), components)
+        return ReactionGoal(f"{name}.force", _dofs_of_group(mesh, name), components)
     if kind == "moment":
         named = [r.about for r in scene.reactions if str(r.group) == name and r.about]
         about = named[0] if named else _ORIGIN
-        return MomentGoal(f"{name}.moment", _dofs_of_group(mesh, name), about, components)
+        return ReactionGoal(f"{name}.moment", _dofs_of_group(mesh, name), components, about)
     return MeanGoal(f"{name}.mean", _measure(mesh, name, text), components)
 
 
