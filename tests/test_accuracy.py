@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from running import solve
 
+import fem_snh
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.estimate import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
@@ -217,3 +218,19 @@ def test_hexahedra_of_a_file_are_refused(tmp_path):
     scene = loaded.model_copy(update={"mesh": tmp_path / "cube.msh", "cells": None})
     with pytest.raises(BadInput, match="expected tetrahedra, a lattice or a built-in geometry"):
         solve(scene, **{"accuracy.within": 0.01})
+
+
+def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
+    """Also in a scene of one step; the end state before it is replaced by a torn one."""
+
+    def tear(source, target):
+        size = target.owned_displacements
+        target.x.array[:size] = np.random.default_rng(0).uniform(-40, 40, size)
+
+    monkeypatch.setattr("fem_snh.runs.levels.transfer_state", tear)
+    found = fem_snh.run(
+        "cook", element="Q1P0", cells=4, steps=1, petsc={"snes_max_it": 12},
+        accuracy={"within": 0.05, "goals": ["corner.y"]},
+    )  # fmt: skip
+    assert "the path is followed again" in capsys.readouterr().out
+    assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) > 1

@@ -160,8 +160,9 @@ def run_levels(
 
     level = next_level()
     while True:
+        started = level.before is not None
         result = solve(current, folder=folder, level=level)
-        if not result.converged and current.steps != scene.steps:
+        if not result.converged and started:
             printed.line("the path is followed again: no equilibrium was found near the last state")
             levels.rows.pop()
             current = current.model_copy(update=_path(scene))
@@ -182,9 +183,9 @@ def run_levels(
             break
         printed.line(f"level {len(levels.rows) + 1}: {forecast}")
         current, mesh = refine(comm, current, level, result.estimate, refinement)
-        if levels.rows[-1].goals:
-            current = current.model_copy(update=_ONE_STEP)
-        level = next_level(mesh, result.problem if levels.rows[-1].goals else None)
+        known = bool(levels.rows[-1].goals)  # otherwise the state may be none to start from
+        current = current.model_copy(update=_ONE_STEP if known else _path(scene))
+        level = next_level(mesh, result.problem if known else None)
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
     return result
