@@ -107,7 +107,7 @@ def set_up(
     def make(nu: float | None = None, element: elements.Element = element) -> Problem:
         made = make_problem(scene, mesh, element, nu)
         if path is not None and made.element.degree == problem.element.degree:
-            made.dirichlet.share_path(path)  # type: ignore[attr-defined]
+            made.dirichlet.share_path(path)  # type: ignore[attr-defined]  # those of a scene
         return made
 
     path, note = None, None

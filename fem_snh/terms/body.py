@@ -229,16 +229,7 @@ def measure_parts(domain: Any, key: str, measure: Any) -> tuple[int, Array]:
     dim = domain.topology.dim
     if getattr(measure, "integral_type", str)() != "cell":
         return dim - 1, measure_facets(domain, key, measure)
-    shown = surface_name(measure)
-    if measure.ufl_domain() not in (None, domain.ufl_domain()):
-        raise bad_value(key, "a measure on another mesh", "the mesh of the displacement")
-    try:
-        cells = _dolfinx.measure_entities(measure, domain)
-    except ValueError as error:
-        raise bad_value(key, shown, str(error)) from None
-    if domain.comm.allreduce(len(cells)) == 0:
-        raise bad_value(key, shown, "a measure of cells; none has this tag")
-    return dim, cells
+    return dim, _measure_entities(domain, key, measure, "cells")
 
 
 def measure_facets(domain: Any, key: str, measure: Any) -> Array:
@@ -251,13 +242,18 @@ def measure_facets(domain: Any, key: str, measure: Any) -> Array:
     """
     if isinstance(measure, str | int):
         raise bad_value(key, measure, "a measure ds(...): the mesh of a program has no groups")
+    return _measure_entities(domain, key, measure, "facets of the boundary")
+
+
+def _measure_entities(domain: Any, key: str, measure: Any, kind: str) -> Array:
+    """Return this rank's entities of a measure; raise BadInput if no rank has one. Collective."""
     if measure.ufl_domain() not in (None, domain.ufl_domain()):
         raise bad_value(key, "a measure on another mesh", "the mesh of the displacement")
     shown = surface_name(measure)
     try:
-        facets = _dolfinx.measure_entities(measure, domain)
+        entities: Array = _dolfinx.measure_entities(measure, domain)
     except ValueError as error:
         raise bad_value(key, shown, str(error)) from None
-    if domain.comm.allreduce(len(facets)) == 0:
-        raise bad_value(key, shown, "a measure of facets of the boundary; none has this tag")
-    return facets
+    if domain.comm.allreduce(len(entities)) == 0:
+        raise bad_value(key, shown, f"a measure of {kind}; none has this tag")
+    return entities
