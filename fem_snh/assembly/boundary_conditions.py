@@ -122,7 +122,7 @@ class Dirichlet:
     @property
     def constrained_nodes(self) -> Array:
         """(local nodes,) bool: which nodes have a constrained direction."""
-        found: Array = self.constrained.any(axis=1)
+        found: Array = np.any(self.constrained, axis=1)
         if self.planes:
             found[self.planes.nodes] = True
         return found

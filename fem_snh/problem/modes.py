@@ -26,6 +26,7 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh.assembly.regions import cell_constant, volume_mean
 from fem_snh.errors import BadInput
@@ -203,7 +204,8 @@ def _free_basis(problem: Problem) -> PETSc.Mat:
     owned, dirichlet = problem.x.getLocalSize(), problem.dirichlet
     is_free = np.ones(owned, dtype=bool)
     is_free[problem.constrained_dofs] = False
-    directions, dofs = np.empty((0, 1)), np.empty((0, 1), dtype=np.int64)
+    directions: npt.NDArray[Any] = np.empty((0, 1))
+    dofs: npt.NDArray[Any] = np.empty((0, 1), dtype=np.int64)
     if dirichlet.planes:
         directions, dofs = dirichlet.planes.free_directions()
         is_free[dofs] = False

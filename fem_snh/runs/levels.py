@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
@@ -79,7 +80,7 @@ class Level:
     mesh: Mesh | None = None
     before: Problem | None = None
     fineness: float = 0.0
-    volumes: np.ndarray = field(default_factory=lambda: np.empty(0))
+    volumes: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0))
 
     def begin(self, setup: Setup) -> None:
         """Take the end state of the level before. Collective."""
@@ -253,7 +254,7 @@ def _bisected(
 ) -> tuple[scenes.Scene, Mesh | None]:
     assert level.mesh is not None
     domain, owned = level.mesh.domain, len(level.volumes)
-    weights = np.zeros(owned)
+    weights: npt.NDArray[Any] = np.zeros(owned)
     if estimate is not None and level.levels.rows[-1].goals:
         weights = level.levels.cell_weights(estimate, owned)
     data = gather(level.mesh)

@@ -575,7 +575,7 @@ class RigidParts:
         self._set_nodes(a, turning + moved(np.linalg.solve(M, reduced(of_own(a) - turning))))
         return turning
 
-    def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:
+    def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, Any]]:
         """Return what run.json has of the parts in a state. Collective.
 
         The "position" [m] of each part's point and its "rotation", a rotation vector [rad]; the

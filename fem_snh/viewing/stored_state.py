@@ -92,7 +92,7 @@ def _interpolate(mesh: Any, u: Array, points: Array) -> tuple[Array, Array]:
     number = min(_CANDIDATES, mesh.n_cells)
     found, distance = np.empty_like(points), np.full(len(points), np.inf)
     for row, point in enumerate(points):
-        candidates = [inside[row]]
+        candidates: Any = [inside[row]]
         if inside[row] < 0:
             candidates = np.atleast_1d(centres.query(point, number)[1])
         for cell in candidates:

@@ -200,7 +200,7 @@ def cell_rotations(x: Array, v: Array, time: float, revolved: bool = False) -> A
     (cells, 3, 3)
     """
     if revolved:
-        w = np.zeros((len(x), 3))
+        w: Array = np.zeros((len(x), 3))
         w[:, 1] = np.cross(x, v)[..., 1].sum(axis=1) / (x[..., ::2] ** 2).sum(axis=(1, 2))
     else:
         r = x - x.mean(axis=1, keepdims=True)

@@ -170,7 +170,7 @@ class _Problem:
 
         A constant that is an unknown, theta E, counts itself [units of E] and not as theta.
         """
-        columns = [np.concatenate(self.predict(theta, nu))]
+        columns: list[Any] = [np.concatenate(self.predict(theta, nu))]
         for k, u in enumerate(self.unknowns):
             step = _STEP * (abs(theta[k]) or abs(self.scale[k]))
             ends = [min(max(theta[k] + sign * step, u.low), u.high) for sign in (1, -1)]
@@ -184,17 +184,18 @@ class _Problem:
             ends = [0.5 - gap / 2 * np.exp(sign * _STEP) for sign in (1, -1)]
             sides = [np.concatenate(self.predict(theta, ratio)) for ratio in ends]
             columns.append(E * (sides[0] - sides[1]) / (2 * _STEP))
-        return np.stack(columns, axis=1) * self.weight[:, None]
+        return np.asarray(np.stack(columns, axis=1) * self.weight[:, None])
 
     def _difference(
         self, E: float, theta: Array, nu: float | None, k: int, ends: list[float]
     ) -> Array:
-        sides = []
+        sides: list[Any] = []
         for value in ends:
             moved = theta.copy()
             moved[k] = value
             sides.append(np.concatenate(self.predict(moved, nu)))
-        return E * (sides[0] - sides[1]) / (ends[0] - ends[1])
+        slope: Array = E * (sides[0] - sides[1]) / (ends[0] - ends[1])
+        return slope
 
 
 def solve(

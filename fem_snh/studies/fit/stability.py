@@ -95,7 +95,7 @@ def _end(law: Law, kind: str, end: float) -> float:
     """Return the end of the stable range between 1 and ``end``."""
     if end == 1.0:
         return 1.0
-    x = np.geomspace(1.0, end, _SAMPLES + 1)
+    x: Array = np.asarray(np.geomspace(1.0, end, _SAMPLES + 1), dtype=np.float64)
     unstable = ~(smallest_stiffness(law, kind, x) > 0)
     if not unstable.any():
         return end
