@@ -176,7 +176,7 @@ class _Problem:
             ends = [min(max(theta[k] + sign * step, u.low), u.high) for sign in (1, -1)]
             slope = self._difference(E, theta, nu, k, ends)
             if u.constant:
-                slope = slope / E
+                slope = np.asarray(slope / E, dtype=np.float64)
                 columns[0] = columns[0] - theta[k] * slope
             columns.append(slope)
         if self.fit_nu and nu is not None:
