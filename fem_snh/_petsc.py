@@ -74,6 +74,8 @@ def call(name: str, *arguments: Any) -> None:
 _PATTERNS = "fem_snh_patterns"
 #: The attribute of a KSP that holds the pattern of its last matrix.
 _SEEN = "fem_snh_seen_pattern"
+#: The attribute of a KSP whose matrix is singular.
+_SINGULAR = "fem_snh_singular"
 
 
 def nonzero_state(A: PETSc.Mat) -> tuple[int, int]:
@@ -111,6 +113,13 @@ def set_operators(ksp: PETSc.KSP, A: PETSc.Mat, P: PETSc.Mat) -> None:
     if _is_symmetric_mumps(pc):  # before the analysis, at which alone the control counts
         pc.setFactorSetUpSolverType()
         pc.getFactorMatrix().setMumpsIcntl(_ROOT_ON_ONE_RANK, 1)
+        if ksp.getAttr(_SINGULAR):
+            pc.getFactorMatrix().setMumpsIcntl(_NULL_PIVOTS, 1)
+
+
+def expect_singular_matrix(ksp: PETSc.KSP) -> None:
+    """Let the factors by MUMPS of consistent systems have null pivots, whose unknowns are zero."""
+    ksp.setAttr(_SINGULAR, True)
 
 
 #: PETSC_ERR_MEM, the error code of an allocation that failed.
@@ -138,6 +147,8 @@ def mumps_out_of_memory(pc: PETSc.PC) -> bool:
 #: ICNTL(13) of MUMPS: 1 keeps the root of the elimination tree on one rank, as ScaLAPACK, which
 #: shares it, counts no negative pivots (MUMPS user guide, sec. 5.3 and 8).
 _ROOT_ON_ONE_RANK = 13
+#: ICNTL(24) of MUMPS: null pivots are detected.
+_NULL_PIVOTS = 24
 
 
 def _is_symmetric_mumps(pc: PETSc.PC) -> bool:

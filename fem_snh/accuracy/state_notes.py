@@ -37,8 +37,20 @@ def state_notes(problem: Problem, negative: int | None) -> list[Note]:
         The number of negative eigenvalues of its Hessian, if it is known.
     """
     unstable = instability_note({0: negative or 0})
-    found = inversion_note(problem), locking_note(problem), unstable
+    found = inversion_note(problem), locking_note(problem), unstable, pressure_note(problem)
     return [note for note in found if note]
+
+
+def pressure_note(problem: Problem) -> Note | None:
+    """Return a note if the pressure is determined up to a constant only. Collective."""
+    if not problem.pressure_level_is_free:
+        return None
+    text = (
+        "nu = 0.5, and the whole boundary is prescribed: the pressure is known up to a constant, "
+        "and with it stresses and the forces on the boundary; leave a part of it free, or take "
+        "nu < 0.5"
+    )
+    return Note("pressure", text)
 
 
 def locking_note(

@@ -46,6 +46,8 @@ Array = npt.NDArray[Any]
 #: Rounding error of the residual's norm relative to (lambda + 2 mu) V^(2/3), with a margin: it is
 #: 1e-15 to 1e-14, as sums over more nodes have smaller parts.
 _ROUNDING = 1e3 * float(np.finfo(float).eps)
+#: Forces of a constant pressure on what is free, relative to all of them, that are rounding.
+_NO_FORCE = 1e-9
 
 
 class Problem:
@@ -212,6 +214,30 @@ class Problem:
         """What a solver chooses its defaults by. Collective."""
         body = self.coordinates, self.element, self.elastic.parts
         return regime_of(self.comm, *body, self.terms, self.constrained_nodes)
+
+    @cached_property
+    def pressure_level_is_free(self) -> bool:
+        """Whether an unknown pressure is determined up to a constant only. Collective.
+
+        It is at nu = 1/2 where the whole boundary is prescribed: a constant pressure then does no
+        work along any displacement that is free.
+        """
+        finite = any(isfinite(part.region.material.lame[1]) for part in self.elastic.parts)
+        if self.saddle_point is None or finite:
+            return False
+        x, r, other = (self.x.duplicate() for _ in range(3))
+        x.set(0.0)
+        self.gradient(x, r, [self.elastic])
+        self.saddle_point.pressure_dofs(x)[:] = 1.0
+        self.gradient(x, other, [self.elastic])
+        forces = other - r
+        self.saddle_point.pressure_dofs(forces)[:] = 0.0
+        whole = forces.norm()
+        if self.rigid:
+            self.rigid.reduce(x, forces)
+        self.project(forces.array)
+        self.split(self.x)
+        return bool(forces.norm() <= _NO_FORCE * whole)
 
     @cached_property
     def retraction(self) -> Paths | None:

@@ -12,6 +12,7 @@ from fem_snh.accuracy.state_notes import (
     inversion_note,
     locking_note,
     penetration_note,
+    pressure_note,
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.notes import Note
@@ -70,6 +71,7 @@ def final_notes(
     found = [
         locking_note(problem, stiffness, good[-1]),
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
+        pressure_note(problem),
         penetration_note({number: steps[number] for number in good}),
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},

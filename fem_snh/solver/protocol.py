@@ -164,6 +164,10 @@ class SolvableProblem(Protocol):
         """Return a bound of the residual's rounding error [N]."""
 
     @property
+    def pressure_level_is_free(self) -> bool:
+        """Whether an unknown pressure is determined up to a constant only. Collective."""
+
+    @property
     def saddle_point(self) -> SaddlePoint | None:
         """Return the pressure's part of a saddle-point problem, or None."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from fem_snh._petsc import default_options
+from fem_snh._petsc import default_options, expect_singular_matrix
 from fem_snh.choices import DEFAULT_GLOBALIZATIONS, FACTORS_LBFGS_MAX_IT
 from fem_snh.errors import BadInput
 from fem_snh.linalg.direct_solver import set_direct_solver
@@ -167,6 +167,8 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
     choice = LinearChoice(False) if named else choose_linear_solver(problem, wanted)
     if choice.direct:
         set_direct_solver(ksp)
+        if problem.pressure_level_is_free:
+            expect_singular_matrix(ksp)
     elif problem.saddle_point:
         saddle_point.configure(ksp, problem.A, problem.saddle_point, problem.coordinates, prefix)
     elif problem.operator != problem.A:
