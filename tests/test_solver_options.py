@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -287,3 +291,31 @@ def test_an_unknown_solver_of_petsc_is_refused_in_one_line(comm):
         solver.create(p)
     message = str(error.value)
     assert "foo" in message and "\n" not in message and "SNESSetFromOptions" not in message
+
+
+MISTAKES = """
+import gc, sys
+from mpi4py import MPI
+from petsc4py import PETSc
+from solver_problems import twist
+from fem_snh import solver
+from fem_snh.errors import BadInput
+gc.set_threshold(20)
+p = twist(MPI.COMM_SELF, cells=1)
+PETSc.Options(solver.PREFIX)["snes_tr_eta3"] = "-0.1"
+refused = 0
+for _ in range(500):
+    try:
+        solver.create(p)
+    except BadInput:
+        refused += 1
+print(refused, gc.isenabled())
+"""
+
+
+def test_collections_of_garbage_lose_no_error():
+    """On its way through PETSc an error is lost by Python 3.13's collector: the program crashed."""
+    done = subprocess.run(
+        [sys.executable, "-c", MISTAKES], cwd=Path(__file__).parent, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["500", "True"], done.stderr

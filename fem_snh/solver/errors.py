@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,13 +13,28 @@ from fem_snh.errors import Failed
 
 
 @contextmanager
+def without_collection() -> Iterator[None]:
+    """Leave cyclic garbage where it is within a ``with`` block."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+@contextmanager
 def callback_errors() -> Iterator[None]:
     """Let the exceptions of Python callbacks (`BadInput`, Ctrl-C) pass through PETSc unchanged.
 
-    Newer versions of petsc4py raise a PETSc.Error from them.
+    Newer versions of petsc4py raise a PETSc.Error from them. No garbage is collected meanwhile: in
+    Python 3.13 the collector drops an exception that is on its way through PETSc, and petsc4py then
+    ends with a segmentation fault.
     """
     try:
-        yield
+        with without_collection():
+            yield
     except PETSc.Error as error:
         cause: BaseException = error
         while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:

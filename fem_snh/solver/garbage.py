@@ -14,13 +14,14 @@ until these are.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 from weakref import ref
 
 from mpi4py import MPI
 from petsc4py import PETSc
+
+from fem_snh.solver.errors import without_collection
 
 
 class _Record(NamedTuple):
@@ -70,14 +71,9 @@ def free_unused(comm: MPI.Comm) -> None:
 
 def clean(comms: Iterable[PETSc.Comm]) -> None:
     """Destroy the objects of these communicators that all ranks have dropped. Collective."""
-    collects = gc.isenabled()
-    gc.disable()  # Python must drop nothing meanwhile
-    try:
+    with without_collection():  # Python must drop nothing meanwhile
         for comm in comms:
             PETSc.garbage_cleanup(comm)
-    finally:
-        if collects:
-            gc.enable()
 
 
 def _same_ranks(first: MPI.Comm, second: MPI.Comm) -> bool:
