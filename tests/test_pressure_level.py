@@ -57,3 +57,14 @@ def test_sparse_factors_of_the_singular_matrix(element):
         assert ("pressure" in kinds(result)) == (nu == 0.5)
         torque[nu] = result.steps[-1]["moments"]["inner"][2]
     assert torque[0.5] == pytest.approx(torque[0.49999], rel=1e-4)
+
+
+@mpi
+def test_asking_leaves_the_state_as_it_is(comm):
+    """The displacement of a program, and the pressure that was evaluated last."""
+    problem = solve(cube(0.5, move=[Move(group="top", translate=(0.05, 0, 0))]), comm).problem
+    problem.split(problem.x)
+    u, p = problem.u.x.array.copy(), problem.saddle_point.pressure().copy()
+    del problem.pressure_level_is_free  # it is kept
+    assert problem.pressure_level_is_free
+    assert (problem.u.x.array == u).all() and (problem.saddle_point.pressure() == p).all()

@@ -223,8 +223,11 @@ class Problem:
         work along any displacement that is free.
         """
         finite = any(isfinite(part.region.material.lame[1]) for part in self.elastic.parts)
-        if self.saddle_point is None or finite:
+        unknowns = self._unknowns
+        if self.saddle_point is None or finite or not isinstance(unknowns, DisplacementPressure):
             return False
+        evaluated = [self.u.x.array, unknowns.p.x.array]  # a program's initial guess, for one
+        before = [values.copy() for values in evaluated]
         x, r, other = (self.x.duplicate() for _ in range(3))
         x.set(0.0)
         self.gradient(x, r, [self.elastic])
@@ -236,7 +239,8 @@ class Problem:
         if self.rigid:
             self.rigid.reduce(x, forces)
         self.project(forces.array)
-        self.split(self.x)
+        for values, kept in zip(evaluated, before, strict=True):
+            values[:] = kept
         return bool(forces.norm() <= _NO_FORCE * whole)
 
     @cached_property
