@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ def rows(
         where other programs use the machine.
     """
     for number in map(int, split_list(cells)):
-        theirs = _felupe(python, [number, quarters, substeps], ranks)
+        theirs = run_felupe("felupe_program.py", python, [number, quarters, substeps], ranks)
         ours = _run(number, quarters, ranks, forcing)
         seconds = sum(step["seconds"] for step in ours["steps"])
         # Where FElupe stops early, its time is a lower bound.
@@ -84,9 +84,17 @@ def rows(
         yield row
 
 
-def _felupe(python: str, arguments: list[int], threads: int) -> dict[str, Any]:
-    """Return what felupe_program.py prints."""
-    path = Path(__file__).with_name("felupe_program.py")
+def run_felupe(
+    name: str, python: str, arguments: Sequence[object], threads: int = 1
+) -> dict[str, Any]:
+    """Return what a program beside this module, which uses FElupe, prints: one JSON object.
+
+    Raises
+    ------
+    BadInput
+        If this Python does not have FElupe.
+    """
+    path = Path(__file__).with_name(name)
     names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
     done = subprocess.run(
         [python, str(path), *map(str, arguments)],

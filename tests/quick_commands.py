@@ -75,6 +75,7 @@ ELSEWHERE = {
     "python demos/": "tests/test_demos.py",
     f"{BENCH} extremes_page": "tests/test_docs_commands.py",
     f"{BENCH} faults": "tests/test_faults.py",
+    f"{BENCH} felupe_sections": "tests/test_plane_problems.py",
     f"{BENCH} felupe_twist": "tests/test_bench.py",
     f"{BENCH} ranks": "tests/test_ranks.py",
     f"{BENCH} tradeoff_tables": "tests/test_docs_commands.py",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 from mpi4py import MPI
 
 import numpy as np
@@ -24,11 +27,14 @@ from plane_programs import (
 )
 
 import fem_snh
+from benchmarks import felupe_sections
 from fem_snh import _dolfinx
 from fem_snh.assembly.elements import element as element_of
 from fem_snh.assembly.kinematics import PLANAR
 from fem_snh.errors import BadInput
 
+#: Nodes and displacements that FElupe computed.
+FELUPE = Path(__file__).parent / "data" / "felupe_sections.json"
 every = pytest.mark.parametrize("kinematics", COMPONENTS)
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
 
@@ -481,3 +487,17 @@ def test_what_three_dimensions_or_two_refuse():
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, petsc_options=options, **both)
     with pytest.raises(BadInput, match="element = 'P1': expected one of Q1, Q1P0"):
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, element="P1", **both)
+
+
+# --- another program --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", json.loads(FELUPE.read_text()))
+def test_displacements_are_those_of_felupe(case):
+    """On the same distorted mesh; ``python -m benchmarks felupe_sections --cells 3 --out FILE``."""
+    element, kinematics, cells = case.split()
+    stored = json.loads(FELUPE.read_text())[case]
+    points, expected = np.array(stored["points"]), np.array(stored["displacements"])
+    found = felupe_sections.displacements(element, kinematics, int(cells), points)
+    assert len(points) == (3 * int(element[1]) + 1) ** 2
+    assert abs(found - expected).max() < 1e-10
