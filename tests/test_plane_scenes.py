@@ -184,7 +184,14 @@ def test_a_run_resumes(tmp_path):
         ("", "missing key 'kinematics': expected one of plane_strain, plane_stress, axis"),
         ('kinematics = "plain"', "kinematics = 'plain': expected one of plane_strain"),
         ('kinematics = "plane_strain"\nself_contact = {}', "self_contact = 'reference': expec"),
-        ('kinematics = "plane_strain"\nerror = true', "error = True: expected no value, with kine"),
+        (
+            'kinematics = "plane_strain"\naccuracy.goals = ["top.force.z"]',
+            "accuracy.goals = 'top.force.z': expected a component x or y, with kinematics = 'plane",
+        ),
+        (
+            'kinematics = "axisymmetric"\naccuracy.goals = ["top.moment"]',
+            "accuracy.goals = 'top.moment': expected another goal, with kinematics = 'axisym",
+        ),
         (
             'kinematics = "plane_strain"\n[[hold]]\ngroup = "top"\ncomponents = ["z"]',
             "some of x, y",

@@ -220,9 +220,6 @@ def estimate_error(
         The mesh, whose groups describe where the error is.
     """
     start, found = perf_counter(), Estimate()
-    if problem.kinematics.name != "solid":
-        found.reason = f"there is none for kinematics = {problem.kinematics.name!r}"
-        return found
     vectors = [goal.bind(problem)() for goal in goals]
     for goal, vector in zip(goals, vectors, strict=True):
         scale = max(map(abs, vector))

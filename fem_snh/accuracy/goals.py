@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import nan
 from typing import Any, NamedTuple, Protocol
 
 from mpi4py import MPI
@@ -17,7 +18,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_values
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
-from fem_snh.problem.reactions import reaction
+from fem_snh.problem.reactions import reaction, virtual_rotation
+from fem_snh.terms.body import WeightedMeasure
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
@@ -131,7 +133,8 @@ class PointGoal:
             weights = _dolfinx.create_vector(at.problem.V)
             set_to_zero(weights)
             for nodes, basis in probes.weights():
-                writable_values(weights).reshape(-1, 3)[nodes, i] += basis
+                nodal = writable_values(weights).reshape(-1, at.problem.kinematics.components)
+                nodal[nodes, i] += basis
             add_ghosts(weights)
             yield at.solve_for(weights)
 
@@ -144,7 +147,7 @@ class ReactionGoal:
     name : str
         Name of the force or of the moment.
     entries : callable
-        Returns the (n, 3) bool mask of the owned dofs whose dE/du count, given a problem.
+        Returns the (n, components) bool mask of the owned dofs whose dE/du count, given a problem.
     components : sequence of int, optional
         The components; default: all.
     about : (3,) sequence of float, optional
@@ -181,11 +184,13 @@ class ReactionGoal:
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
         """See `Goal.duals`."""
         problem, mask = at.problem, self._entries(at.problem)
+        kinematics, components = problem.kinematics, mask.shape[1]
+        positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
         for i in self._components:
-            virtual = np.broadcast_to(np.eye(3)[i], mask.shape)
-            if self._about is not None:
-                arms = problem.coordinates + problem.nodal(problem.x) - self._about
-                virtual = np.cross(virtual, arms)
+            if self._about is None:
+                virtual = np.broadcast_to(np.eye(3)[i, :components], mask.shape)
+            else:
+                virtual = virtual_rotation(kinematics, positions, i, self._about)
             yield _dual_of_reaction(at, mask, virtual)
 
 
@@ -252,14 +257,15 @@ class MeanGoal:
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         """Return the derivatives of the means by the displacement."""
-        V, dx = problem.V, self._measure
+        V, dx = problem.V, _of_the_body(problem, self._measure)
+        components = problem.kinematics.components
         one = _dolfinx.constant(V.mesh, 1.0)
         size = _dolfinx.assemble_scalar(_dolfinx.form(one * dx))
-        direction = _dolfinx.constant(V.mesh, np.zeros(3))
+        direction = _dolfinx.constant(V.mesh, np.zeros(components))
         form = _dolfinx.form(ufl.inner(direction, ufl.TestFunction(V)) * dx)
         weights = []
         for i in self._components:
-            direction.value[:] = np.eye(3)[i] / size
+            direction.value[:] = np.eye(components)[i] / size
             vector = _dolfinx.create_vector(V)
             _dolfinx.assemble_vector(vector, form)
             weights.append(vector)
@@ -340,16 +346,33 @@ class VolumeGoal:
         return 0.0
 
     def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
-        domain, element = at.problem.domain, at.problem.element
-        cells = np.arange(_dolfinx.num_owned(domain, 3), dtype=np.int32)
+        """See `Goal.duals`. In plane stress, where J is no function of grad u alone: NaN."""
+        problem = at.problem
+        domain, element, kinematics = problem.domain, problem.element, problem.kinematics
+        if kinematics.plane_stress:
+            unknown = problem.x.duplicate()
+            unknown.set(nan)
+            yield unknown
+            return
+        cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
-        dx = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
+        measure = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
+        dx = _of_the_body(problem, measure)
         size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
-        J = ufl.det(ufl.Identity(3) + ufl.grad(at.problem.u))
-        derivative = _derivative(at.problem, J * dx)
+        H = ufl.grad(problem.u)
+        if kinematics.dim == 2:
+            radius = _dolfinx.coordinates(domain)[0]
+            H = ufl.as_matrix(kinematics.gradient(problem.u, H, radius))
+        derivative = _derivative(problem, ufl.det(ufl.Identity(3) + H) * dx)
         derivative.scale(1 / size)
         yield at.solve_for(derivative)
+
+
+def _of_the_body(problem: Problem, measure: Any) -> Any:
+    """Return a measure of the mesh as that of the body, which a half plane makes by revolving."""
+    if not problem.kinematics.revolved:
+        return measure
+    return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(problem.domain)[0], measure)
 
 
 class EnergyGoal:

@@ -53,7 +53,7 @@ class Place:
     of : int
         The number of all cells.
     largest : tuple of float
-        The centre of the cell with the largest error [length].
+        The centre of the cell with the largest error [length], (dim,).
     group : str
         The group of surfaces, curves or points that most of them touch, and the fewest other
         cells; "" for none that fewer than half of all cells touch.
@@ -146,7 +146,7 @@ class Shares:
         return np.asarray(total)
 
     def _parts(self, x: PETSc.Vec) -> list[Array]:
-        """Return the displacement's part of a vector, (cells, nodes, 3), then the pressure's."""
+        """Return a vector's displacements, (cells, nodes, components), then its pressures."""
         size, saddle_point = self._lifted.owned_displacements, self._lifted.saddle_point
         parts = [_at_nodes(self._lifted.V, x.array_r[:size])]
         if saddle_point is not None:
@@ -199,7 +199,8 @@ def place(problem: Problem, indicators: Array, mesh: Mesh | None = None) -> Plac
     """
     domain, comm = problem.domain, problem.comm
     sizes = np.abs(indicators)
-    centres = _dolfinx.geometry_x(domain)[_dolfinx.geometry_dofs(domain)].mean(axis=1)
+    x = _dolfinx.geometry_x(domain)[:, : problem.kinematics.dim]
+    centres = x[_dolfinx.geometry_dofs(domain)].mean(axis=1)
     everywhere = np.sort(np.concatenate(comm.allgather(sizes)))[::-1]
     if not everywhere.sum() > 0:
         return None

@@ -20,7 +20,7 @@ import numpy as np
 
 from fem_snh import _dolfinx, solver
 from fem_snh.accuracy.hessian_solver import HessianSolver
-from fem_snh.assembly.elements import ELEMENTS, Element
+from fem_snh.assembly.elements import ELEMENTS, Element, in_kinematics
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
     copy_to_function,
@@ -36,20 +36,22 @@ from fem_snh.problem.problem import Problem
 PREFIX = f"{solver.PREFIX}lifted_"
 #: Taylor-Hood elements of degree 3, on which nothing but the estimate relies. Their quadrature is
 #: exact for products of two gradients on affine cells.
-_DEGREE_3 = {
-    "tetrahedron": Element("P3P2", "tetrahedron", 3, 5, 4, "pressure", 2),
-    "hexahedron": Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
-}
-_DEGREE_2 = {"tetrahedron": ELEMENTS["P2P1"], "hexahedron": ELEMENTS["Q2Q1"]}
+_DEGREE_3 = (
+    Element("P3P2", "tetrahedron", 3, 5, 4, "pressure", 2),
+    Element("Q3Q2", "hexahedron", 3, 7, 6, "pressure", 2),
+)
+_DEGREE_2 = (ELEMENTS["P2P1"], ELEMENTS["Q2Q1"])
 #: lambda/mu up to which an element with a pointwise volume term does not lock: nu = 0.4.
 _NO_LOCKING = 4.0
 #: Mean number of nodes to which a node is connected in a large mesh of boxes, each of six
-#: tetrahedra; and what a pair of nodes needs in bytes: nine numbers in double precision for the
-#: matrix, nine in single precision for the linear solver, and indices; and as much again for the
-#: couplings of the pressure, their copies and temporary arrays (a run of twist, 16 cells, Q1P0).
+#: tetrahedra, or of rectangles of two triangles; and what a pair of nodes needs in bytes: each
+#: number of its block (9 in three dimensions) in double precision for the matrix and in single
+#: precision for the linear solver, and indices; and as much again for the couplings of the
+#: pressure, their copies and temporary arrays (a run of twist, 16 cells, Q1P0).
 _COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron", 2): 64,
-                  ("hexahedron", 3): 125}  # fmt: skip
-_BYTES_PER_PAIR = 2 * (9 * (8 + 4) + 8)
+                  ("hexahedron", 3): 125, ("triangle", 2): 12, ("triangle", 3): 17,
+                  ("quadrilateral", 2): 16, ("quadrilateral", 3): 25}  # fmt: skip
+_BYTES_PER_NUMBER, _BYTES_PER_BLOCK, _COPIES = 8 + 4, 8, 2
 #: Reduction of the residual by the first solve and by each further one.
 _FIRST, _FURTHER = 1e-2, 1e-1
 #: Relative tolerance of dual solutions: what their neglected terms of second order leave.
@@ -68,9 +70,14 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
     The further ones are for materials whose volume term has no unknown pressure.
     """
     base = problem.element
-    best = (_DEGREE_2 if base.degree == 1 else _DEGREE_3)[base.cell]
+    elements = [
+        in_kinematics(element, problem.kinematics)
+        for element in (_DEGREE_2 if base.degree == 1 else _DEGREE_3)
+    ]
+    best = next(element for element in elements if element.cell == base.cell)
     several = len(problem.regions) > 1
-    if not problem.regions:  # energies in UFL alone: no pressure
+    # Energies in UFL alone have no pressure; a sheet that thins does not lock.
+    if not problem.regions or problem.kinematics.plane_stress:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)
         return
     if problem.operator != problem.A:  # matrices of rank one: no unknown pressures
@@ -130,7 +137,7 @@ def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Probl
 
 def lifted_dofs(problem: Problem, element: Element) -> int:
     """Return the number of unknowns of the lifted problem. Collective."""
-    spaces = [(element.degree, 3, "Lagrange")]
+    spaces = [(element.degree, element.kinematics.components, "Lagrange")]
     if element.has_pressure:
         spaces.append((element.pressure_degree, 1, "Lagrange" if element.pressure_degree else "DG"))
     total = 0
@@ -142,8 +149,10 @@ def lifted_dofs(problem: Problem, element: Element) -> int:
 
 def memory(problem: Problem, element: Element) -> float:
     """Return about how many bytes the lifted problem needs on all ranks. Collective."""
-    nodes = lifted_dofs(problem, element) / 3
-    return float(nodes * _COUPLED_NODES[element.cell, element.degree] * _BYTES_PER_PAIR)
+    components = element.kinematics.components
+    pairs = lifted_dofs(problem, element) / components
+    pairs *= _COUPLED_NODES[element.cell, element.degree]
+    return float(pairs * _COPIES * (components**2 * _BYTES_PER_NUMBER + _BYTES_PER_BLOCK))
 
 
 def check_memory(problem: Problem, needed: float) -> None:
@@ -193,7 +202,7 @@ class Lift:
         self.newton = self.linear = 0
         problem.split(problem.x)
         lifted.u.interpolate(problem.u)
-        size = 3 * len(lifted.coordinates)
+        size = lifted.owned_displacements
         lifted.x.set(0.0)
         lifted.x.array[:size] = lifted.u.x.array[:size]
         lifted.prescribe(lifted.x)

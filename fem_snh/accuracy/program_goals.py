@@ -12,6 +12,7 @@ import ufl
 from fem_snh import _dolfinx
 from fem_snh.accuracy.estimate import Estimate, estimate_error
 from fem_snh.accuracy.goals import (
+    AXES,
     EnergyGoal,
     FunctionalGoal,
     Goal,
@@ -48,10 +49,11 @@ class EstimatesErrors:
         Parameters
         ----------
         goals : sequence or mapping
-            Each a point [x, y, z] (its displacement), a ``ufl.Measure`` (the mean displacement over
-            its cells or facets), one of ``bcs`` (its reaction force), a pair of one and a
-            point (the moment of this force about it), a UFL form of rank 0 in ``u``, "volume"
-            (deformed over reference volume) or "energy". A mapping names them.
+            Each a point [x, y, z], or [x, y] (its displacement), a ``ufl.Measure`` (the mean
+            displacement over its cells or facets, on a body of revolution of the whole turn), one
+            of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
+            force about it), a UFL form of rank 0 in ``u``, "volume" (deformed over reference
+            volume) or "energy". A mapping names them.
 
         Returns
         -------
@@ -72,8 +74,6 @@ class EstimatesErrors:
         problem = self._problem
         if problem.acting_force is None:
             raise BadInput("estimate_error: expected a quasi-static problem, not one in time")
-        if (name := problem.kinematics.name) != "solid":
-            raise BadInput(f"estimate_error: expected a body in three dimensions, not {name!r}")
         if not self.reason.startswith("CONVERGED"):
             raise BadInput("estimate_error: expected a solution that has converged: call solve()")
         assert isinstance(problem.dirichlet, DolfinxConditions)
@@ -114,7 +114,8 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
 
 
 def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: int) -> Goal:
-    key = f"goals[{name or number}]"
+    key, kinematics = f"goals[{name or number}]", problem.kinematics
+    components = range(kinematics.components)
     if isinstance(goal, str):
         if goal == "volume" and problem.regions:
             return VolumeGoal(name or goal)
@@ -126,24 +127,27 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
             raise bad_value(key, "a form", "a form of rank 0 that contains u")
         return FunctionalGoal(name or key, goal, problem.u)
     if _dolfinx.is_measure(goal):
-        return MeanGoal(name or f"mean {number}", goal)
+        return MeanGoal(name or f"mean {number}", goal, components)
     if hasattr(goal, "dof_indices"):
         i = condition_number(bcs, goal, key)
-        return ReactionGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i))
+        return ReactionGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i), components)
     if isinstance(goal, tuple) and len(goal) == 2 and hasattr(goal[0], "dof_indices"):
         i, about = condition_number(bcs, goal[0], key), three_numbers(key, goal[1])
-        mask = partial(_owned_mask, number=i)
-        return ReactionGoal(name or f"bcs[{i}].moment", mask, about=about)
+        mask, axes = partial(_owned_mask, number=i), kinematics.moment_axes
+        if not axes:
+            raise bad_value(key, "a moment", f"a force, with kinematics = '{kinematics.name}'")
+        return ReactionGoal(name or f"bcs[{i}].moment", mask, [*map(AXES.index, axes)], about)
     try:
         point = np.asarray(goal, dtype=float)
     except (TypeError, ValueError):
         point = np.empty(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
+    if point.shape not in ((3,), (kinematics.dim,)) or not np.isfinite(point).all():
         raise bad_value(key, goal, _ACCEPTED)
-    return PointGoal(name or f"({', '.join(f'{x:g}' for x in point)})", [float(x) for x in point])
+    shown = f"({', '.join(f'{x:g}' for x in point)})"
+    return PointGoal(name or shown, np.pad(point, (0, 3 - len(point))).tolist(), components)
 
 
 def _owned_mask(problem: Problem, number: int) -> Any:
-    """Return the owned dofs that a condition of a program constrains, (nodes, 3) bool."""
+    """Return the owned dofs that a condition of a program constrains, (nodes, components)."""
     conditions: Any = problem.dirichlet
     return conditions.masks[number][: len(problem.coordinates)]

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import nodal_vectors
+from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.problem.problem import Problem
 
 Array = npt.NDArray[Any]
@@ -58,10 +58,10 @@ def _table() -> tuple[Array, Array]:
 
 def _parts(lifted: Problem) -> tuple[Array, Array]:
     """Return a_2 and a_3 of each cell of this rank."""
-    u = nodal_vectors(lifted.split(lifted.x)[0])
+    u = local_values(lifted.split(lifted.x)[0]).reshape(-1, lifted.kinematics.components)
     nodes = _dolfinx.node_dofs(lifted.V)
     geometry = _dolfinx.geometry_dofs(lifted.domain)
-    X = _dolfinx.geometry_x(lifted.domain)
+    X = _dolfinx.geometry_x(lifted.domain)[:, : lifted.kinematics.dim]
     batches: list[Array] = [np.empty((0, 2))]
     for first in range(0, len(nodes), _BATCH):
         batch = slice(first, first + _BATCH)
@@ -76,6 +76,8 @@ def _parts_of(lifted: Problem, u: Array, X: Array) -> Array:
     points, weights = _dolfinx.quadrature(cell, lifted.element.quadrature)
     jacobians = np.einsum("cgi,pgj->cpij", X, _dolfinx.tabulate_geometry(lifted.domain, points))
     volumes = weights * np.abs(np.linalg.det(jacobians))
+    if lifted.kinematics.revolved:
+        volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(lifted.domain, points).T
     inverse = np.linalg.inv(jacobians)
     gradients = []
     for k in (1, 2, 3):

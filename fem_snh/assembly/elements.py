@@ -115,10 +115,7 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
             names = ", ".join(e.name for e in ELEMENTS.values() if e.volume == "pointwise")
             accepted = f"one of {names}, in plane stress: a sheet that thins does not lock"
             raise bad_value("element", name, accepted)
-        cell = PLANE_CELLS[found.cell]
-        least = max(found.least, _LEAST_REVOLVED) if kinematics.revolved else found.least
-        default = max(found.quadrature, least)
-        found = replace(found, cell=cell, quadrature=default, least=least, kinematics=kinematics)
+        found = in_kinematics(found, kinematics)
     if quadrature is None:
         return found
     check_whole("quadrature", quadrature, 1, MAX_QUADRATURE_DEGREE)
@@ -126,6 +123,16 @@ def element(name: str, quadrature: int | None = None, kinematics: Kinematics = S
         accepted = f"a whole number from {found.least} to {MAX_QUADRATURE_DEGREE} with {name}: "
         raise bad_value("quadrature", quadrature, accepted + "a lower degree leaves spurious modes")
     return replace(found, quadrature=quadrature)
+
+
+def in_kinematics(element: Element, kinematics: Kinematics) -> Element:
+    """Return an element of three dimensions on the cells and in the kinematics of a mesh."""
+    if kinematics.dim == 3:
+        return element
+    cell = PLANE_CELLS[element.cell]
+    least = max(element.least, _LEAST_REVOLVED) if kinematics.revolved else element.least
+    default = max(element.quadrature, least)
+    return replace(element, cell=cell, quadrature=default, least=least, kinematics=kinematics)
 
 
 def with_cell_pressures(element: Element) -> Element:

@@ -22,11 +22,6 @@ def local_values(vector: PETSc.Vec) -> Array:
         return np.asarray(local.array_r)
 
 
-def nodal_vectors(u: PETSc.Vec) -> Array:
-    """Return the nodal displacements of a ghosted vector, (local nodes, 3)."""
-    return np.asarray(local_values(u).reshape(-1, 3))
-
-
 def writable_values(vector: PETSc.Vec) -> Array:
     """Return a ghosted vector's local values to write, ghosts included."""
     with vector.localForm() as local:

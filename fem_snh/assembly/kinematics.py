@@ -61,6 +61,13 @@ class Kinematics:
         return ("x", "y", "z")[: self.components]
 
     @property
+    def moment_axes(self) -> tuple[str, ...]:
+        """The components of a moment that forces of the displacement's components can have."""
+        if self.dim == 3:
+            return ("x", "y", "z")
+        return (("y",) if self.components == 3 else ()) if self.revolved else ("z",)
+
+    @property
     def volume_dimension(self) -> int:
         """The power of a length that a body's volume is: in a plane the volume per thickness."""
         return 3 if self.revolved else self.dim
@@ -141,6 +148,11 @@ PLANAR = {
         Kinematics("axisymmetric_torsion", 2, 3, revolved=True),
     )
 }
+
+
+def kinematics_of(name: str | None) -> Kinematics:
+    """Return the kinematics of this name, without one that of three dimensions."""
+    return PLANAR[name] if name else SOLID
 
 
 def find_kinematics(name: str | None, dim: int) -> Kinematics:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.boundary_conditions import Dirichlet, facets_plane
+from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes, facets_plane
 from fem_snh.assembly.elements import Element
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -26,6 +26,7 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.assembly.inclined_planes import InclinedPlanes
+from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, set_modulus
@@ -55,17 +56,23 @@ class LiftedConditions(Dirichlet):
         The conditions on the program's space.
     u, lifted : dolfinx Function
         The displacement, and its interpolation in the other space.
+    kinematics : Kinematics
+        On a body of revolution the radial and rotational displacements are zero on the axis.
     """
 
     depends_on_load = False
 
-    def __init__(self, conditions: DolfinxConditions, u: Any, lifted: Any) -> None:
+    def __init__(
+        self, conditions: DolfinxConditions, u: Any, lifted: Any, kinematics: Kinematics
+    ) -> None:
         V, W = u.function_space, lifted.function_space
         lift = partial(_lifted_mask, V, W, _Nodes(V, W))
         self._masks = [lift(mask) for mask in conditions.masks]
         owned = _dolfinx.num_nodes(W)[0]
-        empty = np.zeros((sum(_dolfinx.num_nodes(W)), 3), dtype=bool)
+        empty = np.zeros((sum(_dolfinx.num_nodes(W)), _dolfinx.num_components(W)), dtype=bool)
         self.constrained = np.logical_or.reduce([empty, *self._masks])
+        if kinematics.revolved:
+            self.constrained[axis_nodes(W)[:, None], kinematics.off_axis] = True
         planes = [facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry]
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
@@ -73,7 +80,7 @@ class LiftedConditions(Dirichlet):
 
     @property
     def masks(self) -> list[Array]:
-        """The components of nodes that each condition constrains, each (local nodes, 3) bool."""
+        """What each condition constrains, each (local nodes, components) bool."""
         return self._masks
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
@@ -100,7 +107,10 @@ class _Nodes:
         distance = np.linalg.norm(nodes[1][:, None] - nodes[0][None], axis=2)
         self.same = np.where(distance.min(axis=1) < _ROUNDING, distance.argmin(axis=1), -1)
         origins, tangents = _dolfinx.facet_maps(cell)
-        normals = np.cross(tangents[:, 0], tangents[:, 1])
+        if tangents.shape[2] == 2:
+            normals = tangents[:, 0, ::-1] * (1, -1)
+        else:
+            normals = np.cross(tangents[:, 0], tangents[:, 1])
         self.facets = [
             tuple(np.abs((points - origin) @ normal) < _ON_FACET for points in nodes)
             for origin, normal in zip(origins, normals, strict=True)
@@ -110,23 +120,24 @@ class _Nodes:
 def _lifted_mask(V: Any, W: Any, nodes: _Nodes, mask: Array) -> Array:
     """Return the components of W's nodes that are constrained if V's are. Collective."""
     old, new = _dolfinx.node_dofs(V), _dolfinx.node_dofs(W)
-    inside = mask[old]  # (cells, nodes, 3)
+    inside = mask[old]  # (cells, nodes, components)
+    components = mask.shape[1]
     marked = _dolfinx.create_vector(W)
     set_to_zero(marked)
-    found = writable_values(marked).reshape(-1, 3)
+    found = writable_values(marked).reshape(-1, components)
     known = nodes.same >= 0
     np.maximum.at(found, new[:, known], inside[:, nodes.same[known]].astype(float))
     whole = inside.all(axis=1)[:, None].astype(float)
-    np.maximum.at(found, new, np.broadcast_to(whole, (*new.shape, 3)))
+    np.maximum.at(found, new, np.broadcast_to(whole, (*new.shape, components)))
     _, cells, local = _dolfinx.exterior_facets(V.mesh)
     for number, (base, lifted) in enumerate(nodes.facets):
         on = cells[local == number]
         whole = inside[on][:, base].all(axis=1)[:, None].astype(float)
         targets = new[on][:, lifted]
-        np.maximum.at(found, targets, np.broadcast_to(whole, (*targets.shape, 3)))
+        np.maximum.at(found, targets, np.broadcast_to(whole, (*targets.shape, components)))
     add_ghosts(marked)
     update_ghosts(marked)
-    return np.asarray(local_values(marked).reshape(-1, 3) > 0)
+    return np.asarray(local_values(marked).reshape(-1, components) > 0)
 
 
 def lifted_problem(problem: Problem, element: Element) -> Problem:
@@ -144,16 +155,16 @@ def lifted_problem(problem: Problem, element: Element) -> Problem:
     BadInput
         On every rank, for a term of the program's own, which is made for its space.
     """
-    V = _dolfinx.function_space(problem.domain, element.degree, (3,))
+    kinematics = problem.kinematics
+    V = _dolfinx.function_space(problem.domain, element.degree, (kinematics.components,))
     u = _dolfinx.function(V, "displacement")
     problem.split(problem.x)
     u.interpolate(problem.u)
     u.x.scatter_forward()
     assert isinstance(problem.dirichlet, DolfinxConditions)
-    conditions = LiftedConditions(problem.dirichlet, problem.u, u)
-    body = Body(
-        u, problem.regions, conditions, partial(measure_facets, problem.domain), LOAD_ITSELF
-    )
+    conditions = LiftedConditions(problem.dirichlet, problem.u, u, kinematics)
+    facets = partial(measure_facets, problem.domain)
+    body = Body(u, problem.regions, conditions, facets, LOAD_ITSELF, kinematics=kinematics)
     made = [
         _lifted_term(term, f"terms[{i}]", problem.u, u)
         for i, term in enumerate(problem.given_terms)

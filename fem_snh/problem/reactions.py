@@ -125,6 +125,21 @@ def moment(kinematics: Kinematics, x: Array, forces: Array, about: Array) -> Arr
     return np.array([about[2] * axial, torque, -about[0] * axial])
 
 
+def virtual_rotation(kinematics: Kinematics, x: Array, axis: int, about: Array) -> Array:
+    """Return the virtual displacement (n, components) whose work is a component of `moment`.
+
+    Parameters
+    ----------
+    kinematics, x, about : Kinematics, (n, 3) array, (3,) array
+        As for `moment`.
+    axis : int
+        The component, one of the kinematics' ``moment_axes``.
+    """
+    arms = x if kinematics.revolved else x - about
+    rotation: Array = np.cross(np.eye(3)[axis], arms)
+    return rotation[:, : kinematics.components]
+
+
 def reaction(problem: Problem, mask: Array, about: Sequence[float] | Array = (0, 0, 0)) -> Array:
     """Return the force and the moment (2, 3) of the reaction at dofs. Collective.
 

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.assembly.kinematics import PLANAR, SOLID
+from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.atomic_files import replace_file
 from fem_snh.errors import BadInput, on_root, shown
 from fem_snh.files import open_file
@@ -294,7 +294,7 @@ def _problem(about: Any, arrays: dict[str, Array]) -> str:
     kinematics = about["scene"].get("kinematics")
     if kinematics is not None and kinematics not in list(PLANAR):
         return f"kinematics = {shown(kinematics)}: expected one of {', '.join(PLANAR)}"
-    components = (PLANAR[kinematics] if kinematics else SOLID).components
+    components = kinematics_of(kinematics).components
     if reason := _motion_problem(about["motion"], arrays, components):
         return reason
     for name, columns in (("u", components), ("p", 1)):

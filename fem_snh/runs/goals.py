@@ -17,8 +17,9 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
 )
 from fem_snh.assembly.boundary_conditions import group_nodes
+from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import bad_value
-from fem_snh.mesh.mesh import Mesh
+from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene, read_goal
@@ -76,10 +77,15 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
 
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none."""
+    turned = [reaction for reaction in scene.reactions if reaction.about]
     return [
         *(probe.name for probe in scene.probe),
         *(f"{reaction.group}.force" for reaction in scene.reactions),
-        *(f"{reaction.group}.moment" for reaction in scene.reactions if reaction.about),
+        *(
+            f"{reaction.group}.moment"
+            for reaction in turned
+            if kinematics_of(scene.kinematics).moment_axes
+        ),
         *(f"{group}.volume" for group in scene.volumes),
         "volume",
         *(["energy"] if has_energy else []),
@@ -87,7 +93,7 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
 
 
 def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
-    kind, name, components = read_goal(text, scene.probe)
+    kind, name, components = read_goal(text, scene.probe, kinematics_of(scene.kinematics))
     if kind == "energy":
         return EnergyGoal()
     if kind == "point":
@@ -110,7 +116,7 @@ def _dofs_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
     def mark(problem: Problem) -> Any:
         owned = len(problem.coordinates)
         nodes = group_nodes(problem.V, mesh, key)
-        mask = np.zeros((owned, 3), dtype=bool)
+        mask = np.zeros((owned, _dolfinx.num_components(problem.V)), dtype=bool)
         mask[nodes[nodes < owned]] = True
         return mask
 
@@ -118,18 +124,19 @@ def _dofs_of_group(mesh: Mesh, key: str) -> Callable[[Problem], Any]:
 
 
 def _cells(mesh: Mesh, key: str, text: str) -> Any:
-    """Return the owned cells of a group of volumes."""
+    """Return the owned cells of a group of them."""
     group = mesh.group(key)
-    if group.dim != 3:
-        raise bad_value(_KEY, text, f"a goal of a group of volumes, not of a {group.label}")
+    if group.dim != mesh.dim:
+        cells = DIMENSIONS[mesh.dim]
+        raise bad_value(_KEY, text, f"a goal of a group of {cells}s, not of a {group.label}")
     return group_cells(mesh, [key])[key]
 
 
 def _measure(mesh: Mesh, key: str, text: str) -> Any:
-    """Return the measure of a group of surfaces or volumes."""
-    if mesh.group(key).dim == 2:
+    """Return the measure of a group of facets or cells."""
+    if mesh.group(key).dim == mesh.dim - 1:
         return _dolfinx.surface_measure(mesh.domain, group_facets(mesh, _KEY, key))
     cells = _cells(mesh, key, text)
-    others = np.setdiff1d(np.arange(_dolfinx.num_owned(mesh.domain, 3), dtype=np.int32), cells)
+    others = np.setdiff1d(np.arange(_dolfinx.num_owned(mesh.domain), dtype=np.int32), cells)
     measures = _dolfinx.cell_measures(mesh.domain, [cells, others], mesh.cell, _MEAN_DEGREE)
     return measures[0]

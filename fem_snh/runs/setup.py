@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from fem_snh import scenes, solver
 from fem_snh.assembly import elements
-from fem_snh.assembly.kinematics import PLANAR, SOLID, find_kinematics
+from fem_snh.assembly.kinematics import find_kinematics, kinematics_of
 from fem_snh.assembly.regions import Filling
 from fem_snh.errors import BadInput
 from fem_snh.kernels.material import material
@@ -97,7 +97,7 @@ def set_up(
         On every rank, for a scene that does not fit its mesh, its material or its element.
     """
     start, working = perf_counter(), process_time()
-    kinematics = PLANAR[scene.kinematics] if scene.kinematics else SOLID
+    kinematics = kinematics_of(scene.kinematics)
     element = elements.element(scene.element, scene.quadrature, kinematics)
     mesh = mesh or make_mesh(comm, scene, element)
     find_kinematics(scene.kinematics, mesh.dim)

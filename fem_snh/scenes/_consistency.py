@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fem_snh.assembly.elements import ELEMENTS, element
-from fem_snh.assembly.kinematics import PLANAR, SOLID
+from fem_snh.assembly.kinematics import PLANAR, Kinematics, kinematics_of
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import IN_TIME
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
 
 #: Keys that scenes of two dimensions do not have.
-_SOLID = ("bone", "rig", "error", "accuracy")
+_SOLID = ("bone", "rig")
 
 #: Tables with a key ``group``.
 _GROUP_TABLES = ("hold", "move", "symmetry", "bone")
@@ -38,7 +38,7 @@ _GROUP_TABLES = ("hold", "move", "symmetry", "bone")
 
 def check_consistency(scene: Scene) -> None:
     """Raise BadInput for the first contradiction between keys of a scene."""
-    kinematics = PLANAR[scene.kinematics] if scene.kinematics else SOLID
+    kinematics = kinematics_of(scene.kinematics)
     element(scene.element, scene.quadrature, kinematics)
     if scene.kinematics:
         _check_plane(scene)
@@ -54,7 +54,7 @@ def check_consistency(scene: Scene) -> None:
     _check_fields(scene)
     _check_mesh(scene)
     if scene.accuracy:
-        _check_accuracy(scene.accuracy, scene.probe)
+        _check_accuracy(scene.accuracy, scene.probe, kinematics)
     if scene.time:
         _check_time(scene)
     else:
@@ -62,10 +62,10 @@ def check_consistency(scene: Scene) -> None:
     _check_constraints(scene.hold, scene.move)
 
 
-def _check_accuracy(accuracy: Accuracy, probes: Sequence[Probe]) -> None:
+def _check_accuracy(accuracy: Accuracy, probes: Sequence[Probe], kinematics: Kinematics) -> None:
     """Raise BadInput for a goal that the scene does not have, and for limits of nothing."""
     for goal in accuracy.goals:
-        read_goal(goal, probes)
+        read_goal(goal, probes, kinematics)
     for key in ("max_time", "max_memory", "max_dofs"):
         limit = getattr(accuracy, key)
         if limit is not None and accuracy.within is None:
@@ -90,7 +90,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
     for group in scene.volumes:
         yield "volumes", group
     for goal in scene.accuracy.goals if scene.accuracy else ():
-        named = read_goal(goal, scene.probe)
+        named = read_goal(goal, scene.probe, kinematics_of(scene.kinematics))
         if named.is_of_group:
             yield "accuracy.goals", named.name
 

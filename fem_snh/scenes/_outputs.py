@@ -7,6 +7,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.errors import bad_value, choose, nearest
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
@@ -139,7 +140,7 @@ _OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False}
 _ACCEPTED = (
     "'energy', 'volume', a probe with a component, 'corner.y', or of a physical group "
     "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume'; "
-    "without the component: all three"
+    "without the component: all of them"
 )
 
 
@@ -211,24 +212,32 @@ class Accuracy(Table):
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
 
 
-def read_goal(text: str, probes: Sequence[Probe]) -> GoalName:
+def read_goal(text: str, probes: Sequence[Probe], kinematics: Kinematics = SOLID) -> GoalName:
     """Return the goal of this name.
 
     Raises
     ------
     BadInput
-        For a text that is no goal of a scene with these probes.
+        For a text that is no goal of a scene with these probes and this kinematics.
     """
     if text in ("energy", "volume"):
         return GoalName(text)
     rest, _, last = text.rpartition(".")
     has_component = bool(rest) and last in tuple(_AXES)
     vector = rest if has_component else text
-    components = (_AXES.index(last),) if has_component else (0, 1, 2)
     names = [probe.name for probe in probes]
-    if vector in names:
-        return GoalName("point", vector, components)
     group, _, kind = vector.rpartition(".")
-    if not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
+    if vector in names:
+        group, kind = vector, "point"
+    elif not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
         raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, names))
-    return GoalName(kind, group, components if _OF_GROUPS[kind] else ())
+    elif not _OF_GROUPS[kind]:
+        return GoalName(kind, group)
+    axes = kinematics.moment_axes if kind == "moment" else kinematics.axes
+    if not axes or (has_component and last not in axes):
+        accepted = f"a component {' or '.join(axes)}" if axes else "another goal"
+        raise bad_value(
+            "accuracy.goals", text, f"{accepted}, with kinematics = '{kinematics.name}'"
+        )
+    components = (last,) if has_component else axes
+    return GoalName(kind, group, tuple(map(_AXES.index, components)))
