@@ -17,7 +17,7 @@ SCENES: dict[str, tuple[dict[str, list[int]], dict[str, Any]]] = {
     ),
     "cook": (
         {"Q1P0": [32, 64, 96], "P2P0": [16, 32]},
-        {"steps": 4, "material": "neo_hookean_bower"},
+        {"kinematics": "layer", "steps": 4, "material": "neo_hookean_bower"},
     ),
     "block": ({"Q1P0": [6, 12], "P2P0": [4, 8]}, {}),
 }

@@ -154,7 +154,9 @@ def _scene(name: str, nu: float, element: str, cells: int, estimate: bool) -> Sc
     common: Row = {"element": element, "cells": cells, "accuracy": goals}
     if name == "twist":
         return load(name, nu=nu, angle=1.0, **common)
-    if name in ("cook", "block"):
+    if name == "cook":
+        return load(name, nu=nu, kinematics="layer", **common)
+    if name == "block":
         return load(name, nu=nu, **common)
     one = MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu)
     if name == "shear":

@@ -18,6 +18,9 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.runs.setup import Setup, set_up
 from fem_snh.scenes import load
 
+#: Of a scene: Cook's membrane as the layer of cells that the page describes.
+SETTINGS = {"cook": {"kinematics": "layer"}}
+
 
 def rows(
     scenes: str = "cook,block,stretch,twist",
@@ -40,7 +43,8 @@ def rows(
                 for number in map(int, split_list(cells)):
                     number //= ELEMENTS[name].degree
                     row = {"scene": scene, "element": name, "nu": nu, "cells": number}
-                    yield row | compare(scene, {"nu": nu, "cells": number}, name)
+                    values = {"nu": nu, "cells": number} | SETTINGS.get(scene, {})
+                    yield row | compare(scene, values, name)
 
 
 def compare(scene: str, values: Row, name: str) -> Row:

@@ -172,6 +172,7 @@ def reference(nu):
 def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_path):
     """Hexahedra by their number; tetrahedra where the error is; Q1 is replaced, as it locks."""
     keys = {"accuracy.goals": "corner.y", "accuracy.within": asked, "out": tmp_path / "run"}
+    keys["kinematics"] = "layer"
     result = solve("cook", element=element, nu=nu, cells=cells, **keys)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     accuracy = record["accuracy"]
@@ -189,7 +190,7 @@ def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_pat
 
 def test_limits_end_the_levels(capsys):
     words = "run cook --element Q1P0 --cells 8 --nu 0.3 --accuracy 0.1% --max-dofs 1300"
-    assert main(words.split()) == 1
+    assert main([*words.split(), "--set", "kinematics=layer"]) == 1
     output = capsys.readouterr().out.splitlines()
     assert output[-1].startswith("not within 0.1 %: ")
     assert "max_dofs = 1,300: the next level has about" in output[-1]
@@ -229,7 +230,7 @@ def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
 
     monkeypatch.setattr("fem_snh.runs.levels.transfer_state", tear)
     found = fem_snh.run(
-        "cook", element="Q1P0", cells=4, steps=1, petsc={"snes_max_it": 12},
+        "cook", kinematics="layer", element="Q1P0", cells=4, steps=1, petsc={"snes_max_it": 12},
         accuracy={"within": 0.05, "goals": ["corner.y"]},
     )  # fmt: skip
     assert "the path is followed again" in capsys.readouterr().out

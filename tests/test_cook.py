@@ -42,16 +42,21 @@ def test_the_mesh_is_one_layer_of_the_panel(comm: MPI.Comm, cell: str) -> None:
         assert made.group(group).count == 4 * per_face
     assert made.group("faces").count == 2 * 16 * per_face
     problem = fem_snh.run(
-        "cook", cells=4, element="Q1" if cell == "hexahedron" else "P1", comm=comm, progress=False
+        "cook",
+        kinematics="layer",
+        cells=4,
+        element="Q1" if cell == "hexahedron" else "P1",
+        comm=comm,
+        progress=False,
     ).problem
     assert problem.length**3 == pytest.approx(48 * (44 + 16) / 2, rel=1e-12)
 
 
 @mpi
-@pytest.mark.parametrize("kinematics", [None, "plane_strain"])
+@pytest.mark.parametrize("kinematics", ["layer", "plane_strain"])
 @pytest.mark.parametrize("element", PUBLISHED)
 def test_compressible_displacements_are_those_published(
-    comm: MPI.Comm, element: str, kinematics: str | None
+    comm: MPI.Comm, element: str, kinematics: str
 ) -> None:
     """All that is printed: four digits, by the layer and by the panel alone."""
     for cells, published in PUBLISHED[element].items():
@@ -66,7 +71,7 @@ def test_compressible_displacements_are_those_published(
 def test_the_support_holds_the_force(comm: MPI.Comm) -> None:
     """The faces' support has no share in the plane; moments are not looked at."""
     tight = {"snes_scaled_tol": 1e-10, "snes_forcing_max": 0, "ksp_rtol": 1e-8}
-    result = solve(element="Q1", cells=6, steps=2, petsc=tight, **COMPRESSIBLE)
+    result = solve(kinematics="layer", element="Q1", cells=6, steps=2, petsc=tight, **COMPRESSIBLE)
     for step in result.steps:
         force = step["reactions"]["left"]
         assert force[:2] == pytest.approx([0, -step["load"]], abs=1e-6)
@@ -75,7 +80,9 @@ def test_the_support_holds_the_force(comm: MPI.Comm) -> None:
 def test_hexahedra_and_tetrahedra_agree() -> None:
     """On the compressible panel, where none of them locks."""
     tips = [
-        solve(element=element, cells=8, **COMPRESSIBLE).steps[-1]["probes"]["tip"]
+        solve(kinematics="layer", element=element, cells=8, **COMPRESSIBLE).steps[-1]["probes"][
+            "tip"
+        ]
         for element in ("Q2", "P2")
     ]
     assert tips[1][:2] == pytest.approx(tips[0][:2], rel=5e-3)
@@ -84,7 +91,8 @@ def test_hexahedra_and_tetrahedra_agree() -> None:
 def test_full_integration_locks_when_nearly_incompressible() -> None:
     """Coarse Q1 is too stiff by tens of per cent, coarse Q2 by few: 6.9 is published."""
     locked, finer = (
-        solve(element=element, cells=8).steps[-1]["probes"]["corner"][1] for element in ("Q1", "Q2")
+        solve(kinematics="layer", element=element, cells=8).steps[-1]["probes"]["corner"][1]
+        for element in ("Q1", "Q2")
     )
     assert locked < 0.75 * finer
     assert 6.4 < finer < 6.9

@@ -98,8 +98,8 @@ def test_a_state_that_the_element_holds_has_no_error(element):
 )
 def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, limit):
     """A run in Q2Q1 on the same cells is the nonlinear solution that the estimate stands for."""
-    found = solve("cook", element=element, nu=nu, cells=4, error=True)
-    lifted = solve("cook", element="Q2Q1", nu=nu, cells=4)
+    found = solve("cook", kinematics="layer", element=element, nu=nu, cells=4, error=True)
+    lifted = solve("cook", kinematics="layer", element="Q2Q1", nu=nu, cells=4)
     assert found.record["estimate"]["element"] == "Q2Q1"
     corner = lifted.steps[-1]["probes"]["corner"]
     for axis, value in zip("xy", corner, strict=False):
@@ -115,7 +115,7 @@ def test_the_corrected_value_is_that_of_the_lifted_element(element, nu, limit):
 @pytest.mark.parametrize("nu", [0.3, 0.4999])
 def test_effectivity_on_cook(element, nu):
     """Against a solution whose error is at most 0.4 %; those here have 7 to 99 %."""
-    goals = solve("cook", element=element, nu=nu, cells=8, error=True).goals
+    goals = solve("cook", kinematics="layer", element=element, nu=nu, cells=8, error=True).goals
     for axis, exact in zip("xy", reference(nu), strict=True):
         goal = goals[f"corner.{axis}"]
         assert 0.7 < goal["error"] / (exact - goal["value"]) < 1.4
@@ -128,7 +128,7 @@ def test_effectivity_on_cook(element, nu):
 )
 def test_effectivity_of_degree_2_on_cook(element, nu, cells):
     """Degree 3 leaves a third of the error at Cook's corners; its decay tells how much."""
-    result = solve("cook", element=element, nu=nu, cells=cells, error=True)
+    result = solve("cook", kinematics="layer", element=element, nu=nu, cells=cells, error=True)
     exact = reference(nu)[1]
     goal = result.goals["corner.y"]
     factor = result.record["estimate"]["saturation"]
@@ -166,7 +166,7 @@ def test_effectivity_on_a_twisted_bar():
 
 def test_the_error_of_a_locked_element_agrees_with_its_note():
     """A force-driven body that is `stiffness` times too stiff has that displacement too little."""
-    result = solve("cook", element="Q1", cells=4, error=True)
+    result = solve("cook", kinematics="layer", element="Q1", cells=4, error=True)
     (note,) = result.notes
     assert note["kind"] == "locking"
     corner = result.goals["corner.y"]
@@ -314,7 +314,8 @@ def estimate(scene, goals, **keys):
 def test_indicators_sum_to_the_estimate(element, nu, cells):
     """To first order: the dual solution of a point, a mean and a volume, and half the step."""
     goals = ["corner.y", "right.mean.x", "volume", "energy"][: 4 if element == "P1" else 2]
-    found = estimate("cook", goals, element=element, nu=nu, cells=cells, steps=1)
+    layer = {"kinematics": "layer", "element": element, "nu": nu, "cells": cells, "steps": 1}
+    found = estimate("cook", goals, **layer)
     assert set(found.indicators) == set(goals)
     for name, values in found.indicators.items():
         total = MPI.COMM_WORLD.allreduce(float(values.sum()))
@@ -340,7 +341,9 @@ def test_indicators_of_a_reaction_force(element):
 
 def test_the_energy_error_is_at_cooks_corner():
     """The stress is singular where the clamped edge meets the top, at (0, 44)."""
-    found = estimate("cook", ["energy"], element="Q1P0", cells=16, nu=0.3, steps=1)
+    found = estimate(
+        "cook", ["energy"], kinematics="layer", element="Q1P0", cells=16, nu=0.3, steps=1
+    )
     place = found.places["energy"]
     # The centre of the cell at the corner; cells are 48/16 by 44/16.
     assert np.hypot(place.largest[0], place.largest[1] - 44) < 2

@@ -50,7 +50,7 @@ def test_nodes_of_a_section_are_those_of_a_plane(sizes, degree):
 )
 def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solver, reason):
     given = {"cells": 8, "steps": 1, "comm": MPI.COMM_SELF, "progress": False} | values
-    given |= {} if "scene" in given else {"scene": "cook", "force": 10.0}
+    given |= {} if "scene" in given else {"scene": "cook", "kinematics": "layer", "force": 10.0}
     record = fem_snh.run(given.pop("scene"), **given).record
     chosen = record["defaults"]["linear_solver"]
     assert record["converged"] and chosen["value"] == record["linear_solver"] == solver
@@ -58,7 +58,14 @@ def test_a_layer_of_nearly_incompressible_cells_is_solved_directly(values, solve
 
 
 def test_the_user_chooses_the_linear_solver():
-    given = {"cells": 4, "steps": 1, "nu": 0.4999, "comm": MPI.COMM_SELF, "progress": False}
+    given = {
+        "kinematics": "layer",
+        "cells": 4,
+        "steps": 1,
+        "nu": 0.4999,
+        "comm": MPI.COMM_SELF,
+        "progress": False,
+    }
     for name, solver in (("iterative", "cg+ssor"), ("direct", "preonly+cholesky")):
         record = fem_snh.run("cook", petsc={"snes_linear_solver": name}, **given).record
         assert record["linear_solver"] == solver and "linear_solver" not in record["defaults"]

@@ -1,14 +1,15 @@
 """Cook's membrane: a clamped tapered panel sheared at its free end."""
 
+from fem_snh.errors import bad_value
 from fem_snh.scenes.schema import Geometry, Hold, MaterialChoice, Probe, Reaction, Scene, Traction
 
 
-def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -> Scene:
+def cook(cells: int = 16, force: float = 100.0, kinematics: str = "plane_strain") -> Scene:
     """Cook's membrane in plane strain, nearly incompressible: a clamped panel sheared at its end.
 
-    Units are N and mm, so E is in MPa. The panel is 1 mm thick: one layer of cells whose faces are
-    constrained in z. The defaults are those of Elguedj et al. 2008; ``force = 1``, ``E = 1.0985``
-    and ``nu = 0.3`` give the compressible membrane of deal.II's code gallery.
+    Units are N and mm, so E is in MPa. The panel is 1 mm thick. The defaults are those of Elguedj
+    et al. 2008; ``force = 1``, ``E = 1.0985`` and ``nu = 0.3`` give the compressible membrane of
+    deal.II's code gallery.
 
     Parameters
     ----------
@@ -16,17 +17,22 @@ def cook(cells: int = 16, force: float = 100.0, kinematics: str | None = None) -
         Cells along each side.
     force : float
         Total shear force on the right edge [N].
-    kinematics : str, optional
-        "plane_strain" or "plane_stress" for a mesh of two dimensions in place of the layer.
+    kinematics : str
+        "plane_strain", "plane_stress", or "layer": plane strain as one layer of cells in three
+        dimensions, whose faces are constrained in z.
     """
-    faces = [] if kinematics else [Hold(group="faces", components=("z",))]
-    z = 0.0 if kinematics else 0.5
+    accepted = ("plane_strain", "plane_stress", "layer")
+    if kinematics not in accepted:
+        raise bad_value("kinematics", kinematics, f"one of {', '.join(accepted)}")
+    layer = kinematics == "layer"
+    faces = [Hold(group="faces", components=("z",))] if layer else []
+    z = 0.5 if layer else 0.0
     return Scene(
         name="cook",
         mesh=Geometry(source="cook"),
         cells=cells,
         element="Q2",
-        kinematics=kinematics,
+        kinematics=None if layer else kinematics,
         steps=4,
         material=MaterialChoice(name="neo_hookean_simo", E=240.565, nu=0.4999),
         hold=[Hold(group="left"), *faces],
