@@ -17,6 +17,7 @@ from test_eisenstat import Reason, body, right_side, solve
 from fem_snh._petsc import default_options
 from fem_snh.linalg.coarse_space import coordinate_bisection, linear_functions
 from fem_snh.linalg.library import COLUMNS
+from fem_snh.linalg.ssor_system import _default_subdomains
 from fem_snh.solver import EisenstatCG
 
 mpi = pytest.mark.mpi
@@ -116,6 +117,21 @@ def test_iterations_are_halved(comm, subdomains):
     assert residual < 1e-5
     y.axpy(-1.0, x)
     assert y.norm() < 1e-4 * x.norm()
+
+
+@mpi
+@with_subdomains(24)
+def test_ranks_add_few_iterations(comm, subdomains):
+    """Sweeps are within each rank; the shift of D makes up for most of what they leave out."""
+    alone, together = (body(of, cells=12) for of in (MPI.COMM_SELF, comm))
+    one, several = (solve(p, right_side(p), rtol=1e-6)[0] for p in (alone, together))
+    assert several.getIterationNumber() <= 1.2 * one.getIterationNumber()
+
+
+def test_more_ranks_have_more_subdomains():
+    assert [_default_subdomains(19517, ranks) for ranks in (1, 2, 4, 16)] == [38, 38, 64, 64]
+    assert _default_subdomains(327_697, 16) == _default_subdomains(327_697, 1) == 327
+    assert _default_subdomains(2047, 16) == 0
 
 
 @mpi

@@ -73,6 +73,7 @@ class SymmetricBlockMatrix:
             arrays["off_diagonal_value"] = off_diagonal.offset
             arrays["off_diagonal_stride"] = off_diagonal.stride
             arrays["off_diagonal"] = np.zeros(9 * len(off_diagonal.indices), np.float32)
+            arrays["shift"] = np.zeros(3 * self.rows, np.float32)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         self.nbytes = sum(array.nbytes for array in arrays.values())
         pointers = {name: self.pointer(array) for name, array in arrays.items()}

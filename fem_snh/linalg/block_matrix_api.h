@@ -2,7 +2,7 @@
  * Python fills the struct by field name. Vectors are [rows][3] floats unless stated. */
 
 /* One rank's rows of a symmetric matrix of 3x3 blocks in single precision. Its columns are those of this
- * rank, A = L + D + L^T, and those of other ranks (the off-diagonal block of PETSc's AIJ format). D is block
+ * rank, A = L + D - shift + L^T, and those of other ranks (the off-diagonal block of PETSc's AIJ format). D is block
  * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is three rows of 3 n floats. */
 typedef struct {
   int rows;                     /* block rows */
@@ -13,7 +13,7 @@ typedef struct {
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
   const int *aij_stride;        /* [rows] values in each of its three rows: its blocks', then others */
   float *upper;                 /* U, and four floats more, as loads of a last block read beyond it */
-  float *diagonal;              /* [rows][9] D */
+  float *diagonal;              /* [rows][9] D, of the preconditioner: A's plus `shift` */
   float *diagonal_inverse;      /* [rows][9] D^-1 */
   float *lanes;                 /* [rows][2][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
@@ -21,9 +21,10 @@ typedef struct {
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
   const int *off_diagonal_stride;   /* [rows] values in each row of unknowns of the AIJ matrix */
   float *off_diagonal;            /* rows of blocks as in U */
+  float *shift;                   /* [rows][3] part of their absolute row sums */
 } SymmetricBlockMatrix;
 
-/* Copy the values of an AIJ matrix, times `scale`, and invert D. Returns the number of block rows whose
+/* Copy the values of an AIJ matrix, times `scale`, shift D and invert it. Returns the number of block rows whose
  * diagonal block is not positive definite. */
 long matrix_fill(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, double scale);
 
@@ -42,7 +43,7 @@ void matrix_multiply_lower(const SymmetricBlockMatrix *b, const float *w, double
 /* p = z + beta p, t = (D + U)^-1 p, w = U t. */
 void matrix_backward_sweep(const SymmetricBlockMatrix *b, float beta, const float *z, float *p, float *t, float *w);
 
-/* q = t + (D + L)^-1 (w + the other ranks' columns times their t, in `ghosts`). Returns p.q. */
+/* q = t + (D + L)^-1 (w - shift t + the other ranks' columns times their t, in `ghosts`). Returns p.q. */
 double matrix_forward_sweep(const SymmetricBlockMatrix *b, const float *p, const float *t, const float *ghosts, const float *w, float *q);
 
 /* x += alpha t, r -= alpha q, z = D r. Returns r.z. */
