@@ -360,3 +360,22 @@ def test_errors_of_cells_are_fields_of_the_run(tmp_path):
     assert not first.any()
     goal = json.loads((out / "run.json").read_text())["goals"]["corner.y"]
     assert last.sum() == pytest.approx(goal["error"], rel=0.12)
+
+
+def test_few_newton_iterations_find_the_estimate():
+    """What is unsettled of each goal is as small as stated, against the converged lifted state."""
+    keys = {"element": "Q1P0", "nu": 0.49, "cells": 4, "angle": 1.0, "steps": 2}
+    found = solve("twist", error=True, **keys)
+    assert found.record["estimate"]["newton"] <= 3
+    fine = solve("twist", **keys | {"element": "Q2Q1"}).steps[-1]
+    exact = {"top.force.z": fine["reactions"]["top"][2], "energy": fine["energy"]}
+    exact |= {f"side.{a}": v for a, v in zip("xy", fine["probes"]["side"], strict=False)}
+    for name, value in exact.items():
+        goal = found.estimate.goals[name]
+        left = abs(goal.corrected - value)
+        assert left <= max(0.02 * abs(goal.error), 1e-4 * goal.scale), name
+
+
+def test_an_estimate_that_is_mostly_unsettled_is_a_bound():
+    text = GoalError(2.0, 1e-4, 2.0, unsettled=1e-4).text("g")
+    assert text == "g 2, error below 0.010 %"

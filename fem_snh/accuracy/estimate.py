@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import floor, isfinite, log10
+from math import floor, log10
 from time import perf_counter
 from typing import Any
 
@@ -29,17 +29,24 @@ from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
 
-#: An estimate is found when a further reduction of the residual by ten changes it by less than
-#: this part of it.
-_SETTLED = 0.05
-#: Or by less than this part of the goal.
-_ROUNDING = 1e-6
+Array = npt.NDArray[np.float64]
+
+#: An estimate is found when further Newton iterations would change it by less than this part of it;
+#: relative to the goal also by less than this part of the largest error of a goal, up to this bound
+#: of changes that are negligible, and down to what is rounding.
+_SETTLED, _OF_LARGEST, _NEGLIGIBLE, _ROUNDING = 0.02, 0.01, 1e-4, 1e-6
+#: They would change it by this multiple of the last change, times what the last iteration left of
+#: the residual (docs/results/error.md), and at least by this part of the last change.
+_CONTRACTION, _LEAST_CHANGE = 3.0, 0.03
+#: An estimate is printed as a bound if more than this part of it is unsettled.
+_UNSETTLED = 0.2
+#: The least Newton iterations, as the first change is the whole estimate; and the part of the first
+#: residual to which the residual is reduced at least.
+_LEAST_NEWTON, _REDUCED = 2, 1e-2
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
-#: Solves of the lifted problem: the residual is then reduced by 1e-7, the run's own tolerance.
-_MAX_SOLVES = 6
 
 
 @dataclass(frozen=True)
@@ -56,12 +63,15 @@ class GoalError:
         The largest size of a component of the same vector.
     unit : float
         The size of the largest displacement or force; 0 for other goals.
+    unsettled : float
+        By how much further Newton iterations would change the estimate, about.
     """
 
     value: float
     error: float | None = None
     scale: float = 0.0
     unit: float = 0.0
+    unsettled: float = 0.0
 
     @property
     def corrected(self) -> float | None:
@@ -74,6 +84,11 @@ class GoalError:
         if self.error is None or abs(self.value) <= _SHOWN * self.scale:
             return None
         return abs(self.error / self.value)
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the estimate is more than what is unsettled of it."""
+        return abs(self.error or 0.0) * _UNSETTLED >= self.unsettled
 
     @property
     def is_zero(self) -> bool:
@@ -94,6 +109,9 @@ class GoalError:
         """Return one line, "corner.y 6.631, error +0.267 (4.0 %), corrected 6.898"."""
         if self.error is None:
             return f"{name} {self.value:.6g}, no estimate"
+        if not self.is_found:
+            bound = _share((abs(self.error) + self.unsettled) / self.scale) if self.scale else "0"
+            return f"{name} {self.value:.6g}, error below {bound}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
         return f"{name} {value}, error {self.error:+.3g}{share}, corrected {corrected}"
@@ -203,6 +221,7 @@ def estimate_error(
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
+    locate: str = "all",
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -218,6 +237,8 @@ def estimate_error(
         Called before the lifted problem is created, with its unknowns and memory.
     mesh : Mesh, optional
         The mesh, whose groups describe where the error is.
+    locate : {"all", "largest"}
+        The goals whose errors are distributed to the cells; each costs a linear solve.
     """
     start, found = perf_counter(), Estimate()
     vectors = [goal.bind(problem)() for goal in goals]
@@ -227,9 +248,7 @@ def estimate_error(
         unit = goal.unit(problem)
         found.goals |= {name: GoalError(value, None, scale, unit) for name, value in pairs}
     try:
-        errors = _errors(problem, make, goals, found, announce)
-        for name, error in zip(list(found.goals), errors, strict=True):
-            found.goals[name] = replace(found.goals[name], error=error)
+        _find_errors(problem, make, goals, found, announce, locate)
         for name, indicators in found.indicators.items():
             if where := place(problem, indicators, mesh):
                 found.places[name] = where
@@ -240,14 +259,15 @@ def estimate_error(
     return found
 
 
-def _errors(
+def _find_errors(
     problem: Problem,
     make: Callable[[Element], Problem],
     goals: Sequence[Goal],
     found: Estimate,
     announce: Callable[[Estimate], None],
-) -> list[float]:
-    """Return the estimates; raise NoEstimate if there is none."""
+    locate: str,
+) -> None:
+    """Add the estimates; raise NoEstimate if there is none."""
     check_problem(problem)
     element = next(lifted_elements(problem))
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
@@ -258,38 +278,60 @@ def _errors(
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
     lift = Lift(problem, lifted)
     try:
-        functions = [goal.bind(lifted) for goal in goals]
-        known = list(found.goals.values())
-        errors: list[float] = []
-        for solves in range(_MAX_SOLVES):
-            before = errors
-            lift.solve(first=solves == 0)
-            found.newton, found.linear = lift.newton, lift.linear
-            values = [value for function in functions for value in function()]
-            errors = [new - old.value for new, old in zip(values, known, strict=True)]
-            if not all(map(isfinite, errors)):
-                raise NoEstimate(f"a goal is not finite in the state of {lifted.element.name}")
-            settled = bool(before) and all(
-                abs(new - old) <= max(_SETTLED * abs(new), _ROUNDING * goal.scale)
-                for new, old, goal in zip(errors, before, known, strict=True)
-            )
-            if (settled and lift.stable) or lift.at_end:
-                break
-        if not lift.stable:
-            raise NoEstimate(
-                f"the equilibrium of {lifted.element.name} near the run's is unstable: its Hessian "
-                "has negative curvature"
-            )
+        errors, unsettled = _differences(lift, goals, found)
         # Locking is no part of what the lifted solution leaves.
-        found.saturation = 1.0 if may_lock(problem) else saturation(lifted)
-        sizes = dict(zip(found.goals, errors, strict=True))
-        cells = cell_indicators(
-            lift,
-            goals,
-            lambda name: abs(sizes[name]) > _LOCATED * found.goals[name].scale,
-        )
-        found.indicators = {name: found.saturation * values for name, values in cells.items()}
+        found.saturation = factor = 1.0 if may_lock(problem) else saturation(lifted)
+        for (name, goal), error, change in zip(
+            list(found.goals.items()), errors, unsettled, strict=True
+        ):
+            found.goals[name] = replace(goal, error=factor * error, unsettled=factor * change)
+        sizes = {
+            name: abs(goal.error or 0.0) / goal.scale
+            for name, goal in found.goals.items()
+            if goal.is_found and abs(goal.error or 0.0) > _LOCATED * goal.scale
+        }
+        if sizes and locate == "largest":
+            largest = max(sizes, key=sizes.__getitem__)
+            sizes = {largest: sizes[largest]}
+        cells = cell_indicators(lift, goals, sizes.__contains__, accurate=locate == "all")
+        found.indicators = {name: factor * values for name, values in cells.items()}
         found.linear = lift.linear
     finally:
         lift.destroy()
-    return [found.saturation * error for error in errors]
+
+
+def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Array, Array]:
+    """Return the goals in the lifted problem less those of the run, and what is unsettled of them.
+
+    Raises
+    ------
+    NoEstimate
+        If no stable equilibrium is found, or the differences do not settle.
+    """
+    name = lift.lifted.element.name
+    functions = [goal.bind(lift.lifted) for goal in goals]
+    values = np.array([goal.value for goal in found.goals.values()])
+    scales = np.array([goal.scale for goal in found.goals.values()])
+    errors = np.zeros(len(values))
+    while True:
+        before = errors
+        lift.solve()
+        found.newton, found.linear = lift.newton, lift.linear
+        errors = np.array([value for function in functions for value in function()]) - values
+        if not np.isfinite(errors).all():
+            raise NoEstimate(f"a goal is not finite in the state of {name}")
+        further = max(_LEAST_CHANGE, _CONTRACTION * lift.last_reduction)
+        unsettled = np.zeros(len(values)) if lift.at_end else further * np.abs(errors - before)
+        relative = np.abs(errors[scales > 0]) / scales[scales > 0]
+        of_scale = min(_OF_LARGEST * relative.max(initial=0.0), _NEGLIGIBLE)
+        limits = np.maximum(_SETTLED * np.abs(errors), max(of_scale, _ROUNDING) * scales)
+        settled = (unsettled <= limits).all()
+        enough = lift.newton >= _LEAST_NEWTON and lift.reduction <= _REDUCED
+        if lift.at_end or (settled and enough and lift.stable):
+            break
+    if not lift.stable:
+        raise NoEstimate(
+            f"the equilibrium of {name} near the run's is unstable: its Hessian has negative "
+            "curvature"
+        )
+    return errors, unsettled

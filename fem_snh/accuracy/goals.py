@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import Any, NamedTuple, Protocol
@@ -73,8 +73,8 @@ class Goal(Protocol):
     def unit(self, problem: Problem) -> float:
         """Return the size of the largest displacement or force; 0 for other goals. Collective."""
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """Yield for each scalar the dual solution z: its error is -z . r to first order.
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """Return the dual solution z of a scalar: its error is -z . r to first order.
 
         r is the gradient of the lifted problem's energy at the base's solution, less that of the
         base's energy; both with the reactions. Collective.
@@ -126,17 +126,16 @@ class PointGoal:
         """See `Goal.unit`."""
         return _largest_displacement(problem)
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
-        probes = Probes(at.problem.u, [self._point])
-        for i in self._components:
-            weights = _dolfinx.create_vector(at.problem.V)
-            set_to_zero(weights)
-            for nodes, basis in probes.weights():
-                nodal = writable_values(weights).reshape(-1, at.problem.kinematics.components)
-                nodal[nodes, i] += basis
-            add_ghosts(weights)
-            yield at.solve_for(weights)
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
+        probes, i = Probes(at.problem.u, [self._point]), self._components[number]
+        weights = _dolfinx.create_vector(at.problem.V)
+        set_to_zero(weights)
+        for nodes, basis in probes.weights():
+            nodal = writable_values(weights).reshape(-1, at.problem.kinematics.components)
+            nodal[nodes, i] += basis
+        add_ghosts(weights)
+        return at.solve_for(weights)
 
 
 class ReactionGoal:
@@ -181,17 +180,17 @@ class ReactionGoal:
         arm = 1.0 if self._about is None else problem.length
         return arm * problem.largest_force(problem.x)
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
         problem, mask = at.problem, self._entries(at.problem)
         kinematics, components = problem.kinematics, mask.shape[1]
-        positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
-        for i in self._components:
-            if self._about is None:
-                virtual = np.broadcast_to(np.eye(3)[i, :components], mask.shape)
-            else:
-                virtual = virtual_rotation(kinematics, positions, i, self._about)
-            yield _dual_of_reaction(at, mask, virtual)
+        i = self._components[number]
+        if self._about is None:
+            virtual = np.broadcast_to(np.eye(3)[i, :components], mask.shape)
+        else:
+            positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
+            virtual = virtual_rotation(kinematics, positions, i, self._about)
+        return _dual_of_reaction(at, mask, virtual)
 
 
 def _dual_of_reaction(at: Linearisation, mask: Array, virtual: Array) -> PETSc.Vec:
@@ -250,10 +249,9 @@ class MeanGoal:
         """See `Goal.unit`."""
         return _largest_displacement(problem)
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
-        for weight in self._weights(at.problem):
-            yield at.solve_for(weight)
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
+        return at.solve_for(self._weights(at.problem)[number])
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         """Return the derivatives of the means by the displacement."""
@@ -302,10 +300,10 @@ class FunctionalGoal:
         """See `Goal.unit`."""
         return 0.0
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`."""
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
         form = ufl.replace(self._form, {self._u: at.problem.u})
-        yield at.solve_for(_derivative(at.problem, form))
+        return at.solve_for(_derivative(at.problem, form))
 
 
 def _derivative(problem: Problem, form: Any) -> PETSc.Vec:
@@ -345,15 +343,14 @@ class VolumeGoal:
         """See `Goal.unit`."""
         return 0.0
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`. In plane stress, where J is no function of grad u alone: NaN."""
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`. In plane stress, where J is no function of grad u alone: NaN."""
         problem = at.problem
         domain, element, kinematics = problem.domain, problem.element, problem.kinematics
         if kinematics.plane_stress:
             unknown = problem.x.duplicate()
             unknown.set(nan)
-            yield unknown
-            return
+            return unknown
         cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
         measure = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
@@ -365,7 +362,7 @@ class VolumeGoal:
             H = ufl.as_matrix(kinematics.gradient(problem.u, H, radius))
         derivative = _derivative(problem, ufl.det(ufl.Identity(3) + H) * dx)
         derivative.scale(1 / size)
-        yield at.solve_for(derivative)
+        return at.solve_for(derivative)
 
 
 def _of_the_body(problem: Problem, measure: Any) -> Any:
@@ -389,6 +386,6 @@ class EnergyGoal:
         """See `Goal.unit`."""
         return 0.0
 
-    def duals(self, at: Linearisation) -> Iterator[PETSc.Vec]:
-        """See `Goal.duals`: the energy's error is r . step / 2, of second order."""
-        yield at.step * -0.5
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`: the energy's error is r . step / 2, of second order."""
+        return at.step * -0.5

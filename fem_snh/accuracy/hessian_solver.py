@@ -14,7 +14,7 @@ from fem_snh.solver.saddle_point import outer_operator
 
 
 class HessianSolver:
-    """Solves H z = g with the Hessian of a problem at its present state. Collective.
+    """Solves H z = g with the Hessian of a problem, by default at its present state. Collective.
 
     Parameters
     ----------
@@ -26,6 +26,8 @@ class HessianSolver:
         Relative tolerance of a solve.
     filters : sequence of str
         The Hessians that are tried: the next one where a solve with the last has not converged.
+    assembled : bool
+        Whether the first of them is in the matrix, with its preconditioner set up.
 
     Attributes
     ----------
@@ -39,11 +41,14 @@ class HessianSolver:
         ksp: PETSc.KSP,
         tolerance: float,
         filters: Sequence[str] = ("exact", "clamp"),
+        assembled: bool = False,
     ) -> None:
         self._problem, self._ksp, self._tolerance = problem, ksp, tolerance
         self._filters = list(filters)
         self.iterations = 0
-        self._assemble(self._filters.pop(0))
+        first = self._filters.pop(0)
+        if not assembled:
+            self._assemble(first)
 
     def __call__(self, rhs: PETSc.Vec) -> PETSc.Vec:
         """Return z; NaN if no solve converges."""

@@ -75,7 +75,7 @@ class Place:
 
 
 def cell_indicators(
-    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool]
+    lift: Lift, goals: Sequence[Goal], wanted: Callable[[str], bool], accurate: bool = True
 ) -> dict[str, Array]:
     """Return the error of each wanted goal in each cell of this rank, by name. Collective.
 
@@ -89,16 +89,16 @@ def cell_indicators(
         The goals.
     wanted : callable
         Whether the goal of a name is wanted.
+    accurate : bool
+        Whether their sum is to be the estimate to first order: at the lifted problem's solution.
     """
     problem, lifted = lift.problem, lift.lifted
-    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves())
+    at = Linearisation(lifted, lifted.x - lift.start, lift.linear_solves(accurate))
     shares = Shares(problem, lifted, lift.start_gradient)
     found = {}
     for goal in goals:
-        if not any(wanted(name) for name in goal.names):
-            continue
-        for name, z in zip(goal.names, goal.duals(at), strict=True):
-            if wanted(name) and np.isfinite(z.norm()):
+        for number, name in enumerate(goal.names):
+            if wanted(name) and np.isfinite((z := goal.dual(at, number)).norm()):
                 found[name] = -shares.of(z)
     return found
 

@@ -52,11 +52,14 @@ _COUPLED_NODES = {("tetrahedron", 2): 28, ("tetrahedron", 3): 50, ("hexahedron",
                   ("hexahedron", 3): 125, ("triangle", 2): 12, ("triangle", 3): 17,
                   ("quadrilateral", 2): 16, ("quadrilateral", 3): 25}  # fmt: skip
 _BYTES_PER_NUMBER, _BYTES_PER_BLOCK, _COPIES = 8 + 4, 8, 2
-#: Reduction of the residual by the first solve and by each further one.
-_FIRST, _FURTHER = 1e-2, 1e-1
+#: A solve is one Newton iteration, and more of them only where one does not reduce the residual.
+_REDUCED = 0.999
+#: Relative tolerance of linear solves after the first Newton iteration, which is far from quadratic
+#: convergence (the default).
+_LINEAR = 1e-2
 #: Relative tolerance of dual solutions: what their neglected terms of second order leave.
 _DUAL = 1e-2
-#: Newton iterations of one solve: a state that needs more is far from the run's.
+#: Newton iterations in all: a state that needs more is far from the run's.
 _MAX_IT = 15
 
 
@@ -193,6 +196,8 @@ class Lift:
     ----------
     newton, linear : int
         Newton and linear iterations so far.
+    reduction, last_reduction : float
+        What is left of the first residual, and what the last solve left of its own.
     start, start_gradient : PETSc.Vec
         The run's state in the lifted problem, and the gradient of the energy there.
     """
@@ -213,35 +218,46 @@ class Lift:
         lifted.history.begin_step(lifted.split(lifted.x)[0])
         self._snes = solver.create(lifted, prefix=PREFIX)
         self._outcome, self._last_filter = solver.StepOutcome(), ""
+        self.reduction = self.last_reduction = 1.0
 
-    def solve(self, first: bool) -> None:
-        """Reduce the residual, by more in the first solve.
+    def solve(self) -> None:
+        """Make a Newton iteration. Collective.
 
         Raises
         ------
         NoEstimate
             If the solver does not converge.
         """
-        self._snes.setTolerances(rtol=_FIRST if first else _FURTHER, atol=0, stol=0, max_it=_MAX_IT)
+        left = _MAX_IT - self.newton
+        self._snes.setTolerances(rtol=_REDUCED, atol=0, stol=0, max_it=max(left, 0))
+        if self.newton:
+            self._snes.getPythonContext().options["snes_forcing_max"] = _LINEAR
         self._outcome = outcome = solver.StepOutcome()
         solver.solve_until_settled(self.lifted, self._snes, outcome)
         self.newton += outcome.newton
         self.linear += outcome.linear
         if outcome.history:
             self._last_filter = outcome.history[-1].filter
+            before = outcome.history[0].residual
+            self.last_reduction = outcome.residual / before
+            self.reduction *= self.last_reduction
         if not outcome.converged:
             raise NoEstimate(
                 f"no equilibrium of {self.lifted.element.name} was found near the run's "
                 f"({outcome.reason} after {self.newton} Newton iterations)"
             )
 
-    def linear_solves(self) -> Callable[[PETSc.Vec], PETSc.Vec]:
-        """Return the solver with the exact Hessian at the present state. Collective.
+    def linear_solves(self, accurate: bool) -> Callable[[PETSc.Vec], PETSc.Vec]:
+        """Return the solver with the Hessian at the present state. Collective.
+
+        If it need not be ``accurate``, that of the last Newton iteration serves.
 
         Where its preconditioner finds the Hessian indefinite, the filtered one replaces it. The
         solution is NaN if no solver converges.
         """
-        solver_of_duals = HessianSolver(self.lifted, self._snes.getKSP(), _DUAL)
+        assembled = not accurate and self._last_filter == "exact"
+        ksp = self._snes.getKSP()
+        solver_of_duals = HessianSolver(self.lifted, ksp, _DUAL, assembled=assembled)
 
         def solve(rhs: PETSc.Vec) -> PETSc.Vec:
             before = solver_of_duals.iterations

@@ -6,7 +6,7 @@ A parallel AIJ matrix stores the columns a rank owns (diagonal block) apart from
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -19,7 +19,7 @@ from fem_snh._petsc import set_pattern
 from fem_snh.assembly.block_sparsity import BlockSparsity
 from fem_snh.assembly.numbering import MixedDofMap
 from fem_snh.errors import BadInput
-from fem_snh.kernels.block_pattern import BlockPattern, unknown_columns
+from fem_snh.kernels.block_pattern import CellPattern, unknown_columns
 
 Array = npt.NDArray[Any]
 
@@ -27,8 +27,6 @@ Array = npt.NDArray[Any]
 _DIAGONAL, _OFF_DIAGONAL, _SENT = 0, 1, 2
 #: Largest of these numbers: the compiled loops read them as 32-bit integers.
 _LARGEST = int(np.iinfo(np.int32).max)
-#: Pairs of blocks of cells that are expanded at the same time: a bound of memory.
-_PAIRS_AT_ONCE = 2**22
 
 
 class Received(NamedTuple):
@@ -92,7 +90,7 @@ class MatrixLayout:
         self._dof_map = dof_map
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
         first, last = dof_map.owned_range
-        pairs_of_cells = _pairs_of_cells(dof_map)
+        pairs_of_cells = CellPattern(dof_map.cell_blocks, len(numbers))
         rows, columns = pairs_of_cells.rows(), pairs_of_cells.indices
         sent = ~owned[rows]
 
@@ -121,11 +119,7 @@ class MatrixLayout:
         too_many = bool(positions.max(initial=0) > _LARGEST)
         if dof_map.comm.allreduce(too_many, op=MPI.LOR):
             raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
-        shape = (*dof_map.cell_blocks.shape, dof_map.cell_blocks.shape[1])
-        self.block_positions = np.empty(shape, np.int32)
-        for cells, row, column in _cell_pairs(dof_map.cell_blocks):
-            found = positions[pairs_of_cells.find(row, column)]
-            self.block_positions[cells] = found.reshape(-1, *shape[1:])
+        self.block_positions = pairs_of_cells.of_cells(positions)
         self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
         for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
             strides[owned] = sparsity.row_lengths[numbers[owned] - first]
@@ -202,30 +196,16 @@ class MatrixLayout:
         if mat is not None:
             set_pattern(mat, csr)
             return mat
+        if dof_map.comm.size == 1:  # PETSc keeps these arrays: no copy
+            arrays = *csr, np.zeros(len(columns), PETSc.ScalarType)
+            size = dof_map.num_owned_dofs
+            made = PETSc.Mat().createAIJWithArrays((size, size), arrays, comm=dof_map.comm)
+            if dof_map.block_size:
+                made.setBlockSize(dof_map.block_size)
+            return made
         return PETSc.Mat().createAIJ(
             ((dof_map.num_owned_dofs, None),) * 2,
             bsize=dof_map.block_size,
             csr=csr,
             comm=dof_map.comm,
         )
-
-
-def _cell_pairs(cell_blocks: Array) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield slices of cells, and row and column of the pairs of blocks of each cell in them."""
-    n = cell_blocks.shape[1]
-    step = max(1, _PAIRS_AT_ONCE // n**2)
-    for first in range(0, len(cell_blocks), step):
-        cells = slice(first, first + step)
-        chosen = cell_blocks[cells]
-        yield cells, np.repeat(chosen, n, axis=1).ravel(), np.tile(chosen, (1, n)).ravel()
-
-
-def _pairs_of_cells(dof_map: MixedDofMap) -> BlockPattern:
-    """Return the pattern of the local blocks, ghosts included, of this rank's cells."""
-    size = len(dof_map.local_to_global)
-    found = [np.empty((2, 0), np.int32)]
-    for _, rows, columns in _cell_pairs(dof_map.cell_blocks):
-        part = BlockPattern(rows, columns, size, size)
-        found.append(np.stack([part.rows(), part.indices]))
-    rows, columns = np.concatenate(found, axis=1)
-    return BlockPattern(rows, columns, size, size)

@@ -58,7 +58,7 @@ class BlockPattern:
 
     def rows(self) -> Array:
         """Return the row (n,) int32 of each pair of the pattern."""
-        return np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+        return _rows(self.indptr)
 
     def find(self, rows: Array, columns: Array) -> Array:
         """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
@@ -75,6 +75,69 @@ class BlockPattern:
         if missing:
             raise KeyError(f"{missing} blocks are not in the pattern")
         return found
+
+
+class CellPattern:
+    """The CSR pattern of the pairs of blocks of cells, as `BlockPattern` has it of given pairs.
+
+    Parameters
+    ----------
+    cells : (cells, n) int
+        The blocks of each cell.
+    num_blocks : int
+        Size of the matrix.
+
+    Attributes
+    ----------
+    indptr, indices : int64, int32
+        See `BlockPattern`.
+
+    Raises
+    ------
+    MemoryError
+        If memory is exhausted.
+    """
+
+    def __init__(self, cells: Array, num_blocks: int) -> None:
+        self._cells, self._num_blocks = _int32(cells), num_blocks
+        self.indptr = np.zeros(num_blocks + 1, np.int64)
+        ffi, lib = _library()
+        indptr = ffi.cast("long *", self.indptr.ctypes.data)
+        size = lib.cell_pattern(*self._of_cells(), indptr, ffi.NULL)
+        if size < 0:
+            raise MemoryError
+        self.indices = np.empty(size, np.int32)
+        indices = ffi.cast("int *", self.indices.ctypes.data)
+        if lib.cell_pattern(*self._of_cells(), indptr, indices) < 0:
+            raise MemoryError
+
+    def rows(self) -> Array:
+        """Return the row (n,) int32 of each pair of the pattern."""
+        return _rows(self.indptr)
+
+    def of_cells(self, values: Array) -> Array:
+        """Return the value of each pair of blocks of each cell, (cells, n, n) int32.
+
+        Parameters
+        ----------
+        values : (pairs of the pattern,) int32
+        """
+        n = self._cells.shape[1]
+        values, found = _int32(values), np.empty((len(self._cells), n, n), np.int32)
+        ffi, lib = _library()
+        arrays = self.indices, values, found
+        if lib.cell_positions(
+            *self._of_cells(),
+            ffi.cast("long *", self.indptr.ctypes.data),
+            *(ffi.cast("int *", array.ctypes.data) for array in arrays),
+        ):
+            raise MemoryError
+        return found
+
+    def _of_cells(self) -> tuple[Any, ...]:
+        """Return the first arguments of the compiled functions."""
+        pointer = _library()[0].cast("int *", self._cells.ctypes.data)
+        return (*self._cells.shape, pointer, self._num_blocks)
 
 
 def unknown_columns(
@@ -119,6 +182,10 @@ def unknown_columns(
         len(sizes), pointer("int *", sizes), *structs, before, pointer("int *", columns)
     )
     return columns
+
+
+def _rows(indptr: Array) -> Array:
+    return np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
 
 
 def _int32(numbers: Array) -> Array:

@@ -102,7 +102,7 @@ def run(
     scene = on_every(comm, partial(scenes.load, scene, **overrides))
     printed = Progress(comm, progress, expected)
     solve: Callable[..., Result] = partial(_run, comm, printed=printed, note=note, start=start)
-    if scene.accuracy and scene.accuracy.within:
+    if scene.within:
         from fem_snh.runs.levels import run_levels
 
         solve = partial(run_levels, comm, solve, printed)
@@ -152,7 +152,11 @@ def _run(
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
         earlier = stored.record if stored else None
-        goals = _goals(scene, setup)
+        goals: list[Goal] = []
+        if scene.estimates_error:
+            from fem_snh.runs.goals import scene_goals
+
+            goals = scene_goals(scene, setup.mesh, setup.problem.has_energy)
         names = [name for goal in goals for name in goal.names]
         recorder = Recorder(about, scene, setup, folder, start, earlier, names)
         if folder and (scene.obstacle or scene.bone):
@@ -173,15 +177,6 @@ def _run(
     result = setup.result(setup.stepper.done, status, recorder.record, path)
     result.estimate = estimate
     return result
-
-
-def _goals(scene: scenes.Scene, setup: Setup) -> list[Goal]:
-    """Return the goals whose errors the scene asks for."""
-    if not scene.estimates_error:
-        return []
-    from fem_snh.runs.goals import scene_goals
-
-    return scene_goals(scene, setup.mesh, setup.problem.has_energy)
 
 
 def _solve(
@@ -208,13 +203,12 @@ def _solve(
             with interrupts.postponed():
                 recorder.add_modes(found)
         if goals and setup.make and setup.stepper.done:
-            from fem_snh.accuracy.estimate import estimate_error
+            from fem_snh.runs.estimates import estimate_errors
 
-            estimate = estimate_error(
-                setup.problem, setup.make, goals, printed.estimating, setup.mesh
-            )
+            fields = recorder.writes_fields
+            estimate = estimate_errors(comm, scene, setup, goals, printed.estimating, fields)
             recorder.add_estimate(estimate)
-            if not (scene.accuracy and scene.accuracy.within):  # the levels have rows of their own
+            if scene.within is None:  # the levels have rows of their own
                 printed.estimated(estimate)
     return estimate
 

@@ -418,7 +418,7 @@ class InverseProblem:
             for ksp in (setup.snes.getKSP(), direct):
                 solve = HessianSolver(problem, ksp, _ADJOINT, ("exact",))
                 at = Linearisation(problem, problem.x.duplicate(), solve)
-                duals = [z for goal in goals for z in goal.duals(at)]
+                duals = [goal.dual(at, i) for goal in goals for i in range(len(goal.names))]
                 self.linear += solve.iterations
                 if all(np.isfinite(z.norm()) for z in duals):
                     return [z for z, use in zip(duals, wanted, strict=True) if use]

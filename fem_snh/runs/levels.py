@@ -275,8 +275,3 @@ def _bisected(
         return refined
 
     return scene, distribute(comm, "the refined mesh", make)
-
-
-def accuracy_of(scene: scenes.Scene) -> float | None:
-    """Return the relative accuracy that a scene asks for, or None."""
-    return scene.accuracy.within if scene.accuracy else None

@@ -143,6 +143,11 @@ class Recorder:
             self._fields.write_errors(self._problem, estimate.indicators)
             self._output += perf_counter() - start
 
+    @property
+    def writes_fields(self) -> bool:
+        """Whether there are files for fields."""
+        return self._fields is not None
+
     def save(self, status: str, state: bool = False) -> None:
         """Write the output. Collective.
 

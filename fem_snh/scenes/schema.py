@@ -252,6 +252,11 @@ class Scene(Table):
         return self.error or self.accuracy is not None
 
     @property
+    def within(self) -> float | None:
+        """The relative accuracy that is asked for, or None."""
+        return self.accuracy.within if self.accuracy else None
+
+    @property
     def materials(self) -> list[MaterialChoice]:
         """The materials: one, or several with their groups."""
         return self.material if isinstance(self.material, list) else [self.material]

@@ -63,6 +63,83 @@ long block_indices(long n, const int *rows, const int *columns, const long *indp
     return missing;
 }
 
+/* Return the entries of cells (num_cells, n) by their value, as offsets start (num_rows + 1) into a list; NULL if
+   memory is exhausted. */
+static long *entries_of_rows(long num_cells, int n, const int *cells, long num_rows, long *start)
+{
+    const long total = num_cells * n;
+    long *entries = malloc((total + 1) * sizeof *entries), *end = malloc((num_rows + 1) * sizeof *end);
+    if (entries && end) {
+        memset(start, 0, (num_rows + 1) * sizeof *start);
+        for (long k = 0; k < total; k++) start[cells[k] + 1]++;
+        for (long r = 0; r < num_rows; r++) start[r + 1] += start[r];
+        memcpy(end, start, (num_rows + 1) * sizeof *end);
+        for (long k = 0; k < total; k++) entries[end[cells[k]]++] = k;
+    } else {
+        free(entries);
+        entries = NULL;
+    }
+    free(end);
+    return entries;
+}
+
+/* Write the pattern of all pairs of blocks of each cell: indptr (num_rows + 1), and if indices is not NULL, the
+   columns of each row, ascending; the pattern is symmetric, so the rows of each column, in their order, are these.
+   Return their number, or -1 if memory is exhausted. */
+long cell_pattern(long num_cells, int n, const int *cells, long num_rows, long *indptr, int *indices)
+{
+    long *start = malloc((num_rows + 1) * sizeof *start), size = 0;
+    long *entries = start ? entries_of_rows(num_cells, n, cells, num_rows, start) : NULL;
+    long *end = malloc((num_rows + 1) * sizeof *end);
+    int *last = malloc((num_rows + 1) * sizeof *last); /* the last row that has this column */
+    if (!entries || !end || !last) size = -1;
+    else {
+        if (indices) memcpy(end, indptr, (num_rows + 1) * sizeof *end);
+        for (long r = 0; r < num_rows; r++) last[r] = -1;
+        for (long r = 0; r < num_rows; r++) {
+            if (!indices) indptr[r] = size;
+            for (long k = start[r]; k < start[r + 1]; k++) {
+                const int *cell = cells + entries[k] / n * n;
+                for (int j = 0; j < n; j++)
+                    if (last[cell[j]] != r) {
+                        last[cell[j]] = (int)r;
+                        if (indices) indices[end[cell[j]]++] = (int)r;
+                        size++;
+                    }
+            }
+        }
+        indptr[num_rows] = size;
+    }
+    free(entries);
+    free(start);
+    free(end);
+    free(last);
+    return size;
+}
+
+/* Write positions[k] of each pair of blocks of each cell, found (num_cells, n, n), where k is the pair's index in
+   the pattern. Return 1 if memory is exhausted, else 0. */
+int cell_positions(long num_cells, int n, const int *cells, long num_rows, const long *indptr, const int *indices,
+                   const int *positions, int *found)
+{
+    long *start = malloc((num_rows + 1) * sizeof *start);
+    long *entries = start ? entries_of_rows(num_cells, n, cells, num_rows, start) : NULL;
+    int *of_column = malloc((num_rows + 1) * sizeof *of_column);
+    const int failed = !entries || !of_column;
+    for (long r = 0; !failed && r < num_rows; r++) {
+        for (long k = indptr[r]; k < indptr[r + 1]; k++) of_column[indices[k]] = positions[k];
+        for (long k = start[r]; k < start[r + 1]; k++) {
+            const int *cell = cells + entries[k] / n * n;
+            int *to = found + entries[k] * n;
+            for (int j = 0; j < n; j++) to[j] = of_column[cell[j]];
+        }
+    }
+    free(entries);
+    free(start);
+    free(of_column);
+    return failed;
+}
+
 /* Append the unknowns of some blocks of a row to `to`; return its new end. */
 static int *append(const BlockColumns *c, long from, long end, int *to)
 {

@@ -2,6 +2,10 @@ int block_pattern(long n, const int *rows, const int *columns, long num_rows, lo
                   long *indptr, int *indices);
 long block_indices(long n, const int *rows, const int *columns, const long *indptr,
                    const int *indices, long *found);
+long cell_pattern(long num_cells, int n, const int *cells, long num_rows, long *indptr,
+                  int *indices);
+int cell_positions(long num_cells, int n, const int *cells, long num_rows, const long *indptr,
+                   const int *indices, const int *positions, int *found);
 /* Block columns of a matrix: a pattern, and the first unknown and the size of each column. */
 typedef struct {
     const long *indptr;

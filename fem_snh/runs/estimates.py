@@ -1,0 +1,44 @@
+"""Estimate the errors of a scene's goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from mpi4py import MPI
+
+from fem_snh import scenes
+from fem_snh.accuracy.estimate import Estimate, estimate_error
+from fem_snh.accuracy.goals import Goal
+from fem_snh.runs.setup import Setup
+
+
+def estimate_errors(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    setup: Setup,
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None],
+    fields: bool,
+) -> Estimate:
+    """Return the errors of goals at the end of a run. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    scene : Scene
+        The scene.
+    setup : Setup
+        Its run, at the end.
+    goals : sequence of Goal
+        The goals.
+    announce : callable
+        Called with the cost, before the errors are estimated.
+    fields : bool
+        Whether the errors of all goals in cells are written; otherwise they are distributed to
+        cells if the scene names goals, and that of the largest error alone if it names none.
+    """
+    assert setup.make is not None
+    named = fields or bool(scene.accuracy and scene.accuracy.goals)
+    located = "all" if named or scene.within else "largest"
+    return estimate_error(setup.problem, setup.make, goals, announce, setup.mesh, located)
