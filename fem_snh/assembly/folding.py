@@ -37,7 +37,7 @@ class Folding:
     nodes, labels : (n,) int
         This rank's own nodes of the parts, and the part of each.
     slots : (parts, 2) int
-        The global nodes that lend their entries to the unknowns of each part.
+        The global nodes that lend their entries to the free unknowns of each part, in order.
     free : (6 parts,) bool
         Which of the unknowns are free.
     chains : sequence of sequences of int
@@ -63,16 +63,20 @@ class Folding:
     ) -> None:
         self._dof_map, self._comm = dof_map, dof_map.comm
         self._labels, parts = labels, len(slots)
-        self._rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        size = dof_map.components
+        self._rows = (size * nodes[:, None] + np.arange(size)).ravel()
         self._first = self._comm.exscan(dof_map.num_owned_dofs) or 0
         own = self._first + self._rows
         self._own = own
         self._slaves = np.sort(np.concatenate(self._comm.allgather(own)))
         self._slot_blocks = dof_map.displacement_blocks(slots.ravel()).reshape(-1, 2)
         starts = dof_map.global_dofs(self._slot_blocks.ravel())[0]
-        self._slots = (starts[:, None] + np.arange(3)).ravel()
+        entries = (starts[:, None] + np.arange(size)).reshape(parts, -1)
+        order = np.cumsum(free.reshape(parts, -1), axis=1) - 1
+        entries = np.take_along_axis(entries, np.maximum(order, 0), axis=1)
+        self._slots = np.where(free, entries.ravel(), -1)
         self._free, self._chains, size = free, chains, UNKNOWNS * parts
-        self.eliminated = self._rows[~np.isin(own, self._slots[free])]
+        self.eliminated = self._rows[~np.isin(own, self._slots)]
         which = np.flatnonzero(np.isin(self._slots, own))
         self.own_unknowns = self._slots[which] - self._first, which
         self.set_state(np.zeros((len(own), UNKNOWNS)), np.eye(size), np.zeros((size, size)))
@@ -83,7 +87,7 @@ class Folding:
 
         Parameters
         ----------
-        basis : (3 n, 6) array
+        basis : (components n, 6) array
             The derivative of the displacement of this rank's nodes by the twist of their part.
         jacobian : (6 parts, 6 parts) array
             The derivative of the twists by the unknowns.
@@ -99,7 +103,7 @@ class Folding:
         """
         dof_map, parts = self._dof_map, len(self._slot_blocks)
         part_of_row = np.full(dof_map.num_owned_dofs, -1)
-        part_of_row[self._rows] = np.repeat(self._labels, 3)
+        part_of_row[self._rows] = np.repeat(self._labels, dof_map.components)
         found = [np.empty((2, 0), np.int64)]
         with aij_blocks(mat, read_only=True) as blocks:
             for block in blocks:
@@ -146,7 +150,9 @@ class Folding:
         """Return B^T A in the columns of other nodes, then B^T A B, as one array (n,)."""
         size, G = len(self._jacobian), self._jacobian
         row = np.arange(len(self._own))
-        column = UNKNOWNS * np.repeat(self._labels, 3)[:, None] + np.arange(UNKNOWNS)
+        column = UNKNOWNS * np.repeat(self._labels, self._dof_map.components)[:, None] + np.arange(
+            UNKNOWNS
+        )
         index = np.repeat(row, UNKNOWNS), column.ravel()
         B = csr_matrix((self._basis.ravel(), index), shape=(len(row), size))
         rows = np.zeros((size, len(self._columns)))

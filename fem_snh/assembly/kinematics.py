@@ -78,6 +78,14 @@ class Kinematics:
         return [i for i in (0, 2) if self.revolved and i < self.components]
 
     @property
+    def rigid_motions(self) -> tuple[bool, ...]:
+        """Which translations along x, y, z and rotations about them a rigid body has, (6,)."""
+        if self.revolved:
+            return False, True, False, False, self.components == 3, False
+        flat = self.dim == 2
+        return True, True, not flat, not flat, not flat, True
+
+    @property
     def force_unit(self) -> str:
         """The unit of forces: of a plane, per thickness; of a body of revolution, of the turn."""
         return "N/m" if self.dim == 2 and not self.revolved else "N"

@@ -67,6 +67,8 @@ class Link:
     free : tuple of bool
         Which components of the translation of a part without a joint, and whether its rotation,
         are free.
+    motions : (6,) tuple of bool
+        Which translations along x, y, z and rotations about them there are, as in a plane.
     """
 
     point: Array
@@ -75,12 +77,22 @@ class Link:
     axis: Array = field(default_factory=lambda: np.zeros(3))
     parent: int = -1
     free: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    motions: tuple[bool, ...] = (True,) * UNKNOWNS
 
     @property
     def free_unknowns(self) -> Array:
         """(6,) bool: which unknowns are free."""
         chosen = np.isin(np.arange(UNKNOWNS), JOINTS[self.joint])
+        if self.joint in ("", "ball"):  # the others have unknowns along or about their axis
+            chosen &= np.array(self.motions)
         return chosen if self.joint else chosen & np.repeat(self.free, (1, 1, 1, 3))
+
+    def nearest_rotation(self, A: Array) -> Array:
+        """Return the rotation, among those that there are, that is nearest to a matrix (3, 3)."""
+        axes = np.eye(3)[list(self.motions[3:])]
+        if len(axes) == 3:
+            return nearest_rotation(A)
+        return exponential(turn_about(axes[0], A) * axes[0]) if len(axes) else np.eye(3)
 
 
 class RigidTree:
@@ -134,10 +146,9 @@ class RigidTree:
             link = self.links[i]
             point, carrier, turned = self._parent(Poses(c, R), link)
             if not link.joint:
-                fixed = ~np.array(link.free[:3])
+                fixed = ~(np.array(link.free[:3]) & link.motions[:3])
                 c[i, fixed] = (self.points[i] + translations[i])[fixed]
-                if not link.free[3]:
-                    R[i] = rotations[i]
+                R[i] = R[i] if link.free[3] else rotations[i]
                 continue
             joint, slide = carrier + turned @ (link.point - point), 0.0
             if link.joint == "slider":
@@ -296,17 +307,19 @@ class RigidTree:
         return found
 
 
-def fit_poses(points: Array, means: Array, places: Array, products: Array) -> Poses:
+def fit_poses(links: Sequence[Link], means: Array, places: Array, products: Array) -> Poses:
     """Return the poses nearest to the places of nodes, in least squares.
 
     Parameters
     ----------
-    points : (parts, 3) array
-        The points p of the parts.
+    links : sequence of Link
+        The parts.
     means, places : (parts, 3) arrays
-        Means of the nodes' reference coordinates and of their present places.
+        Means of the nodes' reference coordinates and of their present places; of a body of
+        revolution those of whole circles.
     products : (parts, 3, 3) array
         The sums of x (X - mean X)^T.
     """
-    R = nearest_rotation(products)
-    return Poses(places + np.einsum("nij,nj->ni", R, points - means), R)
+    R = np.array([link.nearest_rotation(A) for link, A in zip(links, products, strict=True)])
+    arms = np.array([link.point for link in links]) - means
+    return Poses(places + np.einsum("nij,nj->ni", R, arms), R)

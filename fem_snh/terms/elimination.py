@@ -30,12 +30,15 @@ class EliminatingTerm(Protocol):
         This rank's own cells that do not deform: they are not assembled.
     nodes : (n,) int
         This rank's own nodes that follow the unknowns.
+    dofs : (n, components) int
+        Their displacement dofs.
     labels : (n,) int
         The part of each of them.
     """
 
     cells: npt.NDArray[Any]
     nodes: npt.NDArray[Any]
+    dofs: npt.NDArray[Any]
     labels: npt.NDArray[Any]
 
     @property
@@ -93,7 +96,8 @@ class EliminatingTerm(Protocol):
     def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
         """Make velocity and acceleration, (local dofs,), those that the unknowns admit, in place.
 
-        Returns the part of the nodes' acceleration that does not depend on forces, (nodes, 3).
+        Returns the part of the nodes' acceleration that does not depend on forces, of the size of
+        ``dofs``.
         """
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, list[float]]]:

@@ -15,6 +15,7 @@ from fem_snh.tables.validation import Expect, Table
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
+    from fem_snh.assembly.kinematics import Kinematics
     from fem_snh.terms.body import Body
     from fem_snh.terms.term import Term
 
@@ -70,7 +71,10 @@ class RigidSpring(Table):
 
 
 class Rigid(Feature):
-    r"""A group of cells or facets that moves as a rigid body, with six unknowns.
+    r"""A group of cells or facets that moves as a rigid body.
+
+    It has six unknowns, in a plane three; of a body of revolution the translation along the axis
+    and, with torsion, the rotation about it.
 
     .. math:: x = c + R (X - p), \qquad p \text{ the point } \mathtt{about}
 
@@ -78,7 +82,7 @@ class Rigid(Feature):
     then prescribed, as those of [[move]], or zero.
     """
 
-    key = "rigid"
+    key, planar = "rigid", True
     group: Part = Field(
         description="Physical group of volumes or surfaces, by name or number; in a program a "
         "measure dx(...) or ds(...)."
@@ -160,6 +164,50 @@ class Rigid(Feature):
 
         check_names(features)
         return [RigidParts(features, body)]
+
+
+def check_motions(part: Rigid, kinematics: Kinematics) -> None:
+    """Raise BadInput for a key of a part that names motions which a kinematics does not have."""
+    admitted = kinematics.rigid_motions
+    axes = ("x", "y", "z")
+    along = [axis for axis, there in zip(axes, admitted[:3], strict=True) if there]
+    about = [axis for axis, there in zip(axes, admitted[3:], strict=True) if there]
+    if len(about) == len(axes):
+        return
+    joint, rotate, spring = part.joint, part.rotate, part.spring
+    kind = joint.kind if joint else ""
+    translations, rotations = f"components along {', '.join(along)}", "no value"
+    if about:
+        rotations = f"a component about {', '.join(about)}"
+    on_plane = "a point of the axis, x = z = 0" if kinematics.revolved else "a point with z = 0"
+    vectors = {
+        "translate": (part.translate, along, translations),
+        "force": (part.force, along, translations),
+        "torque": (part.torque, about, rotations),
+        "rotate.axis": (rotate and rotate.axis, about, rotations),
+        "joint.axis": (joint and joint.axis, along if kind == "slider" else about, ""),
+        "about": (part.about, along, on_plane),
+        "rotate.through": (rotate and rotate.through, along, on_plane),
+        "joint.through": (joint and joint.through, along, on_plane),
+    }
+    vectors["joint.axis"] = (
+        *vectors["joint.axis"][:2],
+        translations if kind == "slider" else rotations,
+    )
+    for key, (vector, components, accepted) in vectors.items():
+        others = [v for v, axis in zip(vector or (), axes) if axis not in components]
+        if any(others):
+            wanted = f"{accepted} alone, with kinematics = '{kinematics.name}'"
+            raise bad_value(f"rigid.{key}", list(vector or ()), wanted)
+    wanted = f"motions among {', '.join(along + ['rotation'] * bool(about))}"
+    wanted += f", with kinematics = '{kinematics.name}'"
+    for motion in part.free or ():
+        if motion not in along and not (about and motion == "rotation"):
+            raise bad_value("rigid.free", motion, wanted)
+    if not about and spring and spring.rotation:
+        raise bad_value("rigid.spring.rotation", spring.rotation, wanted)
+    if not about and kind in ("ball", "hinge"):
+        raise bad_value("rigid.joint.kind", kind, wanted)
 
 
 def check_names(parts: Sequence[Rigid]) -> None:

@@ -2,8 +2,9 @@ r"""Rigid parts of a body: their unknowns instead of the displacements of their 
 
 The vector of unknowns keeps the displacements of all nodes, so that every other term sees the body
 as it is. Residuals, steps and the matrix have the six unknowns of a part at the entries of two of
-its nodes, and zeros at the others (`fem_snh.assembly.folding`). A step ends on the true rigid
-motion, :math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along it is
+its nodes, and zeros at the others (`fem_snh.assembly.folding`). In two dimensions the nodes are
+points of a plane in space, and some of the six are not free. A step ends on the true rigid motion,
+:math:`\exp(s[\omega]_\times)`, so the second derivative of the energy along it is
 
 .. math:: B^T H B + \sum_i \tfrac12 (f_i r_i^T + r_i f_i^T) - (f_i \cdot r_i) I
 
@@ -26,7 +27,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
-from fem_snh.assembly.boundary_conditions import Dirichlet
+from fem_snh.assembly.boundary_conditions import Dirichlet, axis_nodes
 from fem_snh.assembly.folding import Folding
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -41,12 +42,12 @@ from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_po
 from fem_snh.geometry.rotations import exponential, logarithm, skew
 from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.body import Body
-from fem_snh.terms.rigid import Rigid
+from fem_snh.terms.rigid import Rigid, check_motions
 
 Array = npt.NDArray[Any]
 
-#: Smallest second principal extent of a part's nodes over the largest: those of a smaller one are
-#: on a line, about which the rotation is undetermined.
+#: Smallest radius of gyration of a part's nodes over the largest: those of a smaller one are on a
+#: line, about which the rotation is undetermined.
 _ON_A_LINE = 1e-6
 #: Spacing, in load, of the differences that are prescribed velocities and accelerations: their
 #: rounding errors are 1e-12 and 1e-8.
@@ -71,14 +72,16 @@ class RigidParts:
         This rank's own cells whose nodes all are on one part.
     nodes, labels : (n,) int
         This rank's own nodes of the parts, and the part of each.
+    dofs : (n, components) int
+        The displacement dofs of these nodes.
     tree : RigidTree
         How the parts may move.
 
     Raises
     ------
     BadInput
-        On every rank: for a part without three nodes that are not on a line, and for nodes of two
-        parts, or with another condition.
+        On every rank: for a motion that the kinematics does not have, for a part whose nodes do
+        not determine a rotation, and for nodes of two parts, or with another condition.
     """
 
     name = "rigid"
@@ -90,19 +93,26 @@ class RigidParts:
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
         owned, ghosts = _dolfinx.num_nodes(V)
-        self._size = 3 * owned
+        self._kinematics = body.kinematics
+        #: Which components of a twist there are, (6,), and of a translation.
+        self._admitted = np.array(body.kinematics.rigid_motions)
+        self._translations = self._admitted[:3]
+        for part in parts:
+            check_motions(part, body.kinematics)
         local = np.full(owned + ghosts, -1)
         for number, part in enumerate(parts):
             found = _dolfinx.locate_dofs(V, *body.entities("rigid.group", part.group))
             self._check_nodes(part, local[found])
             local[found] = number
         self.nodes = np.flatnonzero(local[:owned] >= 0)
+        components = body.kinematics.components
+        self.dofs = components * self.nodes[:, None] + np.arange(components)
         self.labels = local[self.nodes]
         self.cells = self._inner_cells(V, local)
         self._release(V, local, body.dirichlet)
         self._X = V.tabulate_dof_coordinates()[self.nodes]
         self._counts = self._sum(np.ones((len(self.nodes), 1)))
-        self._means = self._sum(self._X) / self._counts
+        self._means = self._sum(self._X) / self._counts * self._translations
         self._centred = self._X - self._means[self.labels]
         self._squares = self._sum(_products(self._centred, self._centred))
         radii = self._radii(self._squares.reshape(-1, 3, 3))
@@ -148,17 +158,22 @@ class RigidParts:
         BadInput
             On every rank, for a condition on nodes inside of a part, or on all of its nodes.
         """
-        owned = len(local) - _dolfinx.num_nodes(V)[1]
+        owned, components = len(local) - _dolfinx.num_nodes(V)[1], self._kinematics.components
         on_planes = bool(dirichlet.planes and (local[dirichlet.planes.nodes] >= 0).any())
         if self._comm.allreduce(on_planes, op=MPI.LOR):
             accepted = "a part without nodes in planes of symmetry that are inclined"
             raise bad_value("rigid.group", self.names[0], accepted)
         flesh = _dolfinx.create_vector(V)
         cells = np.delete(np.arange(_dolfinx.num_owned(V.mesh)), self.cells)
-        writable_values(flesh).reshape(-1, 3)[_dolfinx.node_dofs(V)[cells]] = 1.0
+        writable_values(flesh).reshape(-1, components)[_dolfinx.node_dofs(V)[cells]] = 1.0
         add_ghosts(flesh)
-        inside = flesh.array_r.reshape(-1, 3)[self.nodes, 0] == 0
-        fixed = dirichlet.constrained[:owned][self.nodes].any(axis=1)
+        inside = flesh.array_r[self.dofs[:, 0]] == 0
+        constrained = dirichlet.constrained[:owned][self.nodes]
+        if self._kinematics.revolved:  # parts do not leave the axis, either
+            on_axis = np.isin(self.nodes, axis_nodes(V))
+            for component in self._kinematics.off_axis:
+                constrained[on_axis, component] = False
+        fixed = constrained.any(axis=1)
         counts = np.stack([inside & fixed, fixed, np.ones_like(fixed)], axis=1).astype(float)
         for part, (within, given, every) in zip(self._parts, self._sum(counts), strict=True):
             if within or given == every:
@@ -174,24 +189,30 @@ class RigidParts:
 
     def _radii(self, squares: Array) -> Array:
         """Return the root mean square distance of the nodes from their mean, (parts,)."""
-        extents = np.sqrt(np.maximum(np.linalg.eigvalsh(squares), 0.0))
-        for part, (_, second, largest) in zip(self._parts, extents, strict=True):
-            if not second > _ON_A_LINE * largest:
+        traces = np.trace(squares, axis1=1, axis2=2)
+        about = self._admitted[3:]
+        inertia = (traces[:, None, None] * np.eye(3) - squares)[:, about][:, :, about]
+        for part, moments, trace in zip(self._parts, inertia, traces, strict=True):
+            if not np.linalg.eigvalsh(moments).min(initial=1.0) > _ON_A_LINE**2 * trace:
                 accepted = "a group with three nodes that are not on a line"
+                if self._kinematics.revolved:
+                    accepted = "a group with a node that is not on the axis"
                 raise bad_value("rigid.group", part.label, accepted)
-        return np.asarray(np.sqrt(np.trace(squares, axis1=1, axis2=2) / self._counts[:, 0]))
+        return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
     def _link(self, number: int, radius: float) -> Link:
         """Return how a part may move."""
         part, joint = self._parts[number], self._parts[number].joint
+        admitted = self._kinematics.rigid_motions
         if joint is None:
             point = self._means[number] if part.about is None else np.array(part.about)
-            return Link(point, radius, free=part.free_motions)
+            return Link(point, radius, free=part.free_motions, motions=admitted)
         axis = np.zeros(3)
         if joint.axis:
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
         parent = self.names.index(joint.to) if joint.to else -1
-        return Link(np.array(joint.through), radius, joint.kind, axis, parent)
+        point = np.array(joint.through)
+        return Link(point, radius, joint.kind, axis, parent, motions=admitted)
 
     def _choose_slots(self, to_global: Array) -> Array:
         """Return the two nodes with the least numbers of each part, (parts, 2)."""
@@ -218,27 +239,34 @@ class RigidParts:
 
     def poses(self, x: PETSc.Vec) -> Poses:
         """Return the poses that are nearest to the displacements in ``x``. Collective."""
-        u = x.array_r[: self._size].reshape(-1, 3)[self.nodes]
+        u = self._nodal(x)
         sums = self._sum(np.hstack([u, _products(u, self._centred)]))
         products = (sums[:, 3:] + self._squares).reshape(-1, 3, 3)
-        places = self._means + sums[:, :3] / self._counts
-        return fit_poses(self.tree.points, self._means, places, products)
+        places = self._means + sums[:, :3] / self._counts * self._translations
+        return fit_poses(self.tree.links, self._means, places, products)
+
+    def _nodal(self, x: PETSc.Vec) -> Array:
+        """Return displacements or forces of the parts' nodes as vectors, (nodes, 3)."""
+        return self._kinematics.padded(x.array_r[self.dofs])
+
+    def _components(self, vectors: Array) -> Array:
+        """Return the components of vectors (nodes, 3) that a displacement has."""
+        return vectors[:, : self._kinematics.components]
 
     def _set_poses(self, x: PETSc.Vec, poses: Poses) -> None:
         """Set the nodes' displacements to those of poses."""
-        r = np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets)
-        u = x.array[: self._size].reshape(-1, 3)
-        u[self.nodes] = poses.c[self.labels] + r - self._X
+        moved = poses.c[self.labels] + self._arms(poses) - self._X
+        x.array[self.dofs] = self._components(moved)
 
     def _arms(self, poses: Poses) -> Array:
         """Return the nodes' present positions from their part's point, (nodes, 3)."""
         return np.asarray(np.einsum("nij,nj->ni", poses.R[self.labels], self._offsets))
 
     def _basis(self, poses: Poses) -> Array:
-        """Return the derivative of the nodes' positions by their part's twist, (nodes, 3, 6)."""
+        """Return the derivative of the nodes' positions by their part's twist, (n, c, 6)."""
         basis = np.zeros((len(self.nodes), 3, UNKNOWNS))
         basis[:, :, :3], basis[:, :, 3:] = np.eye(3), -skew(self._arms(poses))
-        return basis
+        return self._components(basis)
 
     def _targets(self, load: float) -> tuple[Array, Array]:
         """Return prescribed displacements of points and rotation vectors, (parts, 3) each."""
@@ -329,32 +357,32 @@ class RigidParts:
         """Return how often curvatures were filtered: `prepare` has added them to the fold."""
         return self._filtered if self._comm.rank == 0 else 0
 
-    def wrenches(self, poses: Poses, gradient: Array) -> Array:
+    def wrenches(self, poses: Poses, gradient: PETSc.Vec) -> Array:
         """Return the sums of nodal forces and of their moments, (6 parts,). Collective.
 
-        ``gradient`` is this rank's part of dE/du [N], the displacement's first.
+        ``gradient`` is dE/du [N], the displacement's first.
         """
-        f = gradient[: self._size].reshape(-1, 3)[self.nodes]
+        f = self._nodal(gradient)
         moments = np.cross(self._arms(poses), f)
-        return self._sum(np.hstack([f, moments])).ravel()
+        return np.asarray(self._sum(np.hstack([f, moments])) * self._admitted).ravel()
 
     def reduce(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Replace the forces on the parts' nodes by those on the unknowns, in place. Collective."""
         poses = self.poses(x)
-        forces = self.wrenches(poses, r.array_r) + self._acting(poses)
+        forces = self.wrenches(poses, r) + self._acting(poses)
         self._set_unknowns(r, self.tree.jacobian(poses).T @ forces)
 
     def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
         """Replace a gradient by nodal displacements by one by the unknowns, in place."""
         poses = self.poses(x)
-        self._set_unknowns(g, self.tree.jacobian(poses).T @ self.wrenches(poses, g.array_r))
+        self._set_unknowns(g, self.tree.jacobian(poses).T @ self.wrenches(poses, g))
 
     def _set_unknowns(self, r: PETSc.Vec, values: Array) -> None:
         """Set the entries of the parts' nodes to values of the unknowns, and zero."""
         assert self._folding is not None
         entries, which = self._folding.own_unknowns
         own = r.array
-        own[: self._size].reshape(-1, 3)[self.nodes] = 0.0
+        own[self.dofs] = 0.0
         own[entries] = np.where(self.tree.free, values, 0.0)[which]
 
     def prepare(self, x: PETSc.Vec, gradient: PETSc.Vec, filter: str) -> None:
@@ -365,10 +393,10 @@ class RigidParts:
         assert self._folding is not None
         poses, tree = self.poses(x), self.tree
         G, arms = tree.jacobian(poses), self._arms(poses)
-        f = gradient.array_r[: self._size].reshape(-1, 3)[self.nodes]
+        f = self._nodal(gradient)
         products = self._sum(_products(f, arms)).reshape(-1, 3, 3)
         acting = self._acting(poses)
-        wrenches = self.wrenches(poses, gradient.array_r) + acting
+        wrenches = self.wrenches(poses, gradient) + acting
         K = tree.curvature(poses, G, wrenches, products)
         springs = np.zeros_like(K)
         for i in np.flatnonzero(self._stiffness):
@@ -479,11 +507,11 @@ class RigidParts:
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
         d = x.duplicate()
-        d.array[: self._size] = values[: self._size]
+        d.array[: len(values)] = values
         poses = self.poses(x)
         twists = (self.tree.jacobian(poses) @ self._unknowns(d)).reshape(-1, UNKNOWNS)
         moved = np.einsum("nik,nk->ni", self._basis(poses), twists[self.labels])
-        values[: self._size].reshape(-1, 3)[self.nodes] = moved
+        values[self.dofs] = moved
 
     def _prescribed_rates(self) -> tuple[Array, Array]:
         """Return the first two time derivatives of prescribed unknowns, (6 parts,) each.
@@ -506,7 +534,7 @@ class RigidParts:
         """Set the parts' nodes in values (local dofs,), on all ranks. Collective."""
         vector = _dolfinx.create_vector(self._V)
         writable_values(vector)[:] = values
-        vector.array.reshape(-1, 3)[self.nodes] = nodal
+        vector.array[self.dofs] = nodal
         update_ghosts(vector)
         values[:] = local_values(vector)
 
@@ -527,7 +555,7 @@ class RigidParts:
 
         Returns
         -------
-        (nodes, 3)
+        (nodes, components)
             The part of the acceleration that does not depend on the forces.
         """
         poses, tree = self.poses(x), self.tree
@@ -541,38 +569,35 @@ class RigidParts:
         def reduced(nodal: Array) -> Array:
             """Return C^T M of displacements of the parts' own nodes, (6 parts,)."""
             set_to_zero(vector)
-            vector.array.reshape(-1, 3)[self.nodes] = nodal
+            vector.array[self.dofs] = nodal
             update_ghosts(vector)
             forces = mass.apply(local_values(vector))
             writable_values(vector)[:] = forces
             add_ghosts(vector)
-            f = vector.array_r.reshape(-1, 3)[self.nodes]
+            f = vector.array_r[self.dofs]
             return np.asarray(self._comm.allreduce(np.einsum("nik,ni->k", C, f)))
 
         M = np.stack([reduced(C[:, :, k]) for k in range(len(G))], axis=1)
         M += np.diag(np.where(tree.free, 0.0, 1.0))
 
-        def of_own(values: Array) -> Array:
-            return np.array(values[: self._size].reshape(-1, 3)[self.nodes])
-
         first, second = self._prescribed_rates()
         basis = self._basis(poses)
 
         def moved(rates: Array) -> Array:
-            """Return the nodes' motion at rates of the unknowns, (nodes, 3)."""
+            """Return the nodes' motion at rates of the unknowns, (nodes, components)."""
             return np.asarray(
                 np.einsum("nik,nk->ni", basis, (G @ rates).reshape(-1, 6)[self.labels])
             )
 
-        rates = first + np.linalg.solve(M, reduced(of_own(v) - moved(first)))
+        rates = first + np.linalg.solve(M, reduced(v[self.dofs] - moved(first)))
         self._set_nodes(v, moved(rates))
         bias = tree.accelerations(poses, G, rates)[self.labels]
         omega, arms = (G @ rates).reshape(-1, 2, 3)[self.labels, 1], self._arms(poses)
-        turning = bias[:, 0] + np.cross(bias[:, 1], arms) + moved(second)
-        turning += np.cross(omega, np.cross(omega, arms))
+        turning = bias[:, 0] + np.cross(bias[:, 1], arms) + np.cross(omega, np.cross(omega, arms))
+        turning = self._components(turning) + moved(second)
         if a is None:
             return turning
-        self._set_nodes(a, turning + moved(np.linalg.solve(M, reduced(of_own(a) - turning))))
+        self._set_nodes(a, turning + moved(np.linalg.solve(M, reduced(a[self.dofs] - turning))))
         return turning
 
     def states(self, x: PETSc.Vec, gradient: PETSc.Vec) -> dict[str, dict[str, Any]]:
@@ -582,7 +607,7 @@ class RigidParts:
         "force" [N] and the "moment" [N m] about this point that hold the part against the flesh.
         """
         poses = self.poses(x)
-        forces = self.wrenches(poses, gradient.array_r).reshape(-1, 2, 3)
+        forces = self.wrenches(poses, gradient).reshape(-1, 2, 3)
         return {
             name: {
                 "position": poses.c[i].tolist(),

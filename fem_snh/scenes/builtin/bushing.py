@@ -9,6 +9,7 @@ from fem_snh.scenes.schema import (
     MaterialChoice,
     Move,
     Reaction,
+    Rigid,
     Rotate,
     Scene,
 )
@@ -19,7 +20,8 @@ def bushing(
     inner: PositiveFloat = 10.0,
     outer: PositiveFloat = 20.0,
     length: PositiveFloat = 30.0,
-    angle: float = 0.5,
+    angle: float | None = None,
+    torque: float | None = None,
     axial: float | None = None,
     radial: float | None = None,
     kinematics: str = "axisymmetric_torsion",
@@ -39,8 +41,10 @@ def bushing(
         Radii of the sleeves [mm].
     length : float
         Length along the axis [mm].
-    angle : float
-        Rotation of the inner sleeve about the axis at load 1 [rad].
+    angle : float, optional
+        Rotation of the inner sleeve about the axis at load 1 [rad]; default: 0.5.
+    torque : float, optional
+        Torque on the inner sleeve [N mm], in plane strain per thickness [N], instead of the angle.
     axial : float, optional
         Its displacement along the axis [mm]; default: 4, in plane strain 0.
     radial : float, optional
@@ -56,12 +60,24 @@ def bushing(
         raise bad_value("axial", axial, "0 with kinematics = 'plane_strain'")
     if radial and kinematics == "axisymmetric_torsion":
         raise bad_value("radial", radial, "0 with kinematics = 'axisymmetric_torsion'")
+    if torque is not None and angle is not None:
+        raise bad_value("angle", angle, "no value, with a torque")
     if axial is None:
         axial = 0.0 if flat else 4.0
     if radial is None:
         radial = 2.0 if flat else 0.0
     parameters = {"inner": inner, "outer": outer, "length": length, "section": float(not flat)}
-    rotate = Rotate(axis=(0, 0, 1) if flat else (0, 1, 0), angle=angle)
+    axis = (0, 0, 1) if flat else (0, 1, 0)
+    moved, rigid = list[Move](), list[Rigid]()
+    if torque is None:
+        rotate = Rotate(axis=axis, angle=0.5 if angle is None else angle)
+        moved = [Move(group="inner", translate=(radial, axial, 0), rotate=rotate)]
+    else:
+        moment = (axis[0] * torque, axis[1] * torque, axis[2] * torque)
+        push = (radial, axial, 0.0)
+        rigid = [
+            Rigid(group="inner", torque=moment, translate=push, free=("rotation",), about=(0, 0, 0))
+        ]
     return Scene(
         name="bushing",
         mesh=Geometry(source="bushing", parameters=parameters),
@@ -71,6 +87,7 @@ def bushing(
         steps=4,
         material=MaterialChoice(name="stable_neo_hookean", E=3.0, nu=0.499),
         hold=[Hold(group="outer")],
-        move=[Move(group="inner", translate=(radial, axial, 0), rotate=rotate)],
+        move=moved,
+        rigid=rigid,
         reactions=[Reaction(group="inner", about=(0, 0, 0)), Reaction(group="outer")],
     )

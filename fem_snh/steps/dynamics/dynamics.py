@@ -155,7 +155,7 @@ class Dynamics:
             raise bad_value("time.integrator", self.integrator.name, accepted)
         if self._rigid:
             turning = self._rigid.make_rigid(problem.x, self.mass, v)
-            motion.a[: self.mass.num_owned].reshape(-1, 3)[self._rigid.nodes] = turning
+            motion.a[self._rigid.dofs] = turning
             self._balance.update_ghosts(motion.a)
         balance = self._balance
         balance.update_stiffness(problem, v, 0.0)
@@ -218,7 +218,7 @@ class Dynamics:
                 mean += (1 - weight) * (self._forces + balance.inertial_forces(old))
                 work = problem.dirichlet.work(mean, moved)
                 if self._rigid:
-                    of_parts = 3 * self._rigid.nodes[:, None] + np.arange(3)
+                    of_parts = self._rigid.dofs
                     work += float(np.sum(mean[of_parts] * moved[of_parts]))
                 self.work += problem.comm.allreduce(work)
             self._forces = forces
