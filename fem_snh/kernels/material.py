@@ -20,7 +20,7 @@ from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.kernels.headers import POINTWISE, header
 from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
-from fem_snh.materials.parameters import check_constants
+from fem_snh.materials.parameters import check_constants, moduli_or_defaults
 
 if TYPE_CHECKING:
     from fem_snh.kernels.reports.report import Report
@@ -210,7 +210,7 @@ class Material:
 
 
 def material(
-    name: str | Callable[..., Any], E: float = 1.0, nu: float = 0.49, **shape: Any
+    name: str | Callable[..., Any], E: float | None = None, nu: float | None = None, **shape: Any
 ) -> Material:
     """Return a material, normalised to (E, nu).
 
@@ -219,24 +219,26 @@ def material(
     name : str or callable
         A name of `fem_snh.materials()`, a reference ``FILE.py:FUNCTION``, or a function of the
         user's own (see `fem_snh.materials`).
-    E : float
-        Young's modulus [Pa].
-    nu : float
-        Poisson's ratio, in (-1, 0.5].
+    E : float, optional
+        Young's modulus [Pa]. By default that of the constants among the keywords; 1 without them.
+    nu : float, optional
+        Poisson's ratio, in (-1, 0.5]; likewise, or 0.49.
     **shape : Any
-        Shape parameters of the material and the keywords of every material
+        Shape parameters of the material, its constants (``mu``, ``C10``, ``D1``: `fem-snh help
+        NAME` lists them) and the keywords of every material
         (`fem_snh.materials.keywords.TUNING`).
 
     Raises
     ------
     BadInput
-        For an unknown name or parameter, or a function that does not define a material.
+        For an unknown name or parameter, constants that contradict E and nu or do not determine
+        them, or a function that does not define a material.
     """
 
     def make() -> Energy:
         return materials.make_energy(name, E, nu, **shape)  # imports sympy
 
-    E, nu = check_constants(E, nu)
+    check_constants(*moduli_or_defaults(E, nu))
     if numbers := stored(name, E, nu, **shape):
         return Material(numbers, make)
     made = Material.of(make(), stored_key(name, E, nu, shape))

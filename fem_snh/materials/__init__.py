@@ -37,6 +37,7 @@ from fem_snh.materials.registry import (
     function,
     label,
     names,
+    names_in_literature,
     pins,
 )
 
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "TUNING", "Energy", "PrincipalStress", "defaults", "describe", "files",
-    "function", "label", "make_energy", "names", "pins", "positive", "where",
+    "function", "label", "make_energy", "names", "names_in_literature", "pins", "positive",
+    "where",
 ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy
 
@@ -62,41 +62,26 @@ def construct(
     """
     E, nu = check_constants(E, nu)
     given = {k: v for k, v in tuned.items() if v is not None}
-    measures = tuple(MEASURES[n] for n in measures_of(function))
-    defaults = constants_of(function)
-    constants = tuple(sympy.Symbol(n, real=True) for n in defaults)
-    keywords = dict(shape)
-    if "nu" in inspect.signature(function).parameters:
-        keywords["nu"] = nu
-    found = _evaluate(function, name, (*measures, *constants), keywords)
-
-    barriers: set[sympy.Expr] = set()
-    stress: tuple[sympy.Expr, ...] | None = None
-    psi: sympy.Expr | None = None
-    if isinstance(found, PrincipalStress):
-        stress = tuple(_without_barriers(p, barriers) for p in found)
-    else:
-        psi = _without_barriers(found, barriers)
-        psi = psi - normalise.at_rest(psi.subs(INVARIANTS))
-    known = dict(zip(defaults, constants, strict=True))
+    form = _symbolic(function, name, nu, shape)
+    known = {str(c): c for c in form.constants}
     fit = normalise.Normalisation(
         name,
-        constants,
-        {known[k]: v for k, v in defaults.items() if v is not None},
+        form.constants,
+        {known[k]: v for k, v in constants_of(function).items() if v is not None},
         {known[k]: v for k, v in pins.items()},
-        normalise.linearised(principal_stresses(psi) if stress is None else stress),
+        form.moduli,
     )
     energy = Energy(
         name=name,
         E=E,
         nu=nu,
         shape=dict(shape) | given,
-        measures=measures,
-        constants=constants,
+        measures=form.measures,
+        constants=form.constants,
         values=_fitted(fit, E, nu, mixed=lambda_part is not None),
-        psi=psi,
-        stress=stress,
-        barriers=frozenset(barriers),
+        psi=form.psi,
+        stress=form.stress,
+        barriers=form.barriers,
         fit=fit,
     )
     if given:
@@ -104,6 +89,53 @@ def construct(
         for term in energy.slopes if energy.psi is None else [energy.psi]:
             _check_exponents(term, name)
     return energy
+
+
+def moduli_of(
+    function: Function, name: str, nu: float | None, shape: Mapping[str, Any]
+) -> tuple[dict[str, sympy.Symbol], normalise.Pair]:
+    """Return the symbols of a material's constants, and (mu_lame, lambda_lame) in them.
+
+    Parameters
+    ----------
+    function, name, nu, shape
+        As for `construct`; ``nu`` only if the function has it as an argument.
+    """
+    form = _symbolic(function, name, nu, shape)
+    return {str(c): c for c in form.constants}, form.moduli
+
+
+class _Form(NamedTuple):
+    """What a material's function returns, in symbols."""
+
+    measures: tuple[sympy.Symbol, ...]
+    constants: tuple[sympy.Symbol, ...]
+    psi: sympy.Expr | None
+    stress: tuple[sympy.Expr, ...] | None
+    barriers: frozenset[sympy.Expr]
+
+    @property
+    def moduli(self) -> normalise.Pair:
+        """Return (mu_lame, lambda_lame) in the constants."""
+        slopes = principal_stresses(self.psi) if self.stress is None else self.stress
+        return normalise.linearised(slopes)
+
+
+def _symbolic(function: Function, name: str, nu: float | None, shape: Mapping[str, Any]) -> _Form:
+    """Call a material's function; the energy is 0 at rest."""
+    measures = tuple(MEASURES[n] for n in measures_of(function))
+    constants = tuple(sympy.Symbol(n, real=True) for n in constants_of(function))
+    keywords = dict(shape)
+    if "nu" in inspect.signature(function).parameters:
+        keywords["nu"] = nu
+    found = _evaluate(function, name, (*measures, *constants), keywords)
+    barriers: set[sympy.Expr] = set()
+    if isinstance(found, PrincipalStress):
+        stress = tuple(_without_barriers(p, barriers) for p in found)
+        return _Form(measures, constants, None, stress, frozenset(barriers))
+    psi = _without_barriers(found, barriers)
+    psi = psi - normalise.at_rest(psi.subs(INVARIANTS))
+    return _Form(measures, constants, psi, None, frozenset(barriers))
 
 
 def _fitted(fit: normalise.Normalisation, E: float, nu: float, mixed: bool) -> tuple[float, ...]:

@@ -11,8 +11,15 @@ from fem_snh.materials.construction import construct
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import SIGMA
 from fem_snh.materials.keywords import LARGEST_MODULUS, LARGEST_PARAMETER, TUNING
-from fem_snh.materials.parameters import check_constants, check_keywords
-from fem_snh.materials.registry import built_in, function, label, pins
+from fem_snh.materials.native import Incomplete, with_moduli
+from fem_snh.materials.parameters import check_constants, check_keywords, moduli_or_defaults
+from fem_snh.materials.registry import (
+    built_in,
+    function,
+    label,
+    names_in_literature,
+    pins,
+)
 from fem_snh.materials.signature import Function, check_size, shape_parameters
 
 #: Largest rest stress [E] of a user's energy: above the rounding errors of its parameters.
@@ -24,7 +31,7 @@ _STRETCHES = dict(
 
 
 def make_energy(
-    material: str | Function, E: float = 1.0, nu: float = 0.49, **keywords: Any
+    material: str | Function, E: float | None = None, nu: float | None = None, **keywords: Any
 ) -> Energy:
     """Return the energy of a material, normalised to (E, nu).
 
@@ -32,10 +39,12 @@ def make_energy(
     ----------
     material : str or callable
         A name of `names`, a reference ``FILE.py:FUNCTION``, or a function.
-    E, nu : float
-        Young's modulus [Pa] and Poisson's ratio.
+    E, nu : float, optional
+        Young's modulus [Pa] and Poisson's ratio; by default those of the constants among the
+        keywords, without these 1 and 0.49.
     **keywords : Any
-        Shape parameters (`defaults`), prescribed constants [Pa] (`pins`) and the keywords of every
+        Shape parameters (`defaults`), constants [Pa] (`pins`), those of the literature
+        (`published`) and the keywords of every
         material (`TUNING`): ``alpha``, ``alpha_mu``, ``alpha_lambda``, ``lambda_part``,
         ``epsilon``.
 
@@ -47,15 +56,23 @@ def make_energy(
         stressed at rest or not isotropic.
     """
     found, name = function(material), label(material)
-    E, nu = check_constants(E, nu)
     own, pinned = shape_parameters(found), pins(material)
-    known = [*own, *pinned, *TUNING]
+    literature = names_in_literature(material)
+    known = [*own, *pinned, *literature, *TUNING]
     for key in keywords:
         if key not in known:
             raise BadInput(
                 f"material '{name}' has no parameter '{key}'{nearest(key, known)}: "
                 f"it takes E, nu, {', '.join(known)}"
             )
+    if any(keywords.get(key) is not None for key in (*pinned, *literature)):
+        try:
+            E, nu, keywords = with_moduli(material, E, nu, keywords)
+        except Incomplete:
+            # A constant prescribed beside E or nu, of which the other has its default.
+            if (E is None and nu is None) or any(keywords.get(k) is not None for k in literature):
+                raise
+    E, nu = check_constants(*moduli_or_defaults(E, nu))
     check_keywords(found, keywords)
     other = keywords.get("lambda_part")
     if not (other is None or callable(other) or isinstance(other, str)):

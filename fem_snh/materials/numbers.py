@@ -72,14 +72,17 @@ def numbers_of(energy: Energy, key: str | None = None) -> Numbers:
     )
 
 
-def stored_key(material: Any, E: float, nu: float, keywords: Mapping[str, Any]) -> str | None:
+def stored_key(
+    material: Any, E: float | None, nu: float | None, keywords: Mapping[str, Any]
+) -> str | None:
     """Return the key of a built-in material's numbers; None if they cannot be stored."""
     names = [material, *filter(None, [keywords.get("lambda_part")])]
     if not all(type(name) is str and _is_own(name) for name in names):
         return None
     try:
         given = {k: float(v) if type(v) is int else v for k, v in keywords.items()}
-        return cache.key(cache.sources("materials"), material, float(E), float(nu), given)
+        moduli = [None if v is None else float(v) for v in (E, nu)]
+        return cache.key(cache.sources("materials"), material, *moduli, given)
     except (TypeError, ValueError, OverflowError):  # `make_energy` reports what is wrong
         return None
 
@@ -89,7 +92,9 @@ def _is_own(name: str) -> bool:
     return name.isidentifier() and (_MODELS / f"{name}.py").is_file()
 
 
-def stored(material: Any, E: float = 1.0, nu: float = 0.49, /, **keywords: Any) -> Numbers | None:
+def stored(
+    material: Any, E: float | None = None, nu: float | None = None, /, **keywords: Any
+) -> Numbers | None:
     """Return the numbers of a material that was made before with the same arguments, or None.
 
     Parameters

@@ -51,6 +51,11 @@ def check_constants(E: Any, nu: Any) -> tuple[float, float]:
     return found[0], found[1]
 
 
+def moduli_or_defaults(E: Any, nu: Any) -> tuple[Any, Any]:
+    """Return Young's modulus [Pa] and Poisson's ratio; 1 and 0.49 for None."""
+    return 1.0 if E is None else E, 0.49 if nu is None else nu
+
+
 def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of keywords of a material's function, which have the types it states.
 
@@ -68,7 +73,7 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
         For a value of another type; true and false are no numbers.
     """
     kinds = _kinds(function)
-    return {key: _checked(key, value, kinds.get(key, Any)) for key, value in given.items()}
+    return {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
 
 
 def plain(value: Any) -> Any:
@@ -97,7 +102,7 @@ def _kinds(function: Callable[..., Any]) -> dict[str, Any]:
     return found
 
 
-def _checked(key: str, value: Any, kind: Any) -> Any:
+def check_value(key: str, value: Any, kind: Any) -> Any:
     """Return ``value`` as type ``kind``, a whole number as a float; otherwise raise BadInput."""
     if kind is Any:
         return value

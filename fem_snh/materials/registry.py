@@ -11,6 +11,7 @@ from typing import Any
 from fem_snh.errors import BadInput, choose
 from fem_snh.materials import models
 from fem_snh.materials.keywords import TUNING
+from fem_snh.materials.published import Published
 from fem_snh.materials.signature import (
     Function,
     check_signature,
@@ -109,6 +110,23 @@ def describe(material: str | Function) -> str:
 
 
 def pins(material: str | Function) -> list[str]:
-    """Return the constants of a material that may be prescribed [Pa], if it has more than two."""
-    constants = constants_of(function(material))
-    return list(constants) if len(constants) > 2 else []
+    """Return the constants of a material that may be prescribed [Pa].
+
+    Two of an energy that depends on nu may not: the constants would determine it.
+    """
+    constants = constants_of(found := function(material))
+    depends_on_nu = "nu" in inspect.signature(found).parameters
+    return [] if depends_on_nu and len(constants) <= 2 else list(constants)
+
+
+def names_in_literature(material: str | Function) -> list[str]:
+    """Return the names of the constants of the literature that a material accepts."""
+    return [name for constants in published(material) for name in constants.meanings]
+
+
+def published(material: str | Function) -> tuple[Published, ...]:
+    """Return the constants of the literature from which a built-in material's own follow."""
+    if not (isinstance(material, str) and material in built_in()):
+        return ()
+    module = import_module(f"{models.__name__}.{material}")
+    return tuple(getattr(module, "PUBLISHED", ()))

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from fem_snh.errors import BadInput, nearest_file, unknown_name
 from fem_snh.files import read_text
+from fem_snh.materials.keywords import TUNING
 from fem_snh.references import FileText, is_reference
 from fem_snh.scenes._library import SceneFunction, function, make_scene, parameters
 from fem_snh.scenes.schema import MaterialChoice, Scene
@@ -177,7 +178,32 @@ def _replace(data: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, An
             in_time = key == "steps" and (data.get("time") or "time" in overrides)
             for long in _keys(data, "time.steps" if in_time else _SHORT.get(key, key)):
                 _set_dotted(data, long, value)
+    given = {key for key, value in overrides.items() if value is not None}
+    given = {_SHORT.get(key, key).rpartition(".")[2] for key in given if _of_material(key)}
+    given |= set(choice) if isinstance(choice, Mapping) else set()
+    if given - {*MaterialChoice.model_fields, *TUNING}:
+        data["material"] = _change_each(data["material"], partial(_without_replaced, given=given))
     return data
+
+
+def _of_material(key: str) -> bool:
+    return key in _SHORT or key.startswith("material.")
+
+
+def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, Any]:
+    """Return a material's table without an E and a nu that its new constants replace."""
+    from fem_snh.materials import names_in_literature, pins
+
+    try:
+        constants = {*pins(material.get("name")), *names_in_literature(material.get("name"))}
+    except BadInput:  # it is reported where the table is validated
+        return material
+    if not constants & given:
+        return material
+    from fem_snh.materials.native import replace_weak  # imports sympy
+
+    own = {k: v for k, v in material.items() if k not in MaterialChoice.model_fields}
+    return replace_weak(material, given, own)
 
 
 def _renamed(material: dict[str, Any], name: Any) -> dict[str, Any]:

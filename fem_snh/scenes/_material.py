@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -109,9 +110,18 @@ class MaterialChoice(Table):
             raise BadInput(str(error).replace("material =", "name =", 1)) from None
         return name
 
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, table: Any) -> Any:
+        """Return the table with the E and nu of the material's constants, where it has none."""
+        if not isinstance(table, dict) or not {"E", "nu"} - table.keys():
+            return table
+        given = {k: v for k, v in table.items() if k not in cls.model_fields}
+        return table | _moduli_of(table.get("name"), table.get("E"), table.get("nu"), given)
+
     @model_validator(mode="after")
     def _check_parameters(self) -> MaterialChoice:
-        from fem_snh.materials import TUNING, defaults, function, pins
+        from fem_snh.materials import TUNING, defaults, function, names_in_literature, pins
         from fem_snh.materials.keywords import check
         from fem_snh.materials.numbers import stored
         from fem_snh.materials.parameters import check_keywords, plain
@@ -119,7 +129,8 @@ class MaterialChoice(Table):
         given = {key: plain(value) for key, value in (self.model_extra or {}).items()}
         if stored(self.name, self.E, self.nu, **given):
             return self  # only valid parameters are stored
-        known = [*type(self).model_fields, *defaults(self.name), *pins(self.name), *TUNING]
+        constants = [*pins(self.name), *names_in_literature(self.name)]
+        known = [*type(self).model_fields, *defaults(self.name), *constants, *TUNING]
         given = self.model_extra or {}
         for key in given:
             if key not in known:
@@ -146,6 +157,29 @@ class MaterialChoice(Table):
         if info.mode == "json":
             return {key: label(v) if callable(v) else v for key, v in table.items()}
         return table
+
+
+def _moduli_of(name: Any, E: Any, nu: Any, given: Mapping[str, Any]) -> dict[str, float]:
+    """Return the E and nu that a material's constants determine; nothing without constants."""
+    from fem_snh.materials import make_energy, names_in_literature, pins
+    from fem_snh.materials.native import with_moduli
+    from fem_snh.materials.numbers import numbers_of, store, stored, stored_key
+    from fem_snh.materials.parameters import plain
+
+    keywords = {key: plain(value) for key, value in given.items()}
+    numbers = stored(name, E, nu, **keywords)
+    if numbers is None:
+        try:
+            constants = {*pins(name), *names_in_literature(name)}
+        except BadInput:  # `_check_name` reports it
+            return {}
+        if not any(keywords.get(key) is not None for key in constants):
+            return {}
+        young, ratio, _ = with_moduli(name, E, nu, keywords)
+        energy = make_energy(name, young, ratio, **keywords)
+        numbers = numbers_of(energy, stored_key(name, E, nu, keywords))
+        store(numbers)
+    return {"E": numbers.E, "nu": numbers.nu}
 
 
 def _check_materials(

@@ -17,8 +17,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from fem_snh.errors import BadInput, nearest, unknown_name
-from fem_snh.materials import TUNING, defaults, describe, names, pins
+from fem_snh.materials import TUNING, defaults, describe, names, names_in_literature, pins
 from fem_snh.materials.keywords import MEANINGS
+from fem_snh.materials.registry import published
 from fem_snh.scenes.schema import WORDS, MaterialChoice, Scene
 from fem_snh.tables.synonyms import suggestion
 from fem_snh.tables.validation import Expect
@@ -121,6 +122,11 @@ def find(words: str) -> list[Key]:
 def parameters(material: str) -> list[tuple[str, str, str]]:
     """Return a material's keys beside E and nu: name, default and meaning."""
     constants = [(key, "from E and nu", _documented(material, key)) for key in pins(material)]
+    constants += [
+        (key, "from E and nu", meaning)
+        for each in published(material)
+        for key, meaning in each.meanings.items()
+    ]
     own = defaults(material).items()
     return [*constants, *((k, _toml(v), _documented(material, k)) for k, v in own), *tuning()]
 
@@ -132,7 +138,11 @@ def tuning() -> list[tuple[str, str, str]]:
 
 def materials_with(parameter: str) -> list[str]:
     """Return the materials that have a shape parameter or a constant of this name."""
-    return [name for name in names() if parameter in (*defaults(name), *pins(name))]
+    return [
+        name
+        for name in names()
+        if parameter in (*defaults(name), *pins(name), *names_in_literature(name))
+    ]
 
 
 def sections() -> Iterator[tuple[str, type[BaseModel]]]:

@@ -7,6 +7,9 @@ from sympy import Rational, log
 from fem_snh.errors import bad_value
 from fem_snh.materials.functions import exact, positive
 from fem_snh.materials.models import _isochoric
+from fem_snh.materials.published import bulk
+
+PUBLISHED = (bulk("kappa"),)
 
 
 def extended_tube(

@@ -5,6 +5,9 @@ from sympy import log
 from fem_snh.errors import bad_value
 from fem_snh.materials.functions import exact
 from fem_snh.materials.models import _isochoric
+from fem_snh.materials.published import bulk
+
+PUBLISHED = (bulk("kappa"),)
 
 
 def gent(I_C, J, mu, kappa, *, J_m: float = 77.931):

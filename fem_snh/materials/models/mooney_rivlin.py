@@ -3,6 +3,13 @@
 from typing import Any
 
 from fem_snh.materials.models import _isochoric
+from fem_snh.materials.published import bulk, renamed
+
+PUBLISHED = (
+    renamed("C10", "C1", "Coefficient of I1 - 3 [Pa]"),
+    renamed("C01", "C2", "Coefficient of I2 - 3 [Pa]"),
+    bulk("kappa"),
+)
 
 
 def mooney_rivlin(I_C, II_C, J, C1: Any = 0.125, C2: Any = 0.0417, kappa: Any = 1.0):

@@ -2,6 +2,13 @@
 
 from sympy import Rational
 
+from fem_snh.materials.published import Published, bulk
+
+PUBLISHED = (
+    Published({"C10": "Coefficient of I1 - 3 [Pa]: mu = 2 C10."}, lambda C10: {"mu": 2 * C10}),
+    bulk("lam"),
+)
+
 
 def neo_hookean_bower(I_C, J, mu, lam):
     """Neo-Hookean energy with an isochoric length term (Psi_B of Smith et al. 2018).

@@ -5,6 +5,32 @@ from sympy import log
 from fem_snh.errors import BadInput
 from fem_snh.materials.functions import exact, positive
 from fem_snh.materials.models._volume_term import volume as volume_term
+from fem_snh.materials.published import LIST, Published
+
+
+def _from_terms(mu_p, alpha_p):
+    """Return the exponents, the weights and the shear modulus of Ogden's constants."""
+    if len(mu_p) != len(alpha_p) or not mu_p:
+        raise BadInput(f"alpha_p = {list(alpha_p)}: expected as many as mu_p, {len(mu_p)}")
+    modulus = sum(m * a for m, a in zip(mu_p, alpha_p, strict=True)) / 2
+    if not modulus > 0:
+        raise BadInput(
+            f"mu_p = {list(mu_p)}, alpha_p = {list(alpha_p)}: expected a positive sum of the "
+            "products, twice the shear modulus"
+        )
+    return {"exponents": alpha_p, "weights": tuple(m / modulus for m in mu_p), "mu": modulus}
+
+
+PUBLISHED = (
+    Published(
+        {
+            "mu_p": "Ogden's moduli [Pa], a list; those of Abaqus, mu_i, are mu_p alpha_p/2.",
+            "alpha_p": "Ogden's exponents, a list. mu = sum mu_p alpha_p/2.",
+        },
+        _from_terms,
+        LIST,
+    ),
+)
 
 
 def ogden(

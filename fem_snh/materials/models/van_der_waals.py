@@ -5,7 +5,9 @@ from sympy import Rational, log, sqrt
 from fem_snh.errors import bad_value
 from fem_snh.materials.functions import exact, positive, where
 from fem_snh.materials.models import _isochoric
+from fem_snh.materials.published import bulk
 
+PUBLISHED = (bulk("kappa"),)
 #: The x below which psi is a polynomial: stretches within 0.6 % of 1. The Hessian of x^(3/2)
 #: has a quotient of two quantities that vanish at rest; a smaller bound would amplify rounding.
 SMALL = Rational(1, 10_000)

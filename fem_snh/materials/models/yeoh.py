@@ -3,6 +3,9 @@
 from typing import Any
 
 from fem_snh.materials.models import _isochoric
+from fem_snh.materials.published import bulk
+
+PUBLISHED = (bulk("kappa"),)
 
 
 def yeoh(I_C, J, C10: Any = 0.16667, C20: Any = -0.00176, C30: Any = 4.35e-5, kappa: Any = 1.0):
