@@ -8,9 +8,13 @@ from typing import Any
 import fem_snh
 from benchmarks import Row, split_list
 from fem_snh.errors import BadInput
+from fem_snh.scenes.builtin.seal import SECTOR
 
 #: Radial displacements of the tube's radii at rest, of the exact solution.
 TUBE = {"inner": 0.5, "outer": 5.25**0.5 - 2}
+#: Poisson's ratios of the O-ring, and squeezes with the widths of grooves that it touches.
+NUS = (0.499, 0.4999)
+GROOVES = ((0.3, 2.4), (0.5, 3.2))
 
 
 def rows(parts: str = "tube,cook,stretch,bushing,seal", finest: int = 16) -> Iterator[Row]:
@@ -91,14 +95,22 @@ def bushing(finest: int) -> Iterator[Row]:
 
 
 def seal(finest: int) -> Iterator[Row]:
-    """Yield the force on the O-ring over its squeeze, on two meshes."""
-    for nu in (0.499, 0.4999):
-        for cells in (finest // 2, finest):
-            steps, cost = solved("seal", cells=cells, squeeze=0.5, steps=10, nu=nu)
-            for step in steps:
-                force = -step["obstacles"]["upper"]["force"][1]
-                row = {"nu": nu, "cells": cells, "squeeze": step["load"] / 2, "force": force}
-                yield row | {"dofs": cost["dofs"], "newton": step["newton"]}
+    """Yield the force on the O-ring over its squeeze: between plates, in grooves, of a body."""
+    plates = [("axisymmetric", nu, n, 0.5, None) for nu in NUS for n in (finest // 2, finest)]
+    grooves = [("axisymmetric", nu, finest, *pair) for nu in NUS for pair in GROOVES]
+    cords = [("plane_strain", nu, finest, 0.5, groove) for nu in NUS for groove in (None, 3.2)]
+    bodies = [(k, 0.499, finest // 2, 0.3, None) for k in ("axisymmetric", "3D")]
+    for kinematics, nu, cells, squeeze, groove in plates + grooves + cords + bodies:
+        steps, cost = solved(
+            "seal", kinematics=kinematics, nu=nu, cells=cells, squeeze=squeeze, groove=groove,
+            steps=round(20 * squeeze),
+        )  # fmt: skip
+        turn = {"3D": 360 / SECTOR, "plane_strain": 2}.get(kinematics, 1)
+        given = {"kinematics": kinematics, "nu": nu, "cells": cells, "groove": groove}
+        for step in steps:
+            force = -step["obstacles"]["upper"]["force"][1] * turn
+            row = {"squeeze": step["load"] * squeeze, "force": force, "newton": step["newton"]}
+            yield given | row | {"min_J": step["min_J"], "dofs": cost["dofs"], "all": cost}
 
 
 def powers(first: int, last: int) -> list[int]:

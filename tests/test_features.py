@@ -255,7 +255,7 @@ def test_mistakes(comm: Any) -> None:
         "traction.group = 'ds(3)': expected a measure with subdomain_data": lambda: solve(
             fem_snh.Traction(ufl.ds(3), [0, 0, 1])
         ),
-        "expected one of the keys shape, surface; found none": lambda: fem_snh.Obstacle(),
+        "expected one of the keys shape, surface, profile; found none": lambda: fem_snh.Obstacle(),
         "shape: unknown key 'ball'": lambda: fem_snh.Obstacle({"ball": {}}),
         "obstacle.name = 'a': expected a different name": lambda: solve(
             fem_snh.Obstacle({"plane": {}}, name="a"), fem_snh.Obstacle({"plane": {}}, name="a")

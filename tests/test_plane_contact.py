@@ -140,24 +140,30 @@ snes_scaled_tol = 1e-12
         assert row["angular_momentum"] == pytest.approx([0, 0, impulse / 2], abs=1e-12)
 
 
-def test_contact_with_torsion_is_refused(tmp_path):
-    keys = '[[contact]]\ngroups = ["bottom", "top"]\n'
+@pytest.mark.parametrize(
+    ("keys", "refused"),
+    [
+        ('[[contact]]\ngroups = ["bottom", "top"]\n', "no contact"),
+        ('[self_contact]\nmethod = "ipc"\n', "no self-contact"),
+    ],
+)
+def test_contact_with_torsion_is_refused(tmp_path, keys, refused):
     path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", keys)
-    with pytest.raises(BadInput, match="no contact, with kinematics = 'axisymmetric_torsion'"):
+    with pytest.raises(BadInput, match=f"{refused}, with kinematics = 'axisymmetric_torsion'"):
         solve(path)
 
 
 BARRIER = """
 mesh = "blocks.msh"
 element = "{element}"
-kinematics = "plane_strain"
+kinematics = "{kinematics}"
 steps = 2
 reactions = ["bottom"]
 fields = ["contact_pressure"]
 [material]
 name = "stable_neo_hookean"
 E = 1.0
-nu = 0.3
+nu = {nu}
 [self_contact]
 method = "ipc"
 friction = {friction}
@@ -169,10 +175,13 @@ translate = [{slide}, -0.15, 0]
 """
 
 
-def pressed(folder, element, friction=0.0, slide=0.0, comm=None, out=None):
+def pressed(
+    folder, element, friction=0.0, slide=0.0, comm=None, out=None, kinematics="plane_strain", nu=0.3
+):
     if comm is None or comm.rank == 0:
         blocks(folder / "blocks.msh", element[0] == "P", int(element[1]), gap=0.05)
-        text = BARRIER.format(element=element, friction=friction, slide=slide)
+        values = {"kinematics": kinematics, "nu": nu, "friction": friction, "slide": slide}
+        text = BARRIER.format(element=element, **values)
         (folder / "own.toml").write_text(text)
     if comm is not None:
         comm.barrier()
@@ -193,10 +202,32 @@ def test_barrier_between_two_blocks(comm, folder, element):
 
 
 @needs_ipctk
+@pytest.mark.parametrize("element", ["Q1", "P2"])
+def test_barrier_on_a_body_of_revolution(tmp_path, element):
+    """The pressure of the compressed blocks, whose ends are free to slide, on the whole area."""
+    result = pressed(tmp_path, element, kinematics="axisymmetric", nu=0.0)
+    row = result.steps[-1]
+    contact = row["self_contact"]
+    lower, upper = (np.array(force) for force in contact["bodies"])
+    assert lower[1] == pytest.approx(-upper[1], rel=1e-12)
+    assert row["reactions"]["bottom"][1] == pytest.approx(upper[1], rel=1e-4)
+    stretch = 1 - (0.15 - (0.05 - contact["distance"]))
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    assert upper[1] == pytest.approx(-P * pi, rel=0.02)
+    term = next(t for t in result.problem.terms if t.name == "self_contact")
+    pressure = term.nodal_field("contact_pressure", result.problem.split(result.problem.x)[0])
+    assert np.median(pressure[pressure > 0]) == pytest.approx(-P, rel=0.2)
+
+
+@needs_ipctk
+@pytest.mark.parametrize("kinematics", FLAT)
 @pytest.mark.parametrize("element", ["Q1", "Q2"])
-def test_barrier_has_derivatives(tmp_path, element):
+def test_barrier_has_derivatives(tmp_path, element, kinematics):
     """By central differences, with friction."""
-    problem = pressed(tmp_path, element, 0.3, 0.02, out=tmp_path / "out").problem
+    problem = pressed(
+        tmp_path, element, 0.3, 0.02, out=tmp_path / "out", kinematics=kinematics
+    ).problem
     term = next(t for t in problem.terms if t.name == "self_contact")
     term.begin_step(problem.split(problem.x)[0])
     term.set_load(1.0)

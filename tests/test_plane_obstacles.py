@@ -259,6 +259,25 @@ def test_polygons_that_are_none(points):
         fem_snh.Obstacle(shape={"polygon": {"points": points}})
 
 
+def test_polygon_of_a_file(tmp_path):
+    """It is the same polygon, and run.json has its corners."""
+    corners = [[0.6, -1], [1, -1], [1, 2], [0.6, 2], [0.45, 0.5]]
+    lines = "\n".join(f"{x},{y}" for x, y in corners)
+    (tmp_path / "groove.csv").write_text(f"# x, y\n{lines}\n")
+    found = []
+    for shape in (f"shape = {{ polygon = {{ points = {corners} }} }}", 'profile = "groove.csv"'):
+        path = own_scene(
+            tmp_path, "Q1", "axisymmetric", f"[[obstacle]]\nname = 'groove'\n{shape}\n"
+        )
+        result = solve(path)
+        found.append((result.steps[-1]["obstacles"], result.record["obstacles"]["groove"]["shape"]))
+    assert found[0] == found[1]
+    for text in ("1,2,3\n4,5,6\n7,8,9\n", "x,y\n0,0\n", "0,0\n1,1\n1,0\n0,1\n", ""):
+        (tmp_path / "groove.csv").write_text(text)
+        with pytest.raises(BadInput, match=r"groove\.csv: .*expected"):
+            solve(path)
+
+
 @pytest.mark.parametrize(
     "kinematics, keys, message",
     [

@@ -13,7 +13,7 @@ import pytest
 from picture_runs import bad, record, write_record, write_run
 from scipy.spatial.transform import Rotation
 
-from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Sphere, from_record
+from fem_snh.geometry.shapes import Box, Capsule, Cylinder, Plane, Polygon, Sphere, from_record
 from fem_snh.viewing import render
 from fem_snh.viewing.render.obstacles import Obstacles, triangles
 from fem_snh.viewing.render.records import obstacle_poses
@@ -29,6 +29,7 @@ BALL = {"shape": {"sphere": {"center": [0, 0, 1.5], "radius": 0.5}}, "pose": RES
     [
         ("plane", {"point": [0, 0, 1], "normal": [1, 0, 2]}, Plane((0, 0, 1), (1, 0, 2))),
         ("sphere", {"center": [1, 2, 3], "radius": 0.5}, Sphere((1, 2, 3), 0.5)),
+        ("polygon", {"points": [[0, 0], [1, 0], [0, 1]]}, Polygon(((0, 0), (1, 0), (0, 1)))),
         ("capsule", ENDS, Capsule((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
         ("cylinder", ENDS, Cylinder((0.1, 0.2, 0.3), (0.9, 0.5, 0.6), 0.4)),
         (

@@ -77,7 +77,7 @@ def test_names() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({}, "obstacle.0: expected one of the keys shape, surface; found none"),
+        ({}, "obstacle.0: expected one of the keys shape, surface, profile; found none"),
         ({"shape": {}}, "obstacle.0.shape: expected one of the keys plane, .*box, .*, found none"),
         (
             {"shape": {"spere": {}}},
@@ -96,7 +96,10 @@ def test_names() -> None:
             {"shape": {"box": {"center": [0, 0, 0], "size": [1, 0, 1]}}},
             "obstacle.0.shape.box.size = .*: expected three numbers > 0",
         ),
-        ({**ON_BALL, "surface": "a.stl"}, "expected one of the keys shape, surface; found both"),
+        (
+            {**ON_BALL, "surface": "a.stl"},
+            "expected one of the keys shape, surface, profile; found shape, surface",
+        ),
         ({**ON_BALL, "friction": -1}, "obstacle.0.friction = -1: expected a number >= 0"),
         ({**ON_BALL, "stiffness": 0}, "obstacle.0.stiffness = 0: expected a number > 0"),
         ({**ON_BALL, "method": "penatly"}, "method = 'penatly': .*did you mean 'penalty'"),

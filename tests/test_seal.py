@@ -8,6 +8,7 @@ import pytest
 
 import fem_snh
 from fem_snh.errors import BadInput
+from fem_snh.scenes.builtin.seal import SECTOR
 
 
 def press(kinematics, **options):
@@ -51,9 +52,33 @@ def test_half_of_the_height_converges():
     assert forces == sorted(forces)
 
 
+@pytest.mark.parametrize("kinematics", ["axisymmetric", "plane_strain"])
+def test_a_groove_acts_from_where_its_walls_are_touched(kinematics):
+    """The plates' own forces before; then it stiffens, as a closed gland does."""
+    rows, grooved = press(kinematics, groove=2.3, nu=0.4999)
+    _, free = press(kinematics, nu=0.4999)
+    assert grooved[:3] == pytest.approx(free[:3], rel=0.01)
+    assert grooved[-1] > 1.3 * free[-1]
+    for row, upper in zip(rows, grooved, strict=True):
+        assert row["obstacles"]["lower"]["force"][1] == pytest.approx(upper, rel=1e-5)
+    assert min(row["min_J"] for row in rows) > 0.85
+
+
+def test_section_is_the_sector_of_the_ring():
+    """15 degrees of it between two planes of symmetry, on cells of the same size."""
+    (section,), (solid,) = (
+        press(kinematics, squeeze=0.1, steps=1)[1] for kinematics in ("axisymmetric", "3D")
+    )
+    assert solid * 360 / SECTOR == pytest.approx(section, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"groove": 1.9}, "groove = 1.9: expected a number of at least 2"),
+        ({"groove": 11.0}, "groove = 11.0: expected a number below 10"),
+        ({"groove": 2.6, "squeeze": 0.5}, "squeeze = 0.5: expected below 0.396"),
+        ({"groove": 3.0, "kinematics": "3D"}, "groove = 3.0: expected no value"),
         ({"kinematics": "plane_stress"}, "kinematics = 'plane_stress': expected one of"),
         ({"squeeze": 1.0}, "squeeze = 1.0: expected a number below 1"),
         ({"ring": 1.0}, "ring = 1.0: expected a number above 1"),

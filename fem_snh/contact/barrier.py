@@ -16,7 +16,7 @@ from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region, reference_modulus
 from fem_snh.choices import FILTERS
 from fem_snh.contact.collisions import BarrierEnergy, CollisionSurface
-from fem_snh.contact.embedded_surface import Blocks
+from fem_snh.contact.embedded_surface import Blocks, point_areas
 from fem_snh.contact.fields import SelfContactTerm
 from fem_snh.errors import NotSettled, choose
 from fem_snh.mesh.skin import Skin
@@ -52,7 +52,7 @@ class IPC(SelfContactTerm):
     friction : float, optional
         Coulomb's coefficient mu.
     kinematics : Kinematics, optional
-        That of the displacement: of a solid or of a plane.
+        That of the displacement: of a solid, of a plane, or axisymmetric.
 
     Attributes
     ----------
@@ -79,7 +79,10 @@ class IPC(SelfContactTerm):
     ) -> None:
         super().__init__(V, skin, kinematics)
         points = self.surface.points[:, : kinematics.components]
-        surface = CollisionSurface(points, self.surface.triangles)
+        areas = None
+        if kinematics.revolved:
+            areas = point_areas(self.surface.points, self.surface.triangles, revolved=True)
+        surface = CollisionSurface(points, self.surface.triangles, areas)
         self.collision_surface, self._rank = surface, V.mesh.comm.rank
         surface.check(points, "in the mesh")
         modulus = reference_modulus(V.mesh, regions)

@@ -59,6 +59,9 @@ class CollisionSurface:
     triangles : (m, 3) int32
         Points of each triangle; (m, 2) of each segment, in two dimensions. Points that methods get
         are then (n, 2).
+    areas : (n,), optional
+        The areas of the points [m^2]; default: those of the triangles, or of the segments per
+        thickness.
 
     Attributes
     ----------
@@ -77,7 +80,7 @@ class CollisionSurface:
         If ipctk is missing.
     """
 
-    def __init__(self, points: Array, triangles: Array) -> None:
+    def __init__(self, points: Array, triangles: Array, areas: Array | None = None) -> None:
         self.ipctk = import_ipctk()
         if triangles.shape[1] == 2:
             self._edges, points = triangles, points[:, :2]
@@ -85,6 +88,8 @@ class CollisionSurface:
         else:
             self._edges = self.ipctk.edges(triangles)
             self.mesh = self.ipctk.CollisionMesh(_rows(points), self._edges, triangles)
+        if areas is not None:
+            self.mesh.vertex_areas = areas
         a, b = self._edges.T
         self.edge_length = float(np.linalg.norm(points[a] - points[b], axis=1).mean())
         graph = csr_matrix((np.ones(len(a)), (a, b)), shape=(len(points),) * 2)

@@ -143,6 +143,34 @@ def embedded_surface(V: Any, skin: Skin | None = None) -> EmbeddedSurface:
     return EmbeddedSurface.boundary(V) if skin is None else EmbeddedSurface.of_skin(V, skin)
 
 
+def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:
+    r"""Return the reference areas of a surface's points (n,) [m^2]: a third of their triangles.
+
+    In two dimensions they are half of the segments per thickness, and on a body of revolution
+    :math:`\int N_i\, 2 \pi r\, ds`, with linear :math:`N_i`.
+
+    Parameters
+    ----------
+    points : (n, 3)
+        Reference positions [m].
+    triangles : (m, 3) or (m, 2) int
+        The triangles, or the segments, by their points.
+    revolved : bool
+        Whether the segments revolve about the axis x = 0.
+    """
+    corners, count = points[triangles], triangles.shape[1]
+    ways = corners[:, 1:] - corners[:, :1]
+    if count == 2:
+        parts = np.linalg.norm(ways[:, 0], axis=1) / 2
+    else:
+        parts = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 6
+    each = np.repeat(parts, count)
+    if revolved:
+        r = np.maximum(corners[:, :, 0], 0.0)  # rounding errors on the axis
+        each *= (2 * np.pi * (r + r.sum(axis=1, keepdims=True)) / 3).ravel()
+    return np.bincount(triangles.ravel(), each, len(points))
+
+
 def carried_points(domain: Any, skin: Skin) -> tuple[Array, Array]:
     """Return the points of a skin that this rank's own cells carry, (n,), and the cells, (n,)."""
     owned = _dolfinx.num_owned(domain)

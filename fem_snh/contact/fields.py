@@ -20,7 +20,12 @@ from fem_snh.assembly.ghosted_vectors import (
     writable_values,
 )
 from fem_snh.assembly.kinematics import SOLID, Kinematics
-from fem_snh.contact.embedded_surface import EmbeddedSurface, SurfaceMatrix, embedded_surface
+from fem_snh.contact.embedded_surface import (
+    EmbeddedSurface,
+    SurfaceMatrix,
+    embedded_surface,
+    point_areas,
+)
 from fem_snh.contact.obstacle_pair import ObstaclePair
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
 from fem_snh.mesh.skin import Skin
@@ -93,8 +98,8 @@ class SelfContactTerm(ABC):
     r"""What both methods of self-contact share: the surface, its matrix, the contact pressure.
 
     The pressure is the force per reference area at the nodes. With the weights :math:`W` of the
-    surface's points :math:`i` (`EmbeddedSurface`) and a third of their triangles' areas
-    :math:`A_i`,
+    surface's points :math:`i` (`EmbeddedSurface`) and their areas
+    :math:`A_i` (`point_areas`),
 
     .. math:: p_a = \frac{|f_a|}{\sum_i W_{ia} A_i},
 
@@ -149,15 +154,7 @@ class SelfContactTerm(ABC):
     def _areas(self) -> Array:
         """The areas of this rank's nodes, ghosts included, (nodes,) [m^2]."""
         surface = self.surface
-        corners, count = surface.points[surface.triangles], surface.triangles.shape[1]
-        ways = corners[:, 1:] - corners[:, :1]
-        if count == 2:
-            parts = np.linalg.norm(ways[:, 0], axis=1) / 2
-        else:
-            parts = np.linalg.norm(np.cross(ways[:, 0], ways[:, 1]), axis=1) / 6
-        points = np.bincount(
-            surface.triangles.ravel(), np.repeat(parts, count), len(surface.points)
-        )
+        points = point_areas(surface.points, surface.triangles, self._kinematics.revolved)
         weighted = surface.weights * points[:, None]
         areas = np.bincount(
             surface.columns.ravel(), weighted.ravel(), minlength=len(surface.support.nodes)

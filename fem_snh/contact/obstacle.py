@@ -13,7 +13,7 @@ from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import BadInput, bad_value, on_every
 from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
-from fem_snh.geometry.shapes import Box, ClosedSurface
+from fem_snh.geometry.shapes import Box, ClosedSurface, Shape, read_polygon
 from fem_snh.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
@@ -36,11 +36,18 @@ class Obstacle(Feature, ContactTable):
 
     key, planar = "obstacle", True
     nodal_fields: ClassVar[Mapping[str, OutputField]] = AT_OBSTACLES
-    shape: ShapeChoice | None = Field(default=None, description="Its shape, or 'surface'.")
+    shape: ShapeChoice | None = Field(
+        default=None, description="Its shape; or 'surface', or 'profile'."
+    )
     surface: StlFile | None = Field(
         default=None,
         description="STL file of a closed surface, instead of 'shape'; "
         "its path is relative to the scene file.",
+    )
+    profile: CsvFile | None = Field(
+        default=None,
+        description="CSV file of the corners of a polygon, x and y in each line, instead of "
+        "'shape'; its path is relative to the scene file.",
     )
     translate: Vector | None = Field(default=None, description=TRANSLATE)
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
@@ -62,9 +69,11 @@ class Obstacle(Feature, ContactTable):
 
     @model_validator(mode="after")
     def _check_keys_together(self) -> Obstacle:
-        if (self.shape is None) == (self.surface is None):
-            found = "none" if self.shape is None else "both"
-            raise BadInput(f"expected one of the keys shape, surface; found {found}")
+        keys = ("shape", "surface", "profile")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = ", ".join(given) or "none"
+            raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
         check_motion(self, self.motion)
         return self
 
@@ -81,7 +90,13 @@ class Obstacle(Feature, ContactTable):
         BadInput
             One line, for a file that cannot be read or is not valid.
         """
-        shape = self.shape.shape() if self.shape else ClosedSurface.read(str(self.surface))
+        shape: Shape
+        if self.shape:
+            shape = self.shape.shape()
+        elif self.profile:
+            shape = read_polygon(self.profile)
+        else:
+            shape = ClosedSurface.read(str(self.surface))
         motion: RigidMotion | None = None
         if self.motion is not None:
             motion = read_motion(self.motion, amplitudes.duration)
@@ -124,6 +139,9 @@ class Obstacle(Feature, ContactTable):
         found = {}
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
             shape = obstacle.shape.record() if obstacle.shape else {"surface": file_name(i)}
+            if obstacle.profile:
+                corners = terms[0].contacts[i].obstacle.shape.points
+                shape = {"polygon": {"points": [list(corner) for corner in corners]}}
             found[name] = {
                 "shape": shape,
                 "friction": obstacle.friction,

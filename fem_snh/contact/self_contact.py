@@ -84,8 +84,11 @@ class SelfContact(Feature):
         if not body.regions:
             raise bad_value("terms", "self-contact", "a material: its modulus scales the contact")
         chosen, kinematics = features[0], body.kinematics
-        if kinematics.dim == 2 and (kinematics.revolved or chosen.method != "ipc"):
-            accepted = "no value but method = 'ipc' in a plane, on a mesh of 2 dimensions"
+        if kinematics.dim == 2 and chosen.method != "ipc":
+            accepted = "no value but method = 'ipc' on a mesh of 2 dimensions"
+            raise bad_value(cls.key, chosen.method, accepted)
+        if kinematics.dim == 2 and kinematics.components == 3:
+            accepted = f"no self-contact, with kinematics = '{kinematics.name}'"
             raise bad_value(cls.key, chosen.method, accepted)
         if chosen.method == "reference":
             from fem_snh.contact.reference.reference import ReferenceContact  # imports PETSc

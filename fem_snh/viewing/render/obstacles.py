@@ -12,6 +12,7 @@ from fem_snh.errors import BadInput
 from fem_snh.geometry.bones import AffineMotion, AffineTable, RigidAffine
 from fem_snh.geometry.motions import PoseTable
 from fem_snh.geometry.shapes import Shape, from_record
+from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.viewing.render.surfaces import boundary
 
 #: Colour and opacity of obstacles and of bones; a body must be translucent to show its bones.
@@ -125,6 +126,10 @@ def triangles(kind: str, keys: Any, centre: np.ndarray, radius: float) -> pv.Pol
         return parts[0].append_polydata(*parts[1:]) if parts[1:] else parts[0]
     if kind == "smooth_union":
         return _level_set(from_record({kind: keys}), centre, radius)
+    if kind == "polygon":
+        return pv.PolyData.from_regular_faces(
+            *surface_triangles(from_record({kind: keys}), centre, radius)
+        )
     if kind not in ("cylinder", "capsule"):
         raise BadInput(f"run.json: a shape '{kind}': expected one that this version draws")
     start, end = np.array(keys["from"]), np.array(keys["to"])
