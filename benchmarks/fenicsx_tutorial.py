@@ -13,13 +13,15 @@ import json
 import resource
 import sys
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import ufl
+from dolfinx import fem
 
 from benchmarks.assembly import JIT
 from fem_snh import _dolfinx, scenes
@@ -33,7 +35,7 @@ from fem_snh.runs import make_mesh
 
 #: Limits on the halvings of a step and on the Newton iterations of a step.
 HALVINGS, MAX_IT = 6, 50
-PETSC = {
+MUMPS = {
     "ksp_type": "preonly",
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
@@ -41,11 +43,18 @@ PETSC = {
 }
 
 
-def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[str, Any]:
-    """Solve a scene without tractions and write ``folder``/run.json after every step. Collective.
+def solve(
+    scene: scenes.Scene, folder: Path | None = None, tolerance: float = 1e-7, goal: str = ""
+) -> dict[str, Any]:
+    """Solve a scene of dead loads and prescribed displacements. Collective.
 
     Parameters
     ----------
+    folder : Path, optional
+        Its ``run.json`` is written after every step.
+    goal : str
+        A goal of the scene, a component of a point, a force or a moment, whose value at the end is
+        ``goal`` of the record.
     tolerance : float
         Tolerance of the residual, in units of E V^(2/3) as for `fem_snh.solver`.
 
@@ -62,17 +71,29 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
     V = _dolfinx.function_space(domain.domain, element.degree, (3,))
     u, v = _dolfinx.function(V, "displacement"), ufl.TestFunction(V)
     dx = ufl.Measure("dx", domain=domain.domain, metadata={"quadrature_degree": element.quadrature})
-    parts = []
+    parts: list[Any] = []
+    conditions_of_u: list[Any] = []
     conditions: list[scenes.Hold | scenes.Move] = [*scene.hold, *scene.move]
     for condition in conditions:
         group = domain.group(condition.group)
         nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
-        parts.append((condition, nodes, _dolfinx.function(V, "prescribed")))
+        if len(condition.components) == 3:
+            parts.append((condition, nodes, _dolfinx.function(V, "prescribed")))
+            conditions_of_u.append(_dolfinx.prescribed(parts[-1][2], nodes))
+            continue
+        assert isinstance(condition, scenes.Hold)
+        for axis in map("xyz".index, condition.components):
+            dofs_of_axis = fem.locate_dofs_topological(V.sub(axis), group.dim, group.entities)
+            conditions_of_u.append(fem.dirichletbc(PETSc.ScalarType(0), dofs_of_axis, V.sub(axis)))
     F = ufl_forms.residual(energy, u, v, dx)
-    conditions_of_u = [_dolfinx.prescribed(g, n) for _, n, g in parts]
+    load_factor = fem.Constant(domain.domain, PETSc.ScalarType(0))
+    for traction in scene.traction:
+        facets = domain.group(traction.group).entities
+        vector = ufl.as_vector([float(x) for x in traction.vector])
+        F -= load_factor * ufl.inner(vector, v) * _dolfinx.surface_measure(domain.domain, facets)
 
     def create_solver() -> Any:
-        solver = _dolfinx.newton_solver(F, u, conditions_of_u, JIT, PETSC)
+        solver = _dolfinx.newton_solver(F, u, conditions_of_u, JIT, MUMPS)
         solver.rtol, solver.max_it = 0.0, MAX_IT
         solver.atol = tolerance * energy.E * meshes.volume(domain.domain) ** (2 / 3)
         return solver
@@ -94,7 +115,8 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         for condition, nodes, values in parts:
             array = values.x.array.reshape(-1, 3)
             array[nodes] = condition.displacement(points[nodes], to)
-        kept, start = u.x.array.copy(), perf_counter()
+        load_factor.value = to
+        kept, start, working = u.x.array.copy(), perf_counter(), process_time()
         try:
             newton, good = solver.solve(u)
         except RuntimeError:  # a factorisation failed
@@ -109,7 +131,8 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
             u.x.array[:] = kept
         record["steps"].append(
             {"load": to, "converged": good, "newton": newton, "linear": newton,
-             "residual": residual, "seconds": perf_counter() - start}
+             "residual": residual, "seconds": perf_counter() - start,
+             "processor_seconds": process_time() - working}
         )  # fmt: skip
         load, size = (to, 2 * size) if good else (load, size / 2)
         if not good:  # a solver that has met NaN keeps it
@@ -117,9 +140,28 @@ def solve(scene: scenes.Scene, folder: Path, tolerance: float = 1e-7) -> dict[st
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         record["peak_memory_mb"] = comm.allreduce(peak)
         record["converged"] = load == 1.0
-        if comm.rank == 0:
+        if comm.rank == 0 and folder is not None:
             replace_file(folder / "run.json", json.dumps(record))
+    if goal and record["converged"]:
+        record["goal"] = _goal(scene, domain, V, u, F, goal)
     return record
+
+
+def _goal(scene: scenes.Scene, domain: Any, V: Any, u: Any, F: Any, name: str) -> float:
+    """Return a component of a probe at a node, or of a group's force or moment. On one rank."""
+    kind, of, (axis,) = scenes.read_goal(name, scene.probe)
+    points, values = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, 3)
+    if kind == "point":
+        point = next(probe.point for probe in scene.probe if probe.name == of)
+        node = np.linalg.norm(points - point, axis=1).argmin()
+        return float(values[node, axis])
+    group = domain.group(of)
+    nodes = _dolfinx.locate_dofs(V, group.dim, group.entities)
+    forces = fem.petsc.assemble_vector(fem.form(F)).array.reshape(-1, 3)[nodes]
+    if kind == "moment":
+        (about,) = (r.about for r in scene.reactions if r.group == of)
+        forces = np.cross(points[nodes] + values[nodes] - about, forces)
+    return float(forces[:, axis].sum())
 
 
 if __name__ == "__main__":

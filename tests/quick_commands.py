@@ -73,6 +73,7 @@ ELSEWHERE = {
     "make": "Makefile",
     "python -c": "tests/test_volume_terms.py",
     "python demos/": "tests/test_demos.py",
+    f"{BENCH} exact_goals": "tests/test_exact_goals.py",
     f"{BENCH} extremes_page": "tests/test_docs_commands.py",
     f"{BENCH} faults": "tests/test_faults.py",
     f"{BENCH} felupe_sections": "tests/test_plane_problems.py",
