@@ -48,6 +48,8 @@ class Folding:
     eliminated : (m,) int
         The entries of this rank's vectors that are no unknowns: of nodes that are no slots, and of
         unknowns that are not free.
+    unknowns : (6 parts,) int
+        The global entries of the unknowns, -1 for those that are not free.
     own_unknowns : tuple of two (k,) int
         The entries of the unknowns in this rank's vectors, and their numbers.
     """
@@ -74,11 +76,11 @@ class Folding:
         entries = (starts[:, None] + np.arange(size)).reshape(parts, -1)
         order = np.cumsum(free.reshape(parts, -1), axis=1) - 1
         entries = np.take_along_axis(entries, np.maximum(order, 0), axis=1)
-        self._slots = np.where(free, entries.ravel(), -1)
+        self.unknowns = np.where(free, entries.ravel(), -1)
         self._free, self._chains, size = free, chains, UNKNOWNS * parts
-        self.eliminated = self._rows[~np.isin(own, self._slots)]
-        which = np.flatnonzero(np.isin(self._slots, own))
-        self.own_unknowns = self._slots[which] - self._first, which
+        self.eliminated = self._rows[~np.isin(own, self.unknowns)]
+        which = np.flatnonzero(np.isin(self.unknowns, own))
+        self.own_unknowns = self.unknowns[which] - self._first, which
         self.set_state(np.zeros((len(own), UNKNOWNS)), np.eye(size), np.zeros((size, size)))
         self._pattern: tuple[int, ...] = ()
 
@@ -177,10 +179,10 @@ class Folding:
         """Find the values that are read, set to zero and added to."""
         number = np.full(self._dof_map.num_owned_dofs, -1)
         number[self._rows] = np.arange(len(self._rows))
-        columns, size = self._columns, len(self._slots)
+        columns, size = self._columns, len(self.unknowns)
         self._own_columns = np.searchsorted(columns, self._own)
-        order = np.argsort(self._slots)
-        in_order = self._slots[order]
+        order = np.argsort(self.unknowns)
+        in_order = self.unknowns[order]
 
         def slot(dofs: Indices) -> Indices:
             at = np.minimum(np.searchsorted(in_order, dofs), size - 1)

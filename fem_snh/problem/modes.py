@@ -27,6 +27,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix
 
 from fem_snh.assembly.regions import cell_constant, volume_mean
 from fem_snh.errors import BadInput
@@ -77,7 +78,8 @@ class Eigenproblem:
         self._basis = _free_basis(problem)
         # M has constrained rows and columns, which K lacks but for its diagonal.
         self.K = problem.A.ptap(self._basis)
-        self.M = mass_matrix(problem.V, rho, revolved).ptap(self._basis)
+        self._displacements = _displacements(problem, self._basis)
+        self.M = mass_matrix(problem.V, rho, revolved).ptap(self._displacements)
         for A in (self.K, self.M):
             A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._size = int(self.K.getSize()[0])
@@ -192,7 +194,7 @@ class Eigenproblem:
     def shape(self, v: PETSc.Vec, factor: float) -> PETSc.Vec:
         """Return ``factor`` times ``v`` on all dofs, zero at constrained ones, largest one > 0."""
         x = self._x.duplicate()
-        self._basis.mult(v, x)
+        self._displacements.mult(v, x)
         high, low = x.max()[1], x.min()[1]
         sign = -1.0 if -low > high * (1 + 1e-6) else 1.0
         x.scale(sign * factor)
@@ -219,6 +221,34 @@ def _free_basis(problem: Problem) -> PETSc.Mat:
     sizes = (len(lengths), None), (owned, None)
     basis = PETSc.Mat().createAIJ(sizes, csr=csr, comm=problem.comm)
     return basis.transpose()
+
+
+def _displacements(problem: Problem, basis: PETSc.Mat) -> PETSc.Mat:
+    """Return the displacements of all nodes in the columns of `_free_basis`. Collective.
+
+    Nodes of rigid parts follow the unknowns, which are at other entries.
+    """
+    if not problem.rigid:
+        return basis
+    owned, (first, last) = problem.x.getLocalSize(), problem.x.getOwnershipRange()
+    columns, values = problem.rigid.derivative(problem.x)
+    of_parts = problem.rigid.dofs.ravel()
+    others = np.setdiff1d(np.arange(owned), of_parts)
+    row, column = np.nonzero(values)
+    matrix = csr_matrix(
+        (
+            np.concatenate([np.ones(len(others)), values[row, column]]),
+            (
+                np.concatenate([others, of_parts[row]]),
+                np.concatenate([first + others, columns[column]]),
+            ),
+        ),
+        shape=(last - first, problem.x.getSize()),
+    )
+    pattern = (array.astype(PETSc.IntType) for array in (matrix.indptr, matrix.indices))
+    sizes = (owned, None), (owned, None)
+    expansion = PETSc.Mat().createAIJ(sizes, csr=(*pattern, matrix.data), comm=problem.comm)
+    return expansion.matMult(basis)
 
 
 #: Largest relative residual of an eigenpair. SLEPc judges by estimates for the shifted inverse,

@@ -90,6 +90,9 @@ class EliminatingTerm(Protocol):
     def prepare_mass(self, x: PETSc.Vec) -> None:
         """Set the fold of a mass matrix at x."""
 
+    def derivative(self, x: PETSc.Vec) -> tuple[npt.NDArray[Any], Array]:
+        """Return global entries of unknowns, and the derivative of ``dofs`` by them, (n, k)."""
+
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
 

@@ -152,7 +152,7 @@ class Rigid(Feature):
         """Raise BadInput for keys of a scene that rigid parts do not support."""
         if features and scene.bone:
             raise BadInput("'rigid' and 'bone' exclude each other: expected one of them")
-        for key in ("modes", "nu_continuation", "error", "accuracy"):
+        for key in ("nu_continuation", "error", "accuracy"):
             if features and getattr(scene, key):
                 raise BadInput(f"'rigid' and '{key}' exclude each other: expected one of them")
         check_names(features)

@@ -504,6 +504,26 @@ class RigidParts:
         basis = self._basis(poses).reshape(-1, UNKNOWNS)
         self._folding.set_state(basis, G, np.zeros_like(G))
 
+    def derivative(self, x: PETSc.Vec) -> tuple[Array, Array]:
+        """Return the derivative of the nodes' displacements by the unknowns. Collective.
+
+        Returns
+        -------
+        columns : (k,) int
+            The global entries of the free unknowns.
+        values : (own dofs of the parts, k) array
+            The derivative, in the order of ``dofs``.
+        """
+        assert self._folding is not None
+        poses, free = self.poses(x), self.tree.free
+        C = self._derivative(poses, self.tree.jacobian(poses))
+        return self._folding.unknowns[free], C.reshape(-1, len(free))[:, free]
+
+    def _derivative(self, poses: Poses, G: Array) -> Array:
+        """Return the derivative of the nodes' positions by the unknowns, (n, c, 6 parts)."""
+        of_parts = G.reshape(-1, UNKNOWNS, len(G))[self.labels]
+        return np.asarray(np.einsum("nij,njk->nik", self._basis(poses), of_parts))
+
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
         d = x.duplicate()
@@ -560,10 +580,7 @@ class RigidParts:
         """
         poses, tree = self.poses(x), self.tree
         G = tree.jacobian(poses)
-        C = np.einsum(
-            "nij,njk->nik", self._basis(poses), G.reshape(-1, UNKNOWNS, len(G))[self.labels]
-        )
-        C = np.where(tree.free, C, 0.0)
+        C = np.where(tree.free, self._derivative(poses, G), 0.0)
         vector = _dolfinx.create_vector(self._V)
 
         def reduced(nodal: Array) -> Array:

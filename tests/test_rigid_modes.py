@@ -1,0 +1,60 @@
+"""Frequencies of bodies with rigid parts: a mass on springs, a weight on a soft bar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx_programs import unit_cube, vector_space
+from running import solve
+
+import fem_snh
+from fem_snh.problem import modes
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Modes, Rigid, Scene
+
+mpi = pytest.mark.mpi
+
+SIDES, DENSITY = np.array([1.0, 0.6, 0.3]), 1000.0
+
+
+@mpi
+def test_rigid_mass_on_springs(comm):
+    """Three translations of sqrt(k / m), three rotations of sqrt(kappa / I)."""
+    domain = unit_cube(comm, 2)
+    domain.geometry.x[:] *= SIDES
+    u = fem.Function(vector_space(domain))
+    m = fem_snh.material("stable_neo_hookean", E=1e6, nu=0.45)
+    box = fem_snh.Rigid(ufl.dx, name="box", spring={"stiffness": 5e4, "rotation": 300.0})
+    problem = fem_snh.NonlinearProblem(u, {m: ufl.dx}, terms=[box])._problem
+    found = modes.lowest(problem, DENSITY, 6)
+    mass = DENSITY * SIDES.prod()
+    inertia = mass / 12 * ((SIDES**2).sum() - SIDES**2)
+    squares = np.concatenate([np.full(3, 5e4 / mass), 300.0 / inertia])
+    assert found.frequencies == pytest.approx(np.sort(np.sqrt(squares)) / (2 * np.pi), rel=1e-9)
+
+
+def bar(**keys):
+    """Return a bar whose right half is rigid, or of a material that is much stiffer."""
+    soft = MaterialChoice(name="stable_neo_hookean", E=1e5, nu=0.3, density=DENSITY)
+    return Scene(
+        name="bar",
+        mesh=Geometry(source="bar", parameters={"length": 2.0, "interface": 1.0}),
+        cells=2,
+        element="Q1",
+        hold=[Hold(group="left")],
+        modes=Modes(count=4),
+        **{"material": soft} | keys,
+    )
+
+
+@mpi
+def test_weight_on_a_bar_is_the_limit_of_a_stiff_one(comm):
+    rigid = solve(bar(rigid=[Rigid(group="second")]), comm)
+    soft = bar().materials[0]
+    stiff = MaterialChoice(
+        name="stable_neo_hookean", E=1e11, nu=0.3, density=DENSITY, group="second"
+    )
+    limit = solve(bar(material=[soft, stiff]), comm)
+    frequencies = limit.record["modes"]["frequencies"]
+    assert rigid.record["modes"]["frequencies"] == pytest.approx(frequencies, rel=1e-5)
