@@ -162,12 +162,18 @@ class Levels:
         Degree of the displacement.
     limits : mapping, optional
         ``max_time`` [s], ``max_memory`` [MB], ``max_dofs``; None or missing: none.
+    dim : int, optional
+        Dimension of the mesh.
     """
 
     def __init__(
-        self, asked: float, degree: int, limits: Mapping[str, float | None] | None = None
+        self,
+        asked: float,
+        degree: int,
+        limits: Mapping[str, float | None] | None = None,
+        dim: int = 3,
     ) -> None:
-        self.asked, self._order = asked, _ORDER[degree]
+        self.asked, self._order, self.dim = asked, _ORDER[degree], dim
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -221,7 +227,7 @@ class Levels:
 
     def forecast(self, refinement: float) -> Forecast:
         """Return what a level with cells that are so many times smaller will cost."""
-        last, power = self.rows[-1], 3.0
+        last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = refinement**power
@@ -306,24 +312,28 @@ class Levels:
         }
 
 
-def target_volumes(volumes: Array, weights: Array, degree: int, growth: float) -> Array:
+def target_volumes(
+    volumes: Array, weights: Array, degree: int, growth: float, dim: int = 3
+) -> Array:
     r"""Return the volumes of cells with which an error needs the fewest cells.
 
-    A cell of size h has the weight :math:`\eta = c\, h^{3 + 2p}` with a local constant c, as the
+    A cell of size h has the weight :math:`\eta = c\, h^{d + 2p}` with a local constant c, as the
     goal's error is a product of two errors of order p. Of all meshes with the same sum of the
-    weights, the fewest cells have those of equal weight per :math:`3 / (3 + 2p)`: the number of
-    cells in the place of one is proportional to :math:`\eta^{3/(3+2p)}`.
+    weights, the fewest cells have those of equal weight per :math:`d / (d + 2p)`: the number of
+    cells in the place of one is proportional to :math:`\eta^{d/(d+2p)}`.
 
     Parameters
     ----------
     volumes, weights : (cells,) array
-        The volumes [length^3], and the sizes of the errors of the cells.
+        The volumes [length^dim], and the sizes of the errors of the cells.
     degree : int
         Degree p of the displacement.
     growth : float
         The factor by which the number of cells is to be larger.
+    dim : int, optional
+        Dimension d of the mesh.
     """
-    power = 3 / (3 + 2 * degree)
+    power = dim / (dim + 2 * degree)
     density = np.maximum(weights, 0.0) ** power
     if not density.sum() > 0:
         return np.asarray(volumes / growth)
@@ -334,9 +344,9 @@ def target_volumes(volumes: Array, weights: Array, degree: int, growth: float) -
             low = middle
         else:
             high = middle
-    parts = np.clip(high * density, 1.0, _MOST_PARTS)
+    parts = np.clip(high * density, 1.0, _MOST_PARTS**dim)
     return np.asarray(volumes / parts)
 
 
-#: Cells into which one cell is divided at most from one level to the next: edges of a quarter.
-_MOST_PARTS = 64.0
+#: Parts into which the edges of a cell are divided at most from one level to the next.
+_MOST_PARTS = 4.0

@@ -1,4 +1,4 @@
-"""Refine tetrahedra where they are too large, by bisection, with the groups of the mesh.
+"""Refine tetrahedra or triangles where they are too large, by bisection, with the mesh's groups.
 
 Cells are bisected at their longest edge (Rivara 1991). The marked edges of a face are bisected in
 the order of their lengths in both of its cells, so the mesh has no hanging nodes. Only rank 0 has
@@ -7,6 +7,7 @@ the mesh; `fem_snh.mesh.mesh.distribute` distributes it.
 
 from __future__ import annotations
 
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,14 +33,14 @@ class _Marked(NamedTuple):
 
 
 def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
-    """Return the mesh with tetrahedra of about these volumes, or smaller ones. On rank 0.
+    """Return the mesh with cells of about these volumes, or smaller ones. On rank 0.
 
     Parameters
     ----------
     data : MeshData
-        A mesh of tetrahedra, in dolfinx's order of nodes.
+        A mesh of tetrahedra or triangles, in dolfinx's order of nodes.
     volumes : (cells,) array
-        The largest volume wanted in each cell [length^3].
+        The largest volume wanted in each cell [length^dim].
     max_cells : int
         No further round is made with so many cells.
 
@@ -48,33 +49,35 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     MeshData
         The mesh. Cells of degree 2 are on the curved faces of those that they are part of.
     """
-    vertices, corners = np.unique(data.cells[:, :4], return_inverse=True)
-    cells, x = corners.reshape(-1, 4).astype(np.int64), data.x[vertices]
+    dim, pairs = data.x.shape[1], _pairs(data.x.shape[1] + 1)
+    vertices, corners = np.unique(data.cells[:, : dim + 1], return_inverse=True)
+    cells, x = corners.reshape(-1, dim + 1).astype(np.int64), data.x[vertices]
     parts = {
         i: np.searchsorted(vertices, group.entities)
         for i, group in enumerate(data.groups)
-        if group.dim in (1, 2)
+        if 0 < group.dim < dim
     }
     roots = np.arange(len(cells))
-    barycentric = np.broadcast_to(np.eye(4), (len(cells), 4, 4)).copy()
+    barycentric = np.tile(np.eye(dim + 1), (len(cells), 1, 1))
     for _ in range(_MAX_ROUNDS):
         edges = x[cells[:, 1:]] - x[cells[:, :1]]
-        marked = np.abs(np.linalg.det(edges)) / 6 > _TOLERANCE * volumes[roots]
+        sizes = np.abs(np.linalg.det(edges)) / factorial(dim)
+        marked = sizes > _TOLERANCE * volumes[roots]
         if not marked.any() or len(cells) >= max_cells:
             break
         found, places = _marked_edges(cells, x, marked)
-        owner, edge = np.divmod(places, len(_EDGES))
-        ends = barycentric[owner[:, None], _EDGES[edge]]
+        owner, edge = np.divmod(places, len(pairs))
+        ends = barycentric[owner[:, None], pairs[edge]]
         x = np.concatenate([x, _points(data, roots[owner], ends.mean(axis=1))])
         cells, parents, barycentric = _split(cells, found, barycentric)
         roots = roots[parents]
         parts = {i: _split(simplices, found)[0] for i, simplices in parts.items()}
     used, numbers = np.unique(cells, return_inverse=True)
     assert len(used) == len(x)
-    cells = numbers.reshape(-1, 4)
+    cells = numbers.reshape(-1, dim + 1)
     groups = []
     for i, group in enumerate(data.groups):
-        if group.dim == 3:
+        if group.dim == dim:
             entities = np.flatnonzero(np.isin(roots, group.entities))
         else:
             entities = parts.get(i, np.searchsorted(vertices, group.entities))
@@ -84,7 +87,9 @@ def bisect(data: MeshData, volumes: Array, max_cells: int) -> MeshData:
     return data._replace(cells=cells, x=x, groups=groups)
 
 
-_EDGES = np.array([(i, j) for i in range(4) for j in range(i + 1, 4)])
+def _pairs(size: int) -> Array:
+    """Return the edges of a simplex with so many corners, (edges, 2)."""
+    return np.array([(i, j) for i in range(size) for j in range(i + 1, size)])
 
 
 def _keys(pairs: Array) -> Array:
@@ -95,10 +100,11 @@ def _keys(pairs: Array) -> Array:
 
 def _marked_edges(cells: Array, x: Array, marked: Array) -> tuple[_Marked, Array]:
     """Return the edges to bisect, and for each its place in the edges of all cells, flattened."""
-    keys = _keys(cells[:, _EDGES])
+    pairs = _pairs(cells.shape[1])
+    keys = _keys(cells[:, pairs])
     unique, first, edges = np.unique(keys, return_index=True, return_inverse=True)
     edges = edges.reshape(keys.shape)
-    ends = cells[:, _EDGES].reshape(-1, 2)[first]
+    ends = cells[:, pairs].reshape(-1, 2)[first]
     lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     ranks = np.empty(len(unique), dtype=np.int64)
     ranks[np.lexsort((unique, np.round(np.log(lengths), 9)))] = np.arange(len(unique))
@@ -117,7 +123,7 @@ def _split(
 ) -> tuple[Array, Array, Array]:
     """Return simplices without marked edges, the row of each one's origin, and coordinates."""
     size = simplices.shape[1]
-    pairs = np.array([(i, j) for i in range(size) for j in range(i + 1, size)])
+    pairs = _pairs(size)
     origins = np.arange(len(simplices))
     attached = np.zeros((len(simplices), size, 0)) if barycentric is None else barycentric
     while len(simplices):
@@ -143,8 +149,8 @@ def _split(
 
 
 def _points(data: MeshData, roots: Array, barycentric: Array) -> Array:
-    """Return points of cells of the original mesh from barycentric coordinates, (n, 3)."""
-    basis = _dolfinx.tabulate_element("tetrahedron", data.degree, barycentric[:, 1:], 0)[0]
+    """Return points of cells of the original mesh from barycentric coordinates, (n, dim)."""
+    basis = _dolfinx.tabulate_element(data.cell, data.degree, barycentric[:, 1:], 0)[0]
     return np.asarray(np.einsum("pk,pki->pi", basis, data.x[data.cells[roots]]))
 
 
@@ -152,7 +158,7 @@ def _with_midpoints(
     data: MeshData, cells: Array, x: Array, roots: Array, barycentric: Array
 ) -> tuple[Array, Array]:
     """Return cells of degree 2 and their nodes: the midpoints are on the original curved cells."""
-    edges = _dolfinx.reference_edges("tetrahedron")
+    edges = _dolfinx.reference_edges(data.cell)
     keys = _keys(cells[:, edges])
     _, first, numbers = np.unique(keys, return_index=True, return_inverse=True)
     owner, edge = np.divmod(first, len(edges))

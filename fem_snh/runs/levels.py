@@ -23,6 +23,7 @@ from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.accuracy.state_notes import REPLACEMENTS
 from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput
 from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
@@ -41,7 +42,9 @@ if TYPE_CHECKING:
 #: (docs/results/locking.md).
 _LOCKING = 0.4
 #: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
+#: So do triangles those whose half plane is a rectangle.
 _PLANE_FACES = ("bar", "block", "cook", "cube", "two_blocks")
+_RECTANGLES = ("bushing", "cylinder", "tube")
 #: Cells of the first level over those of the scene, along an edge.
 _FIRST = 0.5
 #: Fewest cells along an edge of a first level.
@@ -70,9 +73,9 @@ class Level:
     before : Problem or None
         The problem of the level before it, at its solution.
     fineness : float
-        The cells along an edge; 0: the cube root of the number of cells.
+        The cells along an edge; 0: the root of the number of cells.
     volumes : (owned cells,) array
-        The volumes of its cells [length^3].
+        The volumes of its cells [length^dim].
     """
 
     levels: Levels
@@ -101,7 +104,7 @@ class Level:
             memory = estimate.memory
         row = LevelRow(record["element"], record["cells"], record["dofs"], seconds, memory)
         row.elapsed = perf_counter() - self.start
-        row.fineness = self.fineness or row.cells ** (1 / 3)
+        row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
         record["accuracy"] = self.levels.record()
 
@@ -152,7 +155,8 @@ def run_levels(
     limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
     scene = _first_scene(scene, printed)
     refine = _refinement(scene)
-    levels = Levels(wanted.within, ELEMENTS[scene.element].degree, limits)
+    dim = kinematics_of(scene.kinematics).dim
+    levels = Levels(wanted.within, ELEMENTS[scene.element].degree, limits, dim)
     start, current = perf_counter(), scene
     by_cells = refine is _more_cells
 
@@ -203,7 +207,8 @@ def _path(scene: scenes.Scene) -> dict[str, Any]:
 def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     """Return the scene of the first level: a coarse mesh, and an element that does not lock."""
     update: dict[str, Any] = {}
-    locks = max(material.nu for material in scene.materials) > _LOCKING
+    sheet = kinematics_of(scene.kinematics).plane_stress
+    locks = not sheet and max(material.nu for material in scene.materials) > _LOCKING
     if locks and (other := REPLACEMENTS.get(scene.element)):
         printed.line(f"element = '{other}' in place of '{scene.element}', which locks")
         update["element"] = other
@@ -219,17 +224,22 @@ Refine = Callable[
 
 def _refinement(scene: scenes.Scene) -> Refine:
     """Return how the mesh of a scene is refined; raise BadInput if it cannot be."""
-    tetrahedra = ELEMENTS[scene.element].cell == "tetrahedron"
+    simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, scenes.Lattice):
         return _smaller_lattice
-    plane = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in _PLANE_FACES
-    if scene.cells is not None and not (tetrahedra and plane):
+    kinematics = kinematics_of(scene.kinematics)
+    exact = _PLANE_FACES + (_RECTANGLES if kinematics.revolved else ())
+    plane = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in exact
+    if scene.cells is not None and not (simplices and plane):
         return _more_cells
-    if tetrahedra:
+    if simplices:
         return _bisected
+    simplex, others = "tetrahedra", "hexahedra"
+    if kinematics.dim == 2:
+        simplex, others = "triangles", "quadrilaterals"
     raise BadInput(
-        f"accuracy.within: mesh = {scene.mesh}: expected tetrahedra, a lattice or a built-in "
-        "geometry with 'cells', as hexahedra of a file cannot be refined"
+        f"accuracy.within: mesh = {scene.mesh}: expected {simplex}, a lattice or a built-in "
+        f"geometry with 'cells', as {others} of a file cannot be refined"
     )
 
 
@@ -259,15 +269,16 @@ def _bisected(
         weights = level.levels.cell_weights(estimate, owned)
     data = gather(level.mesh)
     rows = comm.gather((_dolfinx.input_cells(domain)[:owned], level.volumes, weights))
-    degree = ELEMENTS[scene.element].degree
+    degree, dim = ELEMENTS[scene.element].degree, level.mesh.dim
 
     def make() -> Any:
         volumes, sizes = np.empty((2, len(data.cells)))
         for numbers, *values in rows:
             volumes[numbers], sizes[numbers] = values
-        wanted = growth = finer**3
+        wanted = growth = finer**dim
         for _ in range(_TRIES):
-            refined = bisect(data, target_volumes(volumes, sizes, degree, growth), _MOST_CELLS)
+            target = target_volumes(volumes, sizes, degree, growth, dim)
+            refined = bisect(data, target, _MOST_CELLS)
             found = len(refined.cells) / len(volumes)
             if found <= _MORE * wanted or growth == _LEAST_GROWTH:
                 break

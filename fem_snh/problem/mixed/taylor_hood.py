@@ -107,10 +107,16 @@ class PressureBlock:
         """(owned pressures,) inverse of the lumped mass matrix, in the units of ``x`` and residual.
 
         The square of the pressure residual, weighted by it, is the square of a volume error [m^3].
+        Of degree 2 the sums of the rows are zero at the vertices of triangles, and negative at
+        those of tetrahedra: it is then the diagonal, scaled to the same volume.
         """
         ones, sums = self._masses.plain.createVecs()
         ones.set(1.0)
         self._masses.plain.mult(ones, sums)
+        if _dolfinx.degree(self.Q) > 1:
+            volume = sums.sum()
+            self._masses.plain.getDiagonal(sums)
+            sums.scale(volume / sums.sum())
         return 1 / np.asarray(sums.array_r)
 
     def pressure_correction(self, residual: PETSc.Vec) -> np.ndarray:
