@@ -9,6 +9,10 @@ import stat
 from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xml.etree import ElementTree as ET
 
 _KINDS = {
     stat.S_IFIFO: "a FIFO",
@@ -41,6 +45,31 @@ def read_text(path: str | Path, encoding: str = "utf-8", errors: str = "strict")
     """Return the text of a regular file. Raises OSError and UnicodeDecodeError."""
     check_regular(path)
     return Path(path).read_text(encoding=encoding, errors=errors)
+
+
+def xdmf_root(path: str | Path) -> ET.Element:
+    """Return the root of an XDMF file's text. Raises OSError, and ValueError for another file."""
+    from xml.etree import ElementTree as ET  # few commands read one
+
+    try:
+        root = ET.fromstring(read_text(path))
+    except ET.ParseError as error:
+        raise ValueError(str(error)) from None
+    if root.tag != "Xdmf":
+        raise ValueError(f"its root is {root.tag}")
+    return root
+
+
+def xdmf_data(path: str | Path) -> list[Path]:
+    """Return the HDF5 files that hold the numbers of a .xdmf file, none if it is unreadable."""
+    if Path(path).suffix.lower() != ".xdmf":
+        return []
+    try:
+        items = [item for item in xdmf_root(path).iter("DataItem") if item.get("Format") == "HDF"]
+    except (OSError, ValueError):
+        return []
+    names = {(item.text or "").strip().partition(":")[0] for item in items}
+    return [Path(path).parent / name for name in sorted(names)]
 
 
 def file_digest(path: str | Path) -> str:

@@ -40,9 +40,12 @@ from fem_snh._dolfinx.meshes import (
     num_cells,
     num_exterior_facets,
     num_owned,
+    read_xdmf,
+    read_xdmf_tags,
     reference_corners,
     reference_edges,
     reference_facets,
+    write_xdmf,
 )
 from fem_snh._dolfinx.newton import newton_solver, prescribed
 from fem_snh._dolfinx.output import Series
@@ -93,8 +96,8 @@ __all__ = [
     "integrals", "interpolate", "is_function", "is_lagrange", "is_measure", "kernel_arguments",
     "local_to_global", "locate", "locate_dofs", "measure_entities", "mesh_dimension",
     "newton_solver", "node_dofs", "num_cells", "num_components", "num_exterior_facets",
-    "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed", "quadrature", "reference_corners",
-    "reference_edges", "reference_facets", "reference_nodes", "set_bcs", "surface_measure",
-    "tabulate", "tabulate_element", "tabulate_geometry", "tabulate_geometry_values",
-    "tabulate_values", "version",
+    "num_nodes", "num_owned", "pack", "petsc_vec", "prescribed", "quadrature", "read_xdmf",
+    "read_xdmf_tags", "reference_corners", "reference_edges", "reference_facets", "reference_nodes",
+    "set_bcs", "surface_measure", "tabulate", "tabulate_element", "tabulate_geometry",
+    "tabulate_geometry_values", "tabulate_values", "version", "write_xdmf",
 ]  # fmt: skip

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 import basix
 import dolfinx
+import dolfinx.io
 import numpy as np
 import ufl
 
@@ -53,6 +56,67 @@ def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell: str, degree: int) 
     # one, its default, the same mesh is partitioned differently from run to run.
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
     return dolfinx.mesh.create_mesh(comm, cells, *geometry, **options)
+
+
+def read_xdmf(comm: MPI.Comm, path: Path, grid: str) -> tuple[Array, Array, str, int]:
+    """Return this rank's part of a grid, in the order of the file, for `create_mesh`. Collective.
+
+    Returns
+    -------
+    cells, x, cell, degree
+        As the arguments of `create_mesh`.
+
+    Raises
+    ------
+    RuntimeError
+        If the file cannot be read.
+    """
+    with dolfinx.io.XDMFFile(comm, str(path), "r") as file:
+        shape, degree = file.read_cell_type(grid)
+        cells, x = file.read_topology_data(grid), file.read_geometry_data(grid)
+    return np.asarray(cells), np.asarray(x), str(shape).rpartition(".")[2], int(degree)
+
+
+def read_xdmf_tags(domain: Any, path: Path, grid: str, dim: int) -> tuple[Array, Array]:
+    """Return local entities, ghosts included, and their tags of a grid of the file. Collective."""
+    domain.topology.create_entities(dim)
+    for end in (0, domain.topology.dim):
+        domain.topology.create_connectivity(dim, end)
+    with dolfinx.io.XDMFFile(domain.comm, str(path), "r") as file:
+        tags = file.read_meshtags(domain, grid)
+    return np.asarray(tags.indices), np.asarray(tags.values)
+
+
+def write_xdmf(
+    domain: Any, path: Path, tags: Iterable[tuple[str, int, Array, int]], notes: dict[str, str]
+) -> None:
+    """Write a mesh, tags of its entities and notes to an XDMF file. Collective.
+
+    Parameters
+    ----------
+    domain : dolfinx Mesh
+        The mesh.
+    path : Path
+        The file; the numbers are in one beside it, with the suffix .h5.
+    tags : iterable of (grid, dimension, local entities, tag)
+        Ghosts may be among the entities.
+    notes : dict
+        Names and values of the file's ``Information``.
+    """
+    domain.name = "mesh"
+    with dolfinx.io.XDMFFile(domain.comm, str(path), "w") as file:
+        file.write_mesh(domain)
+        for grid, dim, entities, tag in tags:
+            domain.topology.create_connectivity(dim, domain.topology.dim)
+            values = np.full(len(entities), tag, np.int32)
+            written = dolfinx.mesh.meshtags(domain, dim, entities, values)
+            written.name = grid
+            geometry = (
+                [domain.geometry] if "write_meshtags" in vars(type(file)) else []
+            )  # since 0.7
+            file.write_meshtags(written, *geometry)
+        for name, value in notes.items():
+            file.write_information(name, value)
 
 
 def gmsh_permutation(cell: str, nodes: int) -> Array:

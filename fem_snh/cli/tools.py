@@ -181,11 +181,12 @@ def export_parser() -> Parser:
     parser = Parser(
         "export",
         "Write all stored loads of a run into one VTKHDF file for ParaView, with the load as time, "
-        "or the deformed surface as a sequence of OBJ files or as one USD file.",
+        "or the deformed surface as a sequence of OBJ files or as one USD file; or a gmsh file as "
+        "an XDMF file, of which every rank reads its part.",
     )
     parser.add(
         """
-        folder DIR  folder of a run
+        folder DIR|MSH  folder of a run; or a gmsh file, for NAME.xdmf
         out OUT  NAME.vtkhdf: one file; NAME.obj: files NAME_0000.obj, NAME_0001.obj, ...;
             NAME.usd: one file (needs fem_snh[usd])
         --frames N  number of OBJ files, interpolated evenly over the load; default: the stored
@@ -202,12 +203,31 @@ def export_parser() -> Parser:
 def export(argv: list[str]) -> int:
     """Write a run's states in another format, with a progress bar. Return 0."""
     args = export_parser().parse(argv)
+    if args.folder.suffix == ".msh":
+        return _convert_mesh(args)
 
     from fem_snh.viewing.export import main
 
     with _progress_bar("writing") as report:
         paths = main(args.folder, args.out, args.frames, report, args.field)
     print(paths[0] if len(paths) == 1 else f"{paths[0]} ... {paths[-1].name}")
+    return 0
+
+
+def _convert_mesh(args: Namespace) -> int:
+    """Write a gmsh file as an XDMF file; return 0. Collective."""
+    for option, given in (("--frames", args.frames), ("--field", args.field)):
+        if given is not None:
+            raise BadInput(f"{option} = {given}: expected no such option with a mesh")
+    from mpi4py import MPI
+
+    from fem_snh.mesh import mesh
+
+    if Path(args.out).suffix != mesh.XDMF:
+        raise BadInput(f"OUT = {args.out}: expected a file {mesh.XDMF} for a mesh")
+    mesh.write_xdmf(mesh.read(MPI.COMM_WORLD, args.folder), args.out)
+    if MPI.COMM_WORLD.rank == 0:
+        print(args.out)
     return 0
 
 

@@ -56,8 +56,8 @@ _Reason = PETSc.KSP.ConvergedReason
 #: deflation below 4 (docs/results/speed.md). On smaller bodies the coarse solves cost as much as
 #: the iterations saved.
 _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
-#: On more ranks than this twice as many, up to 64: the sweeps of a rank leave out what couples it to
-#: others (docs/results/scaling.md).
+#: On more ranks than this twice as many, up to 64: the sweeps of a rank leave out what couples it
+#: to others (docs/results/scaling.md).
 _FEW_RANKS = 2
 AUTOMATIC = -1
 

@@ -1,4 +1,4 @@
-"""Meshes from gmsh sources and .msh files, distributed over the ranks with their physical groups.
+"""Meshes from gmsh sources, .msh and .xdmf files, distributed over the ranks with their groups.
 
 gmsh runs on rank 0 only; its errors become BadInput on every rank. Groups are located by the corner
 nodes of their elements, so they may have any dimension and may overlap.
@@ -16,11 +16,13 @@ from mpi4py import MPI
 import numpy as np
 
 from fem_snh import _dolfinx
-from fem_snh.errors import BadInput, choose, nearest, on_root
-from fem_snh.mesh import gmsh_input
+from fem_snh.errors import BadInput, choose, nearest, on_every, on_root
+from fem_snh.mesh import gmsh_input, xdmf_input
 from fem_snh.mesh.mesh_checks import check_geometry
 from fem_snh.mesh.skin import NodeCopies, Skin
 
+#: Suffix of a mesh of which every rank reads its part.
+XDMF = ".xdmf"
 #: Names of the dimensions 0 to 3 in `Group.label`.
 DIMENSIONS = ("point", "curve", "surface", "volume")
 #: Quadrature degree that integrates det(dx/dxi) exactly on cells of geometric degree 1 and 2.
@@ -144,6 +146,8 @@ def generate(comm: MPI.Comm, source: str, cell: str, **parameters: float) -> Mes
 def read(comm: MPI.Comm, path: str | Path) -> Mesh:
     """Read a gmsh .msh file: format 2.2 or 4.1, ASCII or binary, order 1 or 2. Collective.
 
+    Of a file .xdmf every rank reads its part (`fem_snh.mesh.xdmf_input`).
+
     The cells are those of the highest dimension: volumes, or surfaces in the plane z = 0. All of
     them belong to the mesh, whether in a physical group or not.
 
@@ -153,7 +157,40 @@ def read(comm: MPI.Comm, path: str | Path) -> Mesh:
         On every rank, if the file cannot be read, or has no cells, cells of another kind or
         of several kinds, or a geometry that `check_geometry` refuses.
     """
-    return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
+    if Path(path).suffix.lower() != XDMF:
+        return distribute(comm, f"mesh '{path}'", gmsh_input.read, str(path))
+    try:
+        domain, found = xdmf_input.read(comm, Path(path), DIMENSIONS)
+    except BadInput as error:
+        raise BadInput(f"mesh '{path}': {error}") from None
+    check_geometry(domain, f"mesh '{path}'")
+    cell, num_cells = _dolfinx.cell_name(domain), _dolfinx.num_cells(domain)
+    groups = tuple(_group(domain, *group) for group in found)
+    return Mesh(domain, cell, groups, num_cells)
+
+
+def write_xdmf(mesh: Mesh, path: str | Path) -> None:
+    """Write a mesh and its groups as an XDMF file, and an .h5 file beside it. Collective.
+
+    Raises
+    ------
+    BadInput
+        On every rank, if it cannot be written.
+    """
+    groups = [group for group in mesh.groups if group.count]
+    tags = [
+        (f"{DIMENSIONS[group.dim]}_{group.tag}", group.dim, group.entities, group.tag)
+        for group in groups
+    ]
+    names = {f"{DIMENSIONS[group.dim]}:{group.tag}": group.name for group in groups}
+
+    def write() -> None:
+        try:
+            _dolfinx.write_xdmf(mesh.domain, Path(path), tags, names)
+        except RuntimeError as error:
+            raise BadInput(f"cannot write {path}: {error}") from None
+
+    on_every(mesh.domain.comm, write)
 
 
 def volume(domain: Any, revolved: bool = False) -> float:
@@ -218,10 +255,15 @@ def _locate(domain: Any, group: gmsh_input.PhysicalGroup) -> Group:
         local = np.isin(_dolfinx.input_cells(domain), group.entities)
     else:
         local = _rows_in(_dolfinx.input_vertices(domain, group.dim), group.entities)
-    owned = _dolfinx.num_owned(domain, group.dim)
-    count = domain.comm.allreduce(int(local[:owned].sum()))
     entities = np.flatnonzero(local).astype(np.int32)
-    return Group(group.name, group.dim, group.tag, entities, count)
+    return _group(domain, group.name, group.dim, group.tag, entities)
+
+
+def _group(domain: Any, name: str, dim: int, tag: int, entities: np.ndarray) -> Group:
+    """Return the group with these local entities. Collective."""
+    owned = _dolfinx.num_owned(domain, dim)
+    count = domain.comm.allreduce(int((entities < owned).sum()))
+    return Group(name, dim, tag, entities, count)
 
 
 def _rows_in(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -120,14 +120,14 @@ def _kind(mesh: Any) -> str:
     return "built-in" if isinstance(mesh, dict | Geometry) else "file"
 
 
-#: A gmsh file, a built-in geometry or a lattice; the tags are removed from messages.
+#: A gmsh or XDMF file, a built-in geometry or a lattice; the tags are removed from messages.
 Mesh = Annotated[
     Annotated[Geometry, Tag("built-in")]
     | Annotated[Lattice, Tag("in a lattice")]
     | Annotated[Tetrahedra, Tag("of tetrahedra")]
     | Annotated[
         FilePath,
-        Expect("a gmsh file or a built-in geometry"),
+        Expect("a gmsh file, an XDMF file or a built-in geometry"),
         Tag("file"),
     ],
     Discriminator(_kind),

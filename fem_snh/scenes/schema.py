@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -21,6 +22,7 @@ from fem_snh.contact.contact import Contact
 from fem_snh.contact.obstacle import Obstacle
 from fem_snh.contact.self_contact import SelfContact
 from fem_snh.errors import choose
+from fem_snh.files import xdmf_data
 from fem_snh.scenes._bones import BoneChoice, Rig
 from fem_snh.scenes._conditions import Hold, Move, Start
 from fem_snh.scenes._consistency import check_consistency
@@ -90,7 +92,8 @@ class Scene(Table):
 
     name: Text = Field(description="Name of the scene; default: the file's name.")
     mesh: Mesh = Field(
-        description="Path of a gmsh file, relative to the scene file; a built-in geometry; "
+        description="Path of a gmsh file, or of an .xdmf file, of which every rank reads its part, "
+        "relative to the scene file; a built-in geometry; "
         "a lattice; or tetrahedra."
     )
     cells: Cells | None = Field(
@@ -229,6 +232,12 @@ class Scene(Table):
     def _check_word(cls, word: str | None, info: ValidationInfo) -> str | None:
         key = str(info.field_name)
         return None if word is None else choose(key, word, WORDS[key])
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it and its tables name, by dotted keys, and those that hold the mesh."""
+        data = xdmf_data(self.mesh) if isinstance(self.mesh, Path) else []
+        return super().files | {f"mesh.{file.name}": file for file in data}
 
     @property
     def features(self) -> list[Feature]:
