@@ -24,6 +24,7 @@ from fem_snh.problem.dolfinx_problem import (
 )
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_reactions import HasReactions
+from fem_snh.problem.supports import SupportsCheck
 from fem_snh.solver.options import check_given_options
 from fem_snh.steps.condensation import program_pressures
 from fem_snh.steps.jump import jump_note
@@ -127,7 +128,8 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
     Raises
     ------
     BadInput
-        On every rank, for input that does not fit together, and for a bad value of an option.
+        On every rank, for input that does not fit together, and for a bad value of an option;
+        from `solve` and `steps`, if loads act along a rigid motion that nothing constrains.
 
     Notes
     -----
@@ -177,7 +179,8 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         self._predictor = predictor
         self.b = self.solver.getFunction()[0]
         texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
-        self._load_notes = [Note("load", text) for text in texts]
+        self._load_notes = self._first_notes = [Note("load", text) for text in texts]
+        self._supports: SupportsCheck | None = None
         self.notes: list[Note] = []
         self._warned: set[str] = set()
         self._pressure = self._problem.saddle_point
@@ -206,6 +209,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
         self._read_displacement()
+        self._check_supports()
         changed = self._boundary_values_changed()
         with self._petsc_options():
             step = self._steps[self._predictor]
@@ -256,6 +260,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         # The equilibria of an earlier path are none to extrapolate this one from.
         self._steps[PREDICTORS[self._predictor]].predictor.before = None
         try:
+            self._check_supports()
             yield from self._rows(number)
         finally:
             self._load.function = conditions.start = None
@@ -301,10 +306,17 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return outcome
 
+    def _check_supports(self) -> None:
+        """Keep the note on motions that nothing constrains. Collective."""
+        if self._problem.motion is None:
+            self._supports = self._supports or SupportsCheck(self._problem)
+            note = self._supports()
+            self._first_notes = [*self._load_notes, *([note] if note else [])]
+
     def _examine(self, converged: bool, negative: int | None, notes: Sequence[Note] = ()) -> None:
         """Set the notes on a state; warn of new kinds on rank 0. Collective."""
         found = state_notes(self._problem, negative) if converged else []
-        self.notes = [*self._load_notes, *notes, *found]
+        self.notes = [*self._first_notes, *notes, *found]
         for note in self.notes:
             if note.kind not in self._warned and self._problem.comm.rank == 0:
                 warnings.warn(note.text, ResultNote, stacklevel=3)

@@ -59,6 +59,11 @@ class Displacement:
         return x, None
 
     @contextmanager
+    def kept_fields(self) -> Iterator[None]:
+        """Keep the values of the separate fields while others are split."""
+        yield
+
+    @contextmanager
     def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:
         """Provide zero ghosted vectors (dE/du, dE/dp or None) to add to, and sum them into ``r``.
 
@@ -115,6 +120,14 @@ class DisplacementPressure(Displacement):
         for vector in (u, self.pressure):
             update_ghosts(vector)
         return u, self.pressure
+
+    @contextmanager
+    def kept_fields(self) -> Iterator[None]:
+        fields = self.u.x.array, self.p.x.array
+        before = [values.copy() for values in fields]
+        yield
+        for values, kept in zip(fields, before, strict=True):
+            values[:] = kept
 
     @contextmanager
     def residual(self, r: PETSc.Vec) -> Iterator[tuple[PETSc.Vec, PETSc.Vec | None]]:

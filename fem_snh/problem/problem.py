@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property, partial
 from math import isfinite
 from typing import Any
@@ -223,25 +224,27 @@ class Problem:
         work along any displacement that is free.
         """
         finite = any(isfinite(part.region.material.lame[1]) for part in self.elastic.parts)
-        unknowns = self._unknowns
-        if self.saddle_point is None or finite or not isinstance(unknowns, DisplacementPressure):
+        if self.saddle_point is None or finite:
             return False
-        evaluated = [self.u.x.array, unknowns.p.x.array]  # a program's initial guess, for one
-        before = [values.copy() for values in evaluated]
         x, r, other = (self.x.duplicate() for _ in range(3))
         x.set(0.0)
-        self.gradient(x, r, [self.elastic])
-        self.saddle_point.pressure_dofs(x)[:] = 1.0
-        self.gradient(x, other, [self.elastic])
+        with self.kept_fields():
+            self.gradient(x, r, [self.elastic])
+            self.saddle_point.pressure_dofs(x)[:] = 1.0
+            self.gradient(x, other, [self.elastic])
         forces = other - r
         self.saddle_point.pressure_dofs(forces)[:] = 0.0
         whole = forces.norm()
         if self.rigid:
             self.rigid.reduce(x, forces)
         self.project(forces.array)
-        for values, kept in zip(evaluated, before, strict=True):
-            values[:] = kept
         return bool(forces.norm() <= _NO_FORCE * whole)
+
+    @contextmanager
+    def kept_fields(self) -> Iterator[None]:
+        """Keep the values of ``u``, a program's initial guess, while other ``x`` are evaluated."""
+        with self._unknowns.kept_fields():
+            yield
 
     @cached_property
     def retraction(self) -> Paths | None:

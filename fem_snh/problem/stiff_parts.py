@@ -133,10 +133,16 @@ class StiffParts:
 def components(cells: Array, count: int) -> Array:
     """Return the smallest node of the connected part of each of ``count`` nodes of ``cells``."""
     roots = np.arange(count)
+    if not cells.size:
+        return roots
+    order = np.argsort(cells, axis=None, kind="stable")
+    sorted_nodes, cell_of = cells.ravel()[order], order // cells.shape[1]
+    starts = np.flatnonzero(np.diff(sorted_nodes, prepend=-1))
+    nodes = sorted_nodes[starts]
     while True:
-        smallest = roots[cells].min(axis=1)
+        smallest = roots[cells].min(axis=1)[cell_of]
         before = roots.copy()
-        np.minimum.at(roots, cells, smallest[:, None])
+        roots[nodes] = np.minimum(roots[nodes], np.minimum.reduceat(smallest, starts))
         roots = roots[roots]
         if np.array_equal(roots, before):
             return roots

@@ -1,7 +1,7 @@
 r"""Rigid motions of a body that nothing constrains, found before the first step.
 
-Each connected part of the mesh has six rigid motions m. Conditions and joints are rows w of
-constraints, :math:`w \cdot m = 0`; springs and other terms resist by
+Each connected part of the mesh has six rigid motions m, fewer in two dimensions. Conditions and
+joints are rows w of constraints, :math:`w \cdot m = 0`; springs and other terms resist by
 :math:`m \cdot (\partial f / \partial u) m`. What is in the null space of the sum of
 :math:`w w^T` and of these stiffnesses, a matrix of six rows for each part, is unconstrained.
 """
@@ -18,7 +18,9 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.errors import BadInput
+from fem_snh.geometry.rotations import rotate
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.stiff_parts import components
@@ -33,9 +35,15 @@ Array = npt.NDArray[Any]
 _FREE = 1e-10
 #: Least part of the loads' absolute work that is a net force or moment, not rounding.
 _NET = 1e-6
-#: Loads at which forces are examined, and the displacement of the differences, relative to the
-#: body's length.
-_LOADS, _DIFFERENCE = (1.0, 0.5, 0.25), 1e-5
+#: Loads at which forces are examined.
+_LOADS = (1.0, 0.5, 0.25)
+#: Motions of the differences, relative to the body's length. Rotations are finite ones, so a stored
+#: energy of a program has no other error than rounding.
+_DIFFERENCE = 1e-4
+#: Motions, as above, at which forces may resist that do not at rest: the contact of a UFL form.
+_FAR = (0.03, 0.3, 3.0)
+#: Change of the forces along a motion, relative to E L^2, that is rounding.
+_RESISTS = 1e-9
 #: A component of a direction below this part of the largest is not shown.
 _SHOWN = 1e-6
 #: Terms of contact, which may hold a body where it touches something.
@@ -54,104 +62,143 @@ class FreeMotion(NamedTuple):
         Its direction.
     work : float
         The largest part of the loads' absolute work that they do along it; 0 without a net force.
+    resists : bool
+        Whether forces of the terms change along it far from rest: they may hold the body there.
     """
 
     part: int
     kind: str
     axis: Array
     work: float
+    resists: bool
 
 
 class Supports:
-    """The connected parts of a body of three dimensions, and what holds them. Collective.
+    """The connected parts of a body, and what holds them. Collective.
 
     Parameters
     ----------
     problem : Problem
         The problem, before its first step.
+
+    Attributes
+    ----------
+    left : (6 * parts, n) array
+        A basis of the motions that conditions and joints leave.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem, self._comm = problem, problem.comm
         self.labels, self.sizes = _connected_parts(problem)
-        X = problem.coordinates
+        X, kinematics = problem.coordinates, problem.kinematics
         count = self._comm.allreduce(len(X))
         self._origin = self._comm.allreduce(X.sum(axis=0)) / count
+        if kinematics.revolved:
+            self._origin[0] = 0.0  # it is on the axis
         self._r = (X - self._origin) / problem.length
+        modes = np.zeros((len(X), 3, 6))  # the displacement of each node in a rigid motion
+        modes[:, :, :3] = np.eye(3)
+        for k in range(3):
+            modes[:, :, 3 + k] = np.cross(np.eye(3)[k], self._r)
+        self._modes = modes[:, : kinematics.components]
+        self.left = _null_space(self._conditions())
 
     def free_motions(self) -> list[FreeMotion]:
-        """Return the motions that nothing constrains; empty for a body that is held."""
-        gram = self._conditions()
-        free = _null_space(gram)
-        if not free.shape[1]:
+        """Return the motions that nothing constrains at present; empty for a body that is held."""
+        if not (free := self.left).shape[1]:
             return []
-        rest = [t for t in self._problem.terms[1:] if not isinstance(t, _CONTACT)]
-        free = free @ _null_space(self._stiffness(free, rest))
+        problem = self._problem
+        present = problem.load
+        rest = [t for t in problem.terms[1:] if not isinstance(t, _CONTACT)]
+        with problem.kept_fields():
+            problem.set_load(0.0)
+            free = free @ _null_space(self._stiffness(free, rest))
+            modes = _sorted_modes(free)
+            resists = [self._resists(mode, rest) for mode in modes]
+            works = [self._net_work(mode, rest) for mode in modes]
+            problem.set_load(present)
         return [
-            FreeMotion(part, kind, axis, self._net_work(mode, rest))
-            for mode in _sorted_modes(free)
-            for part, kind, axis in [_describe(mode)]
+            FreeMotion(*_describe(mode), work, resisted)
+            for mode, work, resisted in zip(modes, works, resists, strict=True)
         ]
 
     def _conditions(self) -> Array:
         """Return the sum of w w^T of Dirichlet conditions and rigid parts."""
-        problem, r = self._problem, self._r
+        problem, modes = self._problem, self._modes
         size = 6 * len(self.sizes)
         gram = np.zeros((size, size))
-        modes = np.zeros((len(r), 3, 6))  # the displacement of each node in a rigid motion
-        modes[:, :, :3] = np.eye(3)
-        for k in range(3):
-            modes[:, :, 3 + k] = np.cross(np.eye(3)[k], r)
-        self._modes = modes
-        fixed = problem.dirichlet.constrained[: len(r)].astype(float)
-        blocks = np.einsum("nik,ni,nil->nkl", modes, fixed, modes)
+        sums = np.zeros((len(self.sizes), 6, 6))
+        node, component = np.nonzero(problem.dirichlet.constrained[: len(modes)])
+        rows, part_of = modes[node, component], self.labels[node]
+        for part in np.unique(part_of):
+            own_rows = rows[part_of == part]
+            sums[part] = own_rows.T @ own_rows
         if planes := problem.dirichlet.planes:
             own = slice(planes.num_owned)
-            of = modes[planes.nodes[own]]
-            blocks[planes.nodes[own]] += np.einsum("nik,nij,njl->nkl", of, planes.bases[own], of)
-        sums = np.zeros((len(self.sizes), 6, 6))
-        np.add.at(sums, self.labels, blocks)
+            nodes, of = planes.nodes[own], modes[planes.nodes[own]]
+            blocks = np.einsum("nik,nij,njl->nkl", of, planes.bases[own], of)
+            np.add.at(sums, self.labels[nodes], blocks)
+        none = np.diag([float(k not in _motions(problem.kinematics)) for k in range(6)])
         for part, block in enumerate(self._comm.allreduce(sums)):
             own_motions = slice(6 * part, 6 * part + 6)
-            gram[own_motions, own_motions] = block
+            gram[own_motions, own_motions] = block + none * max(1.0, np.trace(block))
         if problem.rigid:
             rows = problem.rigid.constraint_rows(self.labels, self._origin, problem.length, size)
             gram += rows.T @ rows
         return gram
 
     def _field(self, mode: Array) -> Array:
-        """Return the displacements of this rank's nodes in a motion, (nodes, 3)."""
+        """Return the displacements of this rank's nodes in a motion, (nodes, components)."""
         return np.asarray(np.einsum("nik,nk->ni", self._modes, mode.reshape(-1, 6)[self.labels]))
 
+    def _moved(self, mode: Array, size: float) -> Array:
+        """Return the displacements of a motion with finite rotations, (nodes, components)."""
+        twists, length = size * mode.reshape(-1, 6)[self.labels], self._problem.length
+        found = twists[:, :3] + rotate(twists[:, 3:], self._r) - self._r
+        return length * found[:, : self._modes.shape[1]]
+
     def _forces(self, u: Array, terms: Sequence[Term]) -> Array:
-        """Return the forces of terms at a displacement, (nodes, 3)."""
+        """Return the forces of terms at a displacement, (nodes, components)."""
         problem = self._problem
         x, f = problem.x.duplicate(), problem.x.duplicate()
         x.set(0.0)
         x.array[: u.size] = u.ravel()
         problem.gradient(x, f, terms)
-        return np.array(f.array_r[: u.size]).reshape(-1, 3)
+        return np.array(f.array_r[: u.size]).reshape(u.shape)
 
     def _stiffness(self, free: Array, terms: Sequence[Term]) -> Array:
         """Return the stiffness of terms along motions, relative to E L."""
         problem, count = self._problem, free.shape[1]
-        h, found = _DIFFERENCE * problem.length, np.zeros((count, count))
+        h, found = _DIFFERENCE, np.zeros((count, count))
         fields = [self._field(mode) for mode in free.T]
-        for j, moved in enumerate(fields):
-            change = self._forces(h * moved, terms) - self._forces(-h * moved, terms)
+        for j, mode in enumerate(free.T):
+            ends = [self._forces(self._moved(mode, step), terms) for step in (h, -h)]
             for i, other in enumerate(fields):
-                found[i, j] = self._comm.allreduce(float((change * other).sum())) / (2 * h)
-        found /= problem.modulus * problem.length
+                work = float(((ends[0] - ends[1]) * other).sum())
+                found[i, j] = self._comm.allreduce(work) / (2 * h * problem.length)
+        found /= problem.force_scale / problem.length
+        if not np.isfinite(found).all():
+            return np.eye(count)
         if problem.rigid:
             motions = self.labels, self._origin, problem.length, len(free)
             rows = problem.rigid.spring_rows(*motions, problem.modulus)
             found += (rows @ free).T @ (rows @ free)
         return (found + found.T) / 2
 
+    def _resists(self, mode: Array, terms: Sequence[Term]) -> bool:
+        """Return whether terms resist a motion that is larger than that of `_stiffness`."""
+        field, scale = self._field(mode), self._problem.force_scale
+        rest = self._forces(np.zeros_like(field), terms)
+        for step in (sign * size for size in _FAR for sign in (1, -1)):
+            change = self._forces(self._moved(mode, step), terms) - rest
+            work = self._comm.allreduce(float((change * field).sum()))
+            if not abs(work) <= _RESISTS * scale:  # NaN is a resistance
+                return True
+        return False
+
     def _net_work(self, mode: Array, terms: Sequence[Term]) -> float:
         """Return the largest net work of the loads along a motion, over their absolute work."""
         problem, moved, largest = self._problem, self._field(mode), 0.0
-        present = problem.load
         for load in _LOADS:
             problem.set_load(load)
             f = self._forces(np.zeros_like(moved), terms)
@@ -162,38 +209,60 @@ class Supports:
                 net, total = net + more.sum(), total + np.abs(more).sum()
             if total > 0:
                 largest = max(largest, abs(net) / total)
-        problem.set_load(present)
         return largest if largest > _NET else 0.0
 
 
-def check_supports(problem: Problem) -> Note | None:
-    """Return the note on motions of a static body that nothing constrains; None if it is held.
+class SupportsCheck:
+    """The check of a static body's supports before it is solved. Collective.
 
-    Collective.
+    The motions that conditions and joints leave are found once; springs, other terms and loads are
+    examined at each call, as a program may change them.
 
-    Raises
-    ------
-    BadInput
-        On every rank, if loads do work along one of them, unless contact may hold the body.
+    Parameters
+    ----------
+    problem : Problem
+        The problem, before its first step.
     """
-    if problem.kinematics.volume_dimension != 3 or problem.kinematics.dim != 3:
-        return None
-    supports = Supports(problem)
-    motions = supports.free_motions()
-    if not motions:
-        return None
-    text = _listed(motions, supports)
-    contact = any(isinstance(term, _CONTACT) for term in problem.terms[1:])
-    if contact:
-        text += "; contact alone can hold it"
-    elif loaded := [motion for motion in motions if motion.work]:
-        raise BadInput(
-            f"supports: {_listed(loaded, supports)}, along which loads act: expected conditions, "
-            "springs, joints, or [time]"
-        )
-    else:
-        text += "; the solution is one of many that differ by it"
-    return Note("supports", text)
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem, supports = problem, Supports(problem)
+        self._supports = supports if supports.left.shape[1] else None
+
+    def __call__(self) -> Note | None:
+        """Return the note on motions that nothing constrains; None if the body is held.
+
+        The state of the problem is that before. Collective.
+
+        Raises
+        ------
+        BadInput
+            On every rank, if loads do work along one of them, unless contact, or a term that
+            resists far from rest, may hold the body.
+        """
+        if not (self._supports and (motions := self._supports.free_motions())):
+            return None
+        text = _listed(motions, self._supports)
+        contact = any(isinstance(term, _CONTACT) for term in self._problem.terms[1:])
+        loaded = [motion for motion in motions if motion.work and not motion.resists]
+        if contact:
+            text += "; contact alone can hold it"
+        elif loaded:
+            raise BadInput(
+                f"supports: {_listed(loaded, self._supports)}, along which loads act: expected "
+                "conditions, springs, joints, or a motion in time"
+            )
+        elif any(motion.work for motion in motions):
+            text += "; only forces of terms that act elsewhere can hold it"
+        else:
+            text += "; the solution is one of many that differ by it"
+        return Note("supports", text)
+
+
+def _motions(kinematics: Kinematics) -> Sequence[int]:
+    """Return which of three translations and three rotations do not strain a body."""
+    if kinematics.revolved:
+        return (1, 4)[: kinematics.components - 1]
+    return range(6) if kinematics.dim == 3 else (0, 1, 5)
 
 
 def _listed(motions: Sequence[FreeMotion], supports: Supports) -> str:
@@ -266,9 +335,10 @@ def _connected_parts(problem: Problem) -> tuple[Array, Array]:
     first = comm.exscan(len(local)) or 0
     # A ghost node has a label here and on its owner: they are of the same part.
     vector = _dolfinx.create_vector(V)
-    vector.array.reshape(-1, 3)[:, 0] = first + labels[:owned]
+    components_of_node = _dolfinx.num_components(V)
+    vector.array.reshape(-1, components_of_node)[:, 0] = first + labels[:owned]
     update_ghosts(vector)
-    there = local_values(vector).reshape(-1, 3)[owned:, 0].astype(np.int64)
+    there = local_values(vector).reshape(-1, components_of_node)[owned:, 0].astype(np.int64)
     links = [np.stack([first + labels[owned:], there], axis=1)]
     links = np.unique(np.concatenate(comm.allgather(np.concatenate(links))), axis=0)
     count = comm.allreduce(len(local))

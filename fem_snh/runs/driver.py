@@ -17,7 +17,7 @@ from fem_snh.errors import BadInput, on_every, on_root
 from fem_snh.interrupts import Interrupts
 from fem_snh.linalg import multigrid
 from fem_snh.notes import Note
-from fem_snh.problem.supports import check_supports
+from fem_snh.problem.supports import SupportsCheck
 from fem_snh.runs.checkpoint import Checkpoint
 from fem_snh.runs.defaults import describe_condensation
 from fem_snh.runs.folder import Folder, describe
@@ -139,7 +139,7 @@ def _run(
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
         notes = [Note("folder", folder.note)] if folder and folder.note else []
-        supports = None if scene.time else check_supports(setup.problem)
+        supports = None if scene.time else SupportsCheck(setup.problem)()
         notes += [note for note in (setup.note, supports) if note]
         if notes:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
