@@ -40,6 +40,7 @@ QUICK = {
     f"{BENCH} quadrature": "--elements Q1 --nus 0.3 --cells 1 --repeat 1",
     f"{BENCH} references": "--only uniaxial",
     f"{BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
+    f"{BENCH} stiff_parts": "--bodies elbow --contrasts 1e5 --cells 12",
     f"{BENCH} slender": "--bodies sheet --solvers default",
     f"{BENCH} start": "--repeat 1",
     f"{BENCH} sweep": "--points 6 --cells 2",

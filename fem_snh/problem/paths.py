@@ -37,14 +37,15 @@ class Paths:
         cls,
         V: Any,
         regions: Sequence[Region],
-        constrained: npt.NDArray[np.bool_],
+        fixed: npt.NDArray[np.bool_],
+        excluded: npt.NDArray[np.bool_],
         rigid: EliminatingTerm | None,
     ) -> Paths | None:
         """Return the paths of a problem; None if all are straight. Collective.
 
         The first parameters are those of `StiffParts.of`.
         """
-        stiff = StiffParts.of(V, regions, constrained)
+        stiff = StiffParts.of(V, regions, fixed, excluded)
         return cls(stiff, rigid) if stiff or rigid else None
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:

@@ -250,7 +250,13 @@ class Problem:
     def retraction(self) -> Paths | None:
         """The path of a step, along which stiff and rigid parts turn, or None. Collective."""
         deformable = [part.region for part in self.elastic.parts]
-        return Paths.of(self.V, deformable, self.constrained_nodes, self.rigid)
+        fixed = self.dirichlet.constrained[: len(self.coordinates)]
+        excluded = np.zeros(len(fixed), bool)
+        if planes := self.dirichlet.planes:
+            excluded[planes.nodes[: planes.num_owned]] = True
+        if self.rigid:
+            excluded[self.rigid.nodes] = True
+        return Paths.of(self.V, deformable, fixed, excluded, self.rigid)
 
     @property
     def step_end(self) -> Callable[[PETSc.Vec], None] | None:

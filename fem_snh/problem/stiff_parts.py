@@ -10,7 +10,9 @@ So the nodes of each connected stiff part move along
 
 with the mean :math:`\bar y`, :math:`r = y - \bar y` and the :math:`\omega` of the smallest
 :math:`d_\mathrm{def}`. The slope at s = 0 is that of x + s d (a retraction; Absil, Mahony &
-Sepulchre 2008, section 4.1). A first guess moves each part as a rigid body (Kabsch 1976).
+Sepulchre 2008, section 4.1). A first guess moves each part as a rigid body (Kabsch 1976). In a part
+with constrained nodes these have a large weight in means and rotations: it turns about them, and
+follows their motion. What is constrained of them stays on its straight way.
 """
 
 from __future__ import annotations
@@ -33,10 +35,13 @@ Array = npt.NDArray[Any]
 #: A part is stiff from this shear modulus on, relative to the smallest one: below, its linearised
 #: rotation costs no iterations (measured: python -m benchmarks contrast).
 _STIFF = 1e3
+#: Weight of constrained nodes: the others decide only on what these leave open, such as the angle
+#: about a hinge.
+_HELD = 1e6
 
 
 class StiffParts:
-    """The connected stiff parts of a body, without those that are constrained. Collective.
+    """The connected stiff parts of a body. Collective.
 
     Parameters
     ----------
@@ -48,16 +53,22 @@ class StiffParts:
         The part of each of these nodes; -1 without one.
     count : int
         The number of parts.
+    fixed : (n, 3) bool
+        The constrained components of these nodes.
     """
 
-    def __init__(self, comm: MPI.Comm, X: Array, labels: Array, count: int) -> None:
+    def __init__(self, comm: MPI.Comm, X: Array, labels: Array, count: int, fixed: Array) -> None:
         self._comm, self._count = comm, count
         self._nodes = np.flatnonzero(labels >= 0)
         self._labels, self._X = labels[self._nodes], X[self._nodes]
+        self._fixed = fixed[self._nodes]
+        self._weights = np.where(self._fixed.any(axis=1, keepdims=True), _HELD, 1.0)
         self._size = self._sum(np.ones((len(self._nodes), 1)))
 
     @classmethod
-    def of(cls, V: Any, regions: Sequence[Region], constrained: Array) -> StiffParts | None:
+    def of(
+        cls, V: Any, regions: Sequence[Region], fixed: Array, excluded: Array
+    ) -> StiffParts | None:
         """Return the stiff parts of a body of three dimensions; None if there is none. Collective.
 
         Parameters
@@ -66,8 +77,10 @@ class StiffParts:
             The displacement's space.
         regions : sequence of Region
             The materials and their cells.
-        constrained : (n,) bool
-            Which of this rank's own nodes have a constrained component.
+        fixed : (n, 3) bool
+            The constrained components of this rank's own nodes.
+        excluded : (n,) bool
+            Which of them are constrained otherwise; parts that have some are left out.
         """
         comm = V.mesh.comm
         shear = [float(region.material.lame[0]) for region in regions]
@@ -77,20 +90,20 @@ class StiffParts:
         cells = np.concatenate([region.cells for region in stiff])
         to_global = _dolfinx.local_to_global(V)
         nodes = to_global[_dolfinx.node_dofs(V)[cells]]
-        owned = to_global[: len(constrained)]
+        owned = to_global[: len(excluded)]
         every, of = np.unique(np.concatenate(comm.allgather(nodes)), return_inverse=True)
         roots = components(of.reshape(-1, nodes.shape[1]), len(every))
-        fixed = np.concatenate(comm.allgather(owned[constrained]))
-        free = np.setdiff1d(roots, roots[np.isin(every, fixed)])
-        labels = np.full(len(constrained), -1)
+        others = np.concatenate(comm.allgather(owned[excluded]))
+        free = np.setdiff1d(roots, roots[np.isin(every, others)])
+        labels = np.full(len(excluded), -1)
         at = np.minimum(np.searchsorted(every, owned), len(every) - 1)
         part = np.minimum(np.searchsorted(free, roots[at]), max(0, len(free) - 1))
         if not len(free):
             return None
         inside = (every[at] == owned) & (free[part] == roots[at])
         labels[inside] = part[inside]
-        X = V.tabulate_dof_coordinates()[: len(constrained)]
-        return cls(comm, X, labels, len(free))
+        X = V.tabulate_dof_coordinates()[: len(excluded)]
+        return cls(comm, X, labels, len(free), fixed)
 
     def __call__(self, x: PETSc.Vec, d: PETSc.Vec, step: float, end: PETSc.Vec) -> None:
         """Set ``end`` to x + step d, with stiff parts that turn. Collective."""
@@ -106,7 +119,8 @@ class StiffParts:
         turned = rotate(omega[labels], r + v - np.cross(omega[labels], r))
         values = end.array
         moved = values[: 3 * self._total(x)].reshape(shape)
-        moved[nodes] = means[labels, :3] + means[labels, 3:] + turned - self._X
+        turned = means[labels, :3] + means[labels, 3:] + turned - self._X
+        moved[nodes] = np.where(self._fixed, moved[nodes], turned)
 
     def move_rigidly(self, start: PETSc.Vec, x: PETSc.Vec) -> None:
         """Make each part's motion from ``start`` to ``x`` the nearest rigid one. Collective."""
@@ -117,16 +131,17 @@ class StiffParts:
         H = self._sum((s[:, :, None] * r[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
         turned = np.einsum("nij,nj->ni", nearest_rotation(H)[self._labels], r)
         moved = x.array[:total].reshape(-1, 3)
-        moved[self._nodes] = means[self._labels, 3:] + turned - self._X
+        turned = means[self._labels, 3:] + turned - self._X
+        moved[self._nodes] = np.where(self._fixed, moved[self._nodes], turned)
 
     def _total(self, x: PETSc.Vec) -> int:
         """Return a number of nodes that contains those of all parts."""
         return int(self._nodes[-1]) + 1 if len(self._nodes) else 0
 
     def _sum(self, values: Array) -> Array:
-        """Return the sums over each part's nodes, (parts, columns), of (nodes, columns)."""
+        """Return weighted sums over each part's nodes, (parts, columns), of (nodes, columns)."""
         sums = np.zeros((self._count, values.shape[1]))
-        np.add.at(sums, self._labels, values)
+        np.add.at(sums, self._labels, self._weights * values)
         return np.asarray(self._comm.allreduce(sums))
 
 
