@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from fem_snh.cli import main
 from fem_snh.errors import BadInput
-from fem_snh.studies.extremes import crush, drop, loads, pointwise, press, scramble
+from fem_snh.studies.extremes import (
+    FAMILIES,
+    aspect,
+    bodies,
+    contrast,
+    crush,
+    drop,
+    loads,
+    pointwise,
+    press,
+    rigid,
+    scramble,
+    small_force,
+    supports,
+)
 from fem_snh.studies.extremes.cases import COLUMNS, at_rest, converged, scene_case
 from fem_snh.studies.extremes.pointwise import all_rows_pass
 from fem_snh.studies.extremes.study import Robustness, extremes
+from fem_snh.studies.extremes.tight import agrees, with_tight
 
 # --- verdicts ------------------------------------------------------------------------------------
 
@@ -29,6 +46,7 @@ RECORD: dict[str, Any] = {
     "modes": {"frequencies": [0.04]},
     "material": {"parameters": {"mu": 0.3, "lam": 17.0}},
 }
+NOTE = {"kind": "supports", "text": "nothing constrains the body: all; it is one of many"}
 POINT = HOME | {"min_J": 0.0, "volume_ratio": 0.0, "energy": 8.35}
 
 
@@ -65,6 +83,14 @@ def modes(frequency: float) -> dict[str, Any]:
         (loads._few, RECORD, HOME, ""),
         (loads._few, RECORD, HOME | {"newton": 41}, "41 Newton iterations"),
         (all_rows_pass, {"rows": [{"passed": True}]}, {}, ""),
+        (agrees, {}, HOME | {"difference": 0.009}, ""),
+        (agrees, {}, HOME | {"difference": 0.011}, "the tight solve differs by 0.011"),
+        (agrees, {}, HOME | {"difference": float("nan")}, "the tight solve differs by nan"),
+        (agrees, {}, HOME | {"converged": False, "status": "stopped"}, "the tight solve fails: st"),
+        (partial(supports._ends, "held"), {"notes": [NOTE]}, HOME, "nothing constrains the body"),
+        (partial(supports._ends, "one of many"), {"notes": [NOTE]}, HOME, ""),
+        (partial(supports._ends, "one of many"), {}, HOME, "no note on supports"),
+        (partial(supports._ends, "refused"), {}, HOME, "converged"),
     ],
 )
 def test_a_verdict(check: Any, record: Any, row: Any, message: str) -> None:
@@ -89,7 +115,12 @@ def test_what_several_must_fulfil() -> None:
     assert list(Robustness(table, found).failures) == ["b", list(found)[1]]
 
 
-@pytest.mark.parametrize("family", [scramble, crush, loads, drop, press])
+#: The families that solve each case tightly, too.
+TIGHT = [contrast, aspect, rigid, small_force]
+RUNS = [scramble, crush, loads, drop, press, supports, *TIGHT]
+
+
+@pytest.mark.parametrize("family", RUNS)
 @pytest.mark.parametrize("quick", [True, False])
 def test_every_case_has_a_name_of_its_own(family: Any, quick: bool) -> None:
     made = family.cases(quick, 2)
@@ -186,10 +217,11 @@ def test_a_material_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[st
     """Its pointwise errors must be within their bounds; no theory predicts its runs."""
     (tmp_path / "gent.py").write_text(GENT)
     material, out = f"{tmp_path / 'gent.py'}:gent", tmp_path / "out"
-    for family in (scramble, crush, loads, drop, press):
+    for family in RUNS:
         made = family.cases(True, 1, material)
         assert made and not any(case.required for case in made)
-        assert {case.point.requested()["material"] for case in made} == {material}
+        names = {case.point.requested()["material"] for case in made}
+        assert {name for found in names for name in found.split(" + ")} == {material}
     words = ["extremes", "--quick", "--only", "pointwise", "--material", material]
     assert main([*words, "--out", str(out)]) == 0
     assert "1 of 1 that are expected to pass do" in capsys.readouterr().out
@@ -207,6 +239,49 @@ def test_a_study_goes_on_where_it_was(done: tuple[Path, Robustness]) -> None:
     assert lines[0] == "6 of 6 points are there already"
     with pytest.raises(BadInput, match=r"holds extremes.csv of other quick.*--overwrite"):
         extremes(out, only=["loads"])
+
+
+def test_every_case_of_the_tight_families_has_a_tight_solve() -> None:
+    for family in TIGHT:
+        made = {case.name: case for case in family.cases(False, 1)}
+        tight = {case.point.after: name for name, case in made.items() if case.point.after}
+        assert set(tight) | set(tight.values()) == set(made) and len(tight) == len(made) / 2
+    assert len(FAMILIES) == len(RUNS) + 1
+
+
+def test_a_stiff_inclusion_a_small_force_and_a_free_body(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The difference that the study finds is that of the runs; a coarse tolerance is caught."""
+    loose = {"petsc.snes_scaled_tol": 1e-2}
+    inclusion = bodies.reference(bodies.inclusion)
+    keys = {"contrast": 1e4, "cells": 3, "shape": "bar", "nu": 0.3}
+    some = [
+        *with_tight(scene_case(inclusion, "contrast-a-Q1", "reaches its load", converged, **keys)),
+        *with_tight(
+            scene_case(
+                inclusion, "contrast-loose-Q1", "reaches its load", converged, **keys, **loose
+            )
+        ),
+    ]
+    refused = [case for case in supports.cases(True, 1) if case.name == "supports-too-few"]
+    monkeypatch.setattr(contrast, "cases", lambda *arguments: some)
+    monkeypatch.setattr(supports, "cases", lambda *arguments: refused)
+    small = small_force.cases(True, 1)
+    monkeypatch.setattr(small_force, "cases", lambda *arguments: small)
+    out = tmp_path / "out"
+    study = extremes(out, only=["contrast", "supports", "small_force"], quick=True, jobs=2)
+    assert list(study.failures) == ["contrast-loose-tight-Q1"]
+    table = study.table.set_index("point")
+    assert table.loc["contrast-a-tight-Q1", "difference"] < 1e-4
+    ends = [
+        json.loads((out / name / "run.json").read_text())["steps"][-1]
+        for name in ("contrast-loose-Q1", "contrast-loose-tight-Q1")
+    ]
+    force = [np.array(end["reactions"]["right"]) for end in ends]
+    least = np.abs(force[0] - force[1]).max() / np.abs(force[1]).max()
+    assert table.loc["contrast-loose-tight-Q1", "difference"] >= least > 0.01
+    assert "the tight solve differs by" in (out / "extremes.md").read_text()
 
 
 def test_what_fails_is_exit_code_1(

@@ -30,7 +30,7 @@ POLICIES["trust"] = {"hessian": "adaptive", "globalization": "trust_region"}
 #: Columns of the table.
 COLUMNS = (
     "point", "family", "criterion", "expected", "passed", "reason",
-    *REQUESTED, "seed", "ranks", *MEASURED, "max_u", "nonfinite",
+    *REQUESTED, "seed", "ranks", *MEASURED, "max_u", "nonfinite", "difference",
 )  # fmt: skip
 
 #: Timeout of a case that may fail [s].
@@ -55,12 +55,15 @@ class Case:
         Evaluates its acceptance criterion.
     required : bool
         Whether the study fails if this case fails.
+    refused : bool
+        Whether it is meant to end without a record.
     """
 
     name: str
     point: Point
     check: Check
     required: bool = True
+    refused: bool = False
 
     @property
     def family(self) -> str:
@@ -69,7 +72,8 @@ class Case:
 
     def evaluate(self, record: Record, row: Row) -> dict[str, Any]:
         """Evaluate the acceptance criterion; return the columns ``passed`` and ``reason``."""
-        reason = self.check(record, row) if record else str(row["status"])
+        checked = record or self.refused
+        reason = self.check(record, row) if checked else str(row["status"])
         remark = ""
         if reason:
             remark = "failed" if self.required else "failed, as it may"

@@ -36,6 +36,7 @@ _RESULTS = {
     "min J": ("min_J", "median"),
     "energy": ("energy", "median"),
     "volume": ("volume_ratio", "median"),
+    "difference": ("difference", "max"),
     "seconds": ("seconds", "median"),
 }
 _OTHER = "The runs use `{}`; the theory below is for Stable Neo-Hookean."

@@ -1,0 +1,126 @@
+"""A tight solve of a case, from the state that the case ended in: does it contradict the case?
+
+It has sparse factors and a tolerance of `_TOLERANCE`. A state that is an equilibrium stays where it
+is; one that was taken for an equilibrium moves. Another equilibrium of the same load is none that
+the tight solve leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem_snh.studies.extremes.cases import Case, Record, Row
+from fem_snh.studies.scene_points import ScenePoint, run_arguments
+from fem_snh.studies.table import read_record
+
+#: The tight solve's tolerance of forces relative to E V^(2/3); the default one is 1e-7.
+_TOLERANCE = 1e-9
+_PETSC = {"snes_scaled_tol": _TOLERANCE, "snes_linear_solver": "direct"}
+#: Largest relative difference of a converged result from the tight one.
+AGREES = 0.01
+#: Displacements over the body's length, forces over E L^2 and energies over E L^3 below which
+#: differences are none: what rounding leaves of a body at rest.
+_REST = {"u": 1e-10, "force": 1e-10, "energy": 1e-18}
+
+
+@dataclass(frozen=True)
+class TightPoint(ScenePoint):
+    """The tight solve of the case that it comes ``after``."""
+
+    def arguments(self, folder: Path) -> list[str]:
+        """Return the arguments of ``fem-snh``."""
+        start = {"start.run": str(self._other(folder)), "steps": 1, "nu_continuation": []}
+        return run_arguments(self.name, folder, {**self.values, **start}, _PETSC)
+
+    def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
+        """Return the columns MEASURED, and ``difference`` from the case."""
+        found = dict(super().measured(record, log, code))
+        other = read_record(self._other(log.parent))
+        if not other.get("converged"):
+            return found | {"status": "nothing to compare with"}
+        if found["converged"]:
+            found["difference"] = difference(self._other(log.parent), other, log.parent, record)
+        return found
+
+    def _other(self, folder: Path) -> Path:
+        """Return the folder of the case, beside that of its tight solve."""
+        return folder.parent / str(self.after)
+
+
+def with_tight(case: Case) -> list[Case]:
+    """Return a case of a scene, whose name ends with its element, and its tight solve."""
+    point = case.point
+    assert isinstance(point, ScenePoint)
+    kind, _, element = case.name.rpartition("-")
+    columns = {**point.columns, "criterion": f"a tight solve differs by at most {AGREES:.0%}"}
+    tight = TightPoint(
+        point.name, point.values, point.scene, columns=columns, timeout=point.timeout,
+        after=case.name,
+    )  # fmt: skip
+    return [
+        case,
+        Case(f"{kind}-tight-{element}", tight, agrees, case.required),
+    ]
+
+
+def agrees(record: Record, row: Row) -> str:
+    """Check that the tight solve leaves the state of the case where it is."""
+    if row["status"] == "nothing to compare with":
+        return ""
+    if row["converged"] is not True:
+        return f"the tight solve fails: {row['status']}"
+    return (
+        "" if row["difference"] <= AGREES else f"the tight solve differs by {row['difference']:.2g}"
+    )
+
+
+def difference(
+    folder: Path, record: Mapping[str, Any], tight_folder: Path, tight: Mapping[str, Any]
+) -> float:
+    """Return the largest relative difference of two runs in displacements, forces and energy."""
+    from fem_snh.viewing.states import States
+    from fem_snh.viewing.stored_state import displacement_at
+
+    states = States(folder / "fields.pvd")
+    points = np.asarray(states.mesh.points, dtype=float)
+    length = float(np.ptp(points, axis=0).max())
+    kinematics = record.get("kinematics")
+    u = [displacement_at(run, -1, kinematics, points)[0] for run in (folder, tight_folder)]
+    size = max(np.abs(u[1]).max(), _REST["u"] * length)
+    found = [float(np.abs(u[0] - u[1]).max() / size)]
+    ends = [[s for s in run["steps"] if s["converged"]][-1] for run in (record, tight)]
+    E = float(_modulus(record))
+    units = {"force": E * length**2, "energy": E * length**3}
+    energies = [end["energy"] for end in ends]
+    if None not in energies:  # friction has none
+        found.append(_relative(energies, _REST["energy"] * units["energy"]))
+    # Of a body under a torque the forces are rounding: they are compared with the largest of all.
+    forces = [_forces(end, length) for end in ends]
+    largest = max((np.abs(force).max() for force in forces[1]), default=0.0)
+    least = max(largest, _REST["force"] * units["force"])
+    found += [_relative(pair, least) for pair in zip(*forces, strict=True)]
+    return max(found)
+
+
+def _forces(end: Mapping[str, Any], length: float) -> list[Any]:
+    """Return the reactions of a step, their moments over a length, and the obstacles' forces."""
+    moments = [np.asarray(m) / length for m in end.get("moments", {}).values()]
+    obstacles = [row["force"] for row in end.get("obstacles", {}).values()]
+    return [*end.get("reactions", {}).values(), *moments, *obstacles]
+
+
+def _relative(values: Any, least: float) -> float:
+    """Return the difference of two numbers or vectors relative to the second."""
+    first, second = (np.asarray(v, dtype=float) for v in values)
+    return float(np.abs(first - second).max() / max(np.abs(second).max(), least))
+
+
+def _modulus(record: Mapping[str, Any]) -> float:
+    """Return the smallest modulus of a run's materials [Pa]."""
+    materials = record["material"]
+    return min(m["E"] for m in (materials if isinstance(materials, list) else [materials]))
