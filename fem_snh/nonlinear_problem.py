@@ -176,13 +176,11 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             name: StepSolver(self._problem, self.solver, name, motion, None, pressures)
             for name in dict.fromkeys((predictor, PREDICTORS[predictor]))
         }
-        self._predictor = predictor
-        self.b = self.solver.getFunction()[0]
+        self._predictor, self.b = predictor, self.solver.getFunction()[0]
         texts = [text for term in self._problem.terms if (text := getattr(term, "note", ""))]
-        self._load_notes = self._first_notes = [Note("load", text) for text in texts]
-        self._supports: SupportsCheck | None = None
-        self.notes: list[Note] = []
-        self._warned: set[str] = set()
+        self._load_notes = [Note("load", text) for text in texts]
+        self._supports = SupportsCheck(self._problem)
+        self.notes, self._warned = list[Note](), set[str]()
         self._pressure = self._problem.saddle_point
         self.p: Any = self._pressure and _dolfinx.function(self._pressure.Q, "pressure")
 
@@ -209,7 +207,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             ``solver.getConvergedReason()`` is negative, and `reason` says why.
         """
         self._read_displacement()
-        self._check_supports()
+        self._supports.check()
         changed = self._boundary_values_changed()
         with self._petsc_options():
             step = self._steps[self._predictor]
@@ -260,7 +258,7 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
         # The equilibria of an earlier path are none to extrapolate this one from.
         self._steps[PREDICTORS[self._predictor]].predictor.before = None
         try:
-            self._check_supports()
+            self._supports.check()
             yield from self._rows(number)
         finally:
             self._load.function = conditions.start = None
@@ -306,17 +304,10 @@ class NonlinearProblem(EstimatesErrors, HasReactions):
             self.solver.setConvergedReason(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return outcome
 
-    def _check_supports(self) -> None:
-        """Keep the note on motions that nothing constrains. Collective."""
-        if self._problem.motion is None:
-            self._supports = self._supports or SupportsCheck(self._problem)
-            note = self._supports()
-            self._first_notes = [*self._load_notes, *([note] if note else [])]
-
     def _examine(self, converged: bool, negative: int | None, notes: Sequence[Note] = ()) -> None:
         """Set the notes on a state; warn of new kinds on rank 0. Collective."""
         found = state_notes(self._problem, negative) if converged else []
-        self.notes = [*self._first_notes, *notes, *found]
+        self.notes = [*self._load_notes, *self._supports.notes, *notes, *found]
         for note in self.notes:
             if note.kind not in self._warned and self._problem.comm.rank == 0:
                 warnings.warn(note.text, ResultNote, stacklevel=3)

@@ -9,6 +9,7 @@ joints are rows w of constraints, :math:`w \cdot m = 0`; springs and other terms
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -213,34 +214,45 @@ class Supports:
 
 
 class SupportsCheck:
-    """The check of a static body's supports before it is solved. Collective.
+    """The check of a static body's supports before it is solved.
 
     The motions that conditions and joints leave are found once; springs, other terms and loads are
-    examined at each call, as a program may change them.
+    examined each time, as a program may change them.
 
     Parameters
     ----------
     problem : Problem
-        The problem, before its first step.
+        The problem; in time a free motion is no mistake.
+
+    Attributes
+    ----------
+    notes : list of Note
+        The note on motions that nothing constrains, if there are any.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem, supports = problem, Supports(problem)
-        self._supports = supports if supports.left.shape[1] else None
+        self._problem, self.notes = problem, list[Note]()
 
-    def __call__(self) -> Note | None:
-        """Return the note on motions that nothing constrains; None if the body is held.
+    @cached_property
+    def _supports(self) -> Supports | None:
+        """What holds the body; None if conditions do. Collective."""
+        if self._problem.motion is not None:
+            return None
+        supports = Supports(self._problem)
+        return supports if supports.left.shape[1] else None
 
-        The state of the problem is that before. Collective.
+    def check(self) -> None:
+        """Set the notes. Collective; the state of the problem is that before.
 
         Raises
         ------
         BadInput
-            On every rank, if loads do work along one of them, unless contact, or a term that
+            On every rank, if loads do work along one of the motions, unless contact, or a term that
             resists far from rest, may hold the body.
         """
+        self.notes.clear()
         if not (self._supports and (motions := self._supports.free_motions())):
-            return None
+            return
         text = _listed(motions, self._supports)
         contact = any(isinstance(term, _CONTACT) for term in self._problem.terms[1:])
         loaded = [motion for motion in motions if motion.work and not motion.resists]
@@ -255,7 +267,7 @@ class SupportsCheck:
             text += "; only forces of terms that act elsewhere can hold it"
         else:
             text += "; the solution is one of many that differ by it"
-        return Note("supports", text)
+        self.notes.append(Note("supports", text))
 
 
 def _motions(kinematics: Kinematics) -> Sequence[int]:

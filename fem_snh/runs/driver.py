@@ -139,8 +139,9 @@ def _run(
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)
         describe_condensation(about, setup.problem.element, setup.condensation)
         notes = [Note("folder", folder.note)] if folder and folder.note else []
-        supports = None if scene.time else SupportsCheck(setup.problem)()
-        notes += [note for note in (setup.note, supports) if note]
+        supports = SupportsCheck(setup.problem)
+        supports.check()
+        notes += [*([setup.note] if setup.note else []), *supports.notes]
         if notes:
             about["notes"] = [*about.get("notes", ()), *(note.record() for note in notes)]
         about |= note or {}
