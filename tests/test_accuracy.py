@@ -13,6 +13,7 @@ import pytest
 from running import solve
 
 import fem_snh
+from benchmarks.accuracy_cases import exact
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.estimate import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
@@ -186,6 +187,19 @@ def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_pat
     goal = levels[-1]["goals"]["corner.y"]
     better = min((abs(goal["error"]), goal["value"]), (goal["uncertainty"], goal["corrected"]))
     assert abs(better[1] - reference(nu)) <= min(asked * reference(nu), 1.5 * better[0])
+
+
+def test_round_bodies_have_curved_cells(capsys):
+    """With straight edges, each level another body, a third level of 1536 cells is needed."""
+    accuracy = {"within": 0.02, "goals": ["right.force.x"]}
+    result = fem_snh.run("stretch", element="Q1P0", cells=6, steps=6, accuracy=accuracy)
+    assert "order = 2 in place of 1: cells with curved faces" in capsys.readouterr().out
+    found = result.record["accuracy"]
+    assert found["reached"] and len(found["levels"]) == 2
+    goal = found["levels"][-1]["goals"]["right.force.x"]
+    force, _ = exact("stretch")
+    assert goal["corrected"] == pytest.approx(force, rel=0.02)
+    assert goal["corrected"] == pytest.approx(force, abs=goal["uncertainty"])
 
 
 def test_limits_end_the_levels(capsys):

@@ -43,8 +43,11 @@ if TYPE_CHECKING:
 _LOCKING = 0.4
 #: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
 #: So do triangles those whose half plane is a rectangle.
-_PLANE_FACES = ("bar", "block", "cook", "cube", "two_blocks")
+_PLANE_FACES = ("bar", "block", "bracket", "cook", "cube", "two_blocks")
 _RECTANGLES = ("bushing", "cylinder", "tube")
+#: Built-in bodies with round faces: cells with straight edges would change their volume from level
+#: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
+_ROUND = ("ball", "cylinder", "indenter")
 #: Cells of the first level over those of the scene, along an edge.
 _FIRST = 0.5
 #: Fewest cells along an edge of a first level.
@@ -212,6 +215,12 @@ def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     if locks and (other := REPLACEMENTS.get(scene.element)):
         printed.line(f"element = '{other}' in place of '{scene.element}', which locks")
         update["element"] = other
+    mesh = scene.mesh
+    if isinstance(mesh, scenes.Geometry) and scene.kinematics is None and mesh.source in _ROUND:
+        if "order" not in mesh.parameters:
+            printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
+            parameters = {**mesh.parameters, "order": 2}
+            update["mesh"] = mesh.model_copy(update={"parameters": parameters})
     if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
         update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST * scene.cells))
     return scene.model_copy(update=update)
