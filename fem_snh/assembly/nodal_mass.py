@@ -107,6 +107,14 @@ class NodalMass:
         self._positions: tuple[MatrixLayout, Array] | None = None
         self.total = float(self._comm.allreduce(values.sum(), op=MPI.SUM))
 
+    def add_points(self, masses: Array) -> None:
+        """Add point masses [kg] at this rank's own nodes, (owned nodes,). Collective."""
+        starts, columns = self.matrix.indptr, self.matrix.indices
+        rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+        own = np.flatnonzero((rows == columns) & (rows < len(masses)))
+        self.matrix.data[own] += masses[rows[own]]
+        self.total += float(self._comm.allreduce(float(masses.sum()), op=MPI.SUM))
+
     def apply(self, values: Array) -> Array:
         """Return this rank's part of m times nodal values.
 

@@ -29,6 +29,8 @@ class Feature(Table):
     stateless : bool
         Whether its terms keep nothing from one evaluation to the next, so that two problems may
         share them: cell pressures may then be unknowns.
+    has_mass : bool
+        Whether its terms add to the mass of a body in time.
     nodal_fields : mapping of str to OutputField
         The fields at the nodes that a scene with the table may name in ``fields``: its terms then
         have the method of `fem_snh.terms.history.FieldTerm`.
@@ -37,6 +39,7 @@ class Feature(Table):
     key: ClassVar[str]
     planar: ClassVar[bool] = False
     stateless: ClassVar[bool] = False
+    has_mass: ClassVar[bool] = False
     nodal_fields: ClassVar[Mapping[str, OutputField]] = {}
 
     @property
@@ -97,10 +100,13 @@ def create_terms(features: Iterable[Any], body: Body) -> list[Term]:
     body : Body
         What they act on.
     """
-    found: list[Term] = []
-    for kind, some in grouped(features):
-        found += kind.create_terms(some, body) if issubclass(kind, Feature) else some
-    return found
+    groups = list(grouped(features))
+    made: dict[int, Sequence[Term]] = {}
+    # Those with a mass come first: the weight is that of the whole mass.
+    for i in sorted(range(len(groups)), key=lambda i: not getattr(groups[i][0], "has_mass", False)):
+        kind, some = groups[i]
+        made[i] = kind.create_terms(some, body) if issubclass(kind, Feature) else some
+    return [term for i in range(len(groups)) for term in made[i]]
 
 
 def feature_classes(tables: type[Table]) -> Iterator[type[Feature]]:

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate
-from fem_snh.tables.types import NonNegative, Part, Text, Vector, split_text, surface_name
+from fem_snh.tables.types import NonNegative, Number, Part, Text, Vector, split_text, surface_name
 from fem_snh.tables.validation import Expect, Table
 from fem_snh.terms.feature import Feature
 
@@ -45,6 +45,14 @@ class RigidJoint(Table):
         description="Name of the rigid part that the joint connects this one to, and that carries "
         "point and axis; default: the world.",
     )
+    torque: Number = Field(
+        default=0.0,
+        description="Moment of a hinge about its axis at the part's load amplitude [N m]: on this "
+        "part and, in the opposite sense, on the one that it is joined to.",
+    )
+    force: Number = Field(
+        default=0.0, description="Force of a slider along its axis, on both parts likewise [N]."
+    )
 
     @model_validator(mode="after")
     def _check_axis(self) -> RigidJoint:
@@ -54,6 +62,9 @@ class RigidJoint(Table):
             raise BadInput(f"axis: expected {needed}, of a {self.kind} joint")
         if self.axis is not None and not any(self.axis):
             raise bad_value("axis", list(self.axis), "a vector that is not zero")
+        for key, kind in (("torque", "hinge"), ("force", "slider")):
+            if getattr(self, key) and self.kind != kind:
+                raise bad_value(key, getattr(self, key), f"no value, but for a {kind}")
         return self
 
 
@@ -82,7 +93,7 @@ class Rigid(Feature):
     then prescribed, as those of [[move]], or zero.
     """
 
-    key, planar = "rigid", True
+    key, planar, has_mass = "rigid", True, True
     group: Part = Field(
         description="Physical group of volumes or surfaces, by name or number; in a program a "
         "measure dx(...) or ds(...)."
@@ -120,6 +131,11 @@ class Rigid(Feature):
         default=False, description="Whether force and torque turn with the part."
     )
     load_table: TableName | None = Field(default=None, description=TABLE)
+    mass: NonNegative = Field(
+        default=0.0,
+        description="With [time]: mass [kg] of a part of surfaces, uniform over them, beside that "
+        "of the cells.",
+    )
     spring: RigidSpring | None = Field(default=None, description="Springs that hold the part.")
 
     @model_validator(mode="after")

@@ -24,6 +24,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
@@ -132,14 +133,23 @@ class RigidParts:
         self._torque = np.array([part.torque for part in parts])
         self._follows = np.array([part.follower for part in parts])
         self._loads = np.zeros((len(parts), 2, 3))
+        self._drive = np.zeros(UNKNOWNS * len(parts))
+        self._driven = np.concatenate(
+            [_drive(part, r) for part, r in zip(parts, radii, strict=True)]
+        )
         springs = [part.spring for part in parts]
         self._stiffness = np.array([s.stiffness if s else 0.0 for s in springs])
         self._rotational = np.array([s.rotation if s else 0.0 for s in springs])
-        self.has_energy = not (self._torque.any() or self._force[self._follows].any())
+        turning = self._torque.any() or self._force[self._follows].any()
+        self.has_energy = not (turning or self._driven.any())
         moved = any(part.translate is not None or part.rotate is not None for part in parts)
         self.moves = moved
-        self.depends_on_load = bool(moved or self._force.any() or self._torque.any())
+        loaded = any(load.any() for load in (self._force, self._torque, self._driven))
+        self.depends_on_load = bool(moved or loaded)
         self.set_load(0.0)
+        for part in parts:
+            if part.mass:
+                self._add_mass(body, part)
 
     # --- the parts -------------------------------------------------------------------------------
 
@@ -149,6 +159,20 @@ class RigidParts:
         if others >= 0:
             accepted = f"a part without nodes of part {self.names[others]!r}"
             raise bad_value("rigid.group", part.label, accepted)
+
+    def _add_mass(self, body: Body, part: Rigid) -> None:
+        """Distribute a part's own mass over its surface. Collective."""
+        if body.motion is None:
+            raise bad_value("rigid.mass", part.mass, "no value, without [time]")
+        if body.entities("rigid.group", part.group)[0] == body.domain.topology.dim:
+            accepted = "no value for a group of cells: their material has the density"
+            raise bad_value("rigid.mass", part.mass, accepted)
+        V, weights = body.V, _dolfinx.create_vector(body.V)
+        measure = body.measure("rigid.group", part.group)
+        form = _dolfinx.form(ufl.TestFunction(V)[0] * measure)
+        _dolfinx.assemble_vector(weights, form)
+        nodal = weights.array_r.reshape(-1, self._kinematics.components)[:, 0]
+        body.motion.mass.add_points(nodal * (part.mass / self._comm.allreduce(nodal.sum())))
 
     def _release(self, V: Any, local: Array, dirichlet: Dirichlet) -> None:
         """Release nodes of Dirichlet conditions that are on the parts' surfaces: parts override.
@@ -316,6 +340,8 @@ class RigidParts:
         self._load = load
         for i, factor in enumerate(self._factors):
             self._loads[i] = factor(load) * np.stack([self._force[i], self._torque[i]])
+            own = slice(UNKNOWNS * i, UNKNOWNS * (i + 1))
+            self._drive[own] = factor(load) * self._driven[own]
 
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of forces and springs [J]. Collective."""
@@ -344,7 +370,8 @@ class RigidParts:
     def largest_force(self, x: PETSc.Vec) -> float:
         """Return the norm of the forces of loads and springs on the unknowns [N]. Collective."""
         poses = self.poses(x)
-        return float(np.linalg.norm(self.tree.jacobian(poses).T @ self._acting(poses)))
+        forces = self.tree.jacobian(poses).T @ self._acting(poses) - self._drive
+        return float(np.linalg.norm(forces))
 
     def add_residual(
         self, u: PETSc.Vec, p: PETSc.Vec | None, r_u: PETSc.Vec, r_p: PETSc.Vec | None
@@ -370,7 +397,7 @@ class RigidParts:
         """Replace the forces on the parts' nodes by those on the unknowns, in place. Collective."""
         poses = self.poses(x)
         forces = self.wrenches(poses, r) + self._acting(poses)
-        self._set_unknowns(r, self.tree.jacobian(poses).T @ forces)
+        self._set_unknowns(r, self.tree.jacobian(poses).T @ forces - self._drive)
 
     def reduce_vector(self, x: PETSc.Vec, g: PETSc.Vec) -> None:
         """Replace a gradient by nodal displacements by one by the unknowns, in place."""
@@ -490,9 +517,13 @@ class RigidParts:
 
         The parameters are those of `constraint_rows`, and the motion (size,).
         """
-        twists = self._twists(owners, origin, length, len(mode))[0] @ mode
+        absolute, relative = self._twists(owners, origin, length, len(mode))
         scale = np.array([1.0, 1 / length])[:, None]
-        return np.asarray(-(self._loads * twists * scale).sum(axis=(1, 2)))
+        work = (self._loads * (absolute @ mode) * scale).sum(axis=(1, 2))
+        for i, (link, twist) in enumerate(zip(self.tree.links, relative @ mode, strict=True)):
+            along, about = self._drive[UNKNOWNS * i], self._drive[UNKNOWNS * i + 3] * link.length
+            work[i] += link.axis @ (along * twist[0] + about * twist[1] / length)
+        return np.asarray(-work)
 
     # --- motion in time --------------------------------------------------------------------------
 
@@ -634,6 +665,14 @@ class RigidParts:
             }
             for i, name in enumerate(self.names)
         }
+
+
+def _drive(part: Rigid, length: float) -> Array:
+    """Return the forces of a part's joint on its unknowns at amplitude 1, (6,)."""
+    found = np.zeros(UNKNOWNS)
+    if part.joint:
+        found[0], found[3] = part.joint.force, part.joint.torque / length
+    return found
 
 
 def _products(a: Array, b: Array) -> Array:
