@@ -72,17 +72,17 @@ def cook(finest: int) -> Iterator[Row]:
 
 
 def stretch(finest: int) -> Iterator[Row]:
-    """Yield the stretch to 3.4: sections over their meshes, and a body of 8 cells."""
+    """Yield the stretch to 3.4: sections over their meshes, bodies of straight and curved cells."""
     for nu in (0.3, 0.49, 0.4999):
         element = "Q2" if nu < 0.4 else "Q2Q1"
-        runs = [("axisymmetric", cells) for cells in powers(4, 4 * finest)] + [(None, 8)]
-        for kinematics, cells in runs:
+        runs = [("axisymmetric", cells, 1) for cells in powers(4, 4 * finest)]
+        for kinematics, cells, order in [*runs, (None, 8, 1), (None, 10, 1), (None, 8, 2)]:
             steps, cost = solved(
-                "stretch", cells=cells, element=element, kinematics=kinematics, nu=nu
+                "stretch", cells=cells, element=element, kinematics=kinematics, nu=nu, order=order
             )
             force = steps[-1]["reactions"]["right"][1 if kinematics else 0]
             row = {"nu": nu, "kinematics": kinematics, "element": element, "cells": cells}
-            yield row | {"force": force} | cost
+            yield row | {"order": order} | {"force": force} | cost
 
 
 def bushing(finest: int) -> Iterator[Row]:

@@ -50,6 +50,8 @@ PICTURES = {
     "biceps": ["biceps/biceps.png"],
     "squash": ["squash/squash.png"],
     "swing": ["swing/swing.png"],
+    "tube": ["tube/tube.png"],
+    "bushing": ["bushing/bushing.png"],
     "seal": ["seal/seal.png"],
     "hand": ["hand/hand.png"],
     "torso": ["torso/torso.png"],

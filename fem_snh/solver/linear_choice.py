@@ -81,7 +81,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         if regime.dimension == 2:
             reason += ": CG with sparse factors of the rest"
         return LinearChoice(False, reason)
-    if regime.dimension == 2:
+    if regime.dimension == 2:  # measured: docs/results/linear_solver.md
         return LinearChoice(True, "a mesh of 2 dimensions: sparse factors cost little")
     direct = not regime.inertia and regime.nodes <= _MAX_NODES
     if direct and regime.contrast >= _CONTRAST:

@@ -10,6 +10,7 @@ def stretch(
     stretch: PositiveFloat = 3.4,
     aspect: PositiveFloat = 1.0,
     kinematics: str | None = None,
+    order: int = 1,
 ) -> Scene:
     """A cylinder of diameter 1, clamped at both ends, stretched to 3.4 times its length.
 
@@ -24,14 +25,17 @@ def stretch(
         Length at rest over diameter.
     kinematics : str, optional
         "axisymmetric" for a mesh of two dimensions that revolves about the y axis.
+    order : int
+        2 for cells with curved sides in three dimensions, 1 for straight ones.
     """
     along, radius = (stretch - 1) * aspect, 0.125**0.5
     translate = (0, along, 0) if kinematics else (along, 0, 0)
     axis = (0, aspect / 4, 0) if kinematics else (aspect / 4, 0, 0)
     inside = (radius, aspect / 2, 0) if kinematics else (aspect / 2, 0.25, 0.25)
+    cylinder = {"radius": 0.5, "length": aspect, "order": order}
     return Scene(
         name="stretch",
-        mesh=Geometry(source="cylinder", parameters={"radius": 0.5, "length": aspect}),
+        mesh=Geometry(source="cylinder", parameters=cylinder),
         cells=cells,
         element="Q1",
         kinematics=kinematics,
