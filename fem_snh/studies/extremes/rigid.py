@@ -39,6 +39,7 @@ def cases(quick: bool, seeds: int, material: str = "") -> list[Case]:
                 scene_case(
                     bodies.reference(scene), f"rigid-{name}-{element}",
                     "reaches its load in one step", converged, material,
+                    element != "P2P0" or "torque" in name,  # unstable equilibria
                     element=element, nu=nu, cells=cells // (2 if quick else 1), **keys,
                 )
             )  # fmt: skip

@@ -34,8 +34,10 @@ class TightPoint(ScenePoint):
 
     def arguments(self, folder: Path) -> list[str]:
         """Return the arguments of ``fem-snh``."""
-        start = {"start.run": str(self._other(folder)), "steps": 1, "nu_continuation": []}
-        return run_arguments(self.name, folder, {**self.values, **start}, _PETSC)
+        values = {**self.values, "steps": 1}
+        if not self.values.get("friction"):  # its history begins with the run
+            values["start.run"] = str(self._other(folder))
+        return run_arguments(self.name, folder, values, _PETSC)
 
     def measured(self, record: Mapping[str, Any], log: Path, code: int) -> Mapping[str, Any]:
         """Return the columns MEASURED, and ``difference`` from the case."""
