@@ -275,9 +275,10 @@ def test_goals_of_groups_that_are_none(goal, message):
     assert message in str(refused.value)
 
 
-def test_no_error_of_a_path_in_time():
-    with pytest.raises(BadInput, match="'time' and 'error' exclude each other"):
-        scenes.load("squash", error=True)
+def test_a_motion_has_no_energy_goal():
+    """Its energy is a sum with the kinetic one, and the problem's is that of a step."""
+    with pytest.raises(BadInput, match=r"energy.: expected another goal, in time"):
+        solve("squash", **{"accuracy.goals": ["energy"]})
 
 
 def test_a_material_without_a_lifted_element_has_no_estimate():

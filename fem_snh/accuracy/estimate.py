@@ -65,6 +65,8 @@ class GoalError:
         The size of the largest displacement or force; 0 for other goals.
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
+    parts : dict of float
+        The parts of the estimate by their source; empty if there is one source, the mesh.
     """
 
     value: float
@@ -72,6 +74,7 @@ class GoalError:
     scale: float = 0.0
     unit: float = 0.0
     unsettled: float = 0.0
+    parts: dict[str, float] = field(default_factory=dict)
 
     @property
     def corrected(self) -> float | None:
@@ -96,13 +99,14 @@ class GoalError:
         limit = _SHOWN * self.scale
         return abs(self.value) <= limit and abs(self.error or 0.0) <= limit
 
-    def record(self) -> dict[str, float | None]:
+    def record(self) -> dict[str, Any]:
         """Return the entry of ``goals`` in run.json."""
         return {
             "value": self.value,
             "error": self.error,
             "relative": self.relative,
             "corrected": self.corrected,
+            **({"parts": self.parts} if self.parts else {}),
         }
 
     def text(self, name: str) -> str:
@@ -114,7 +118,9 @@ class GoalError:
             return f"{name} {self.value:.6g}, error below {bound}"
         value, corrected = (_shown(x, self.error) for x in (self.value, self.value + self.error))
         share = "" if self.relative is None else f" ({_share(self.relative)})"
-        return f"{name} {value}, error {self.error:+.3g}{share}, corrected {corrected}"
+        parts = ", ".join(f"{source} {part:+.2g}" for source, part in self.parts.items())
+        of = f": {parts}" if parts else ""
+        return f"{name} {value}, error {self.error:+.3g}{share}{of}, corrected {corrected}"
 
 
 def _shown(value: float, error: float) -> str:
@@ -148,6 +154,8 @@ class Estimate:
         The factor by which the difference of the two solutions was multiplied.
     newton, linear : int
         Its Newton and linear iterations.
+    again : int
+        The time steps in which a motion is followed again; 0 of a static problem.
     seconds, jit : float
         Elapsed time, and the part of it that compiled the kernels of the element.
     indicators : dict of arrays
@@ -164,6 +172,7 @@ class Estimate:
     saturation: float = 1.0
     newton: int = 0
     linear: int = 0
+    again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
     indicators: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
@@ -171,9 +180,10 @@ class Estimate:
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
+        steps = f"the motion again in {self.again:,} steps, and with " if self.again else ""
         return (
-            f"error estimate: {self.dofs:,} unknowns of {self.element} on the same cells, about "
-            f"{self.memory / 1e6:.2g} MB"
+            f"error estimate: {steps}{self.dofs:,} unknowns of {self.element} on the same cells, "
+            f"about {self.memory / 1e6:.2g} MB"
         )
 
     def lines(self) -> list[str]:

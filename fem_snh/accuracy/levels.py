@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, log
+from math import ceil, inf, log
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,9 @@ Array = npt.NDArray[Any]
 #: The error of a corrected value is at least this part of the correction: in docs/results/error.md
 #: the effectivity is 0.9 to 1.1 at best where the solution is singular.
 _LEAST = 0.1
+#: Parts of an error below this part of the request are left as they are; others are reduced to this
+#: part of it by time steps that are at most so many times shorter.
+_SMALL_PART, _PART_AIM, _MOST_SHORTER = 0.25, 0.15, 4.0
 #: A corrected value serves if the error of the value is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Relative errors are of the largest component of the same vector, or of this part of the largest
@@ -52,12 +55,15 @@ class GoalLevel:
         What the errors are relative to.
     uncertainty : float or None
         Bound of the error of the corrected value; None on the first level.
+    parts : dict of float
+        The parts of the error by their source, in time.
     """
 
     value: float
     error: float
     scale: float
     uncertainty: float | None = None
+    parts: dict[str, float] = field(default_factory=dict)
 
     @property
     def corrected(self) -> float:
@@ -80,7 +86,7 @@ class GoalLevel:
         """Whether value and correction are rounding beside the other components."""
         return max(abs(self.value), abs(self.error)) <= _SHOWN * self.scale
 
-    def record(self, asked: float) -> dict[str, float | None]:
+    def record(self, asked: float) -> dict[str, Any]:
         """Return the entry of a goal in run.json."""
         return {
             "value": self.value,
@@ -88,6 +94,7 @@ class GoalLevel:
             "corrected": self.corrected,
             "uncertainty": self.uncertainty,
             "relative": self.relative(asked),
+            **({"parts": self.parts} if self.parts else {}),
         }
 
 
@@ -101,16 +108,20 @@ class Forecast:
         Its cells and unknowns.
     seconds, memory : float
         Elapsed seconds, with the estimate; memory of the estimate's problem [bytes].
+    steps : int
+        Time steps; 0 of a static scene.
     """
 
     cells: int
     dofs: int
     seconds: float
     memory: float
+    steps: int = 0
 
     def __str__(self) -> str:
+        steps = f"{self.steps:,} time steps, " if self.steps else ""
         return (
-            f"about {self.cells:,} cells, {self.dofs:,} dofs, {self.seconds:.2g} s, "
+            f"about {self.cells:,} cells, {self.dofs:,} dofs, {steps}{self.seconds:.2g} s, "
             f"{self.memory / 1e6:.2g} MB"
         )
 
@@ -137,6 +148,8 @@ class LevelRow:
         A number to which the size of the cells is inverse.
     where : str
         Where most of the largest error is.
+    steps : int
+        Time steps; 0 of a static scene.
     """
 
     element: str
@@ -149,6 +162,7 @@ class LevelRow:
     elapsed: float = 0.0
     fineness: float = 1.0
     where: str = ""
+    steps: int = 0
 
 
 class Levels:
@@ -201,7 +215,8 @@ class Levels:
             ratio = row.fineness / before.fineness
             change = abs(corrected - before.goals[name].corrected)
             uncertainty = max(change / (ratio - 1), _LEAST * abs(error))
-        return GoalLevel(goal.value, error, scale, uncertainty)
+            uncertainty += abs(goal.parts.get("time steps", 0.0))
+        return GoalLevel(goal.value, error, scale, uncertainty, goal.parts)
 
     @property
     def worst(self) -> tuple[str, float] | None:
@@ -225,15 +240,34 @@ class Levels:
         ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
         return min(max(ratio ** (1 / self._order), _LEAST_REFINEMENT), _MOST_REFINEMENT)
 
-    def forecast(self, refinement: float) -> Forecast:
-        """Return what a level with cells that are so many times smaller will cost."""
+    def shorter_steps(self) -> float:
+        """Return the factor by which the time steps of the next level are to be shorter."""
+        part = self._largest_part("time steps")
+        if part <= _SMALL_PART * self.asked:
+            return 1.0
+        ratio = part / (_PART_AIM * self.asked)
+        return float(min(max(ratio**0.5, _LEAST_REFINEMENT), _MOST_SHORTER))
+
+    @property
+    def mesh_suffices(self) -> bool:
+        """Whether the error of the mesh is small beside that of the time steps, or the request."""
+        part, other = (self._largest_part(source) for source in ("mesh", "time steps"))
+        return other > 0 and part <= _SMALL_PART * max(self.asked, other)
+
+    def _largest_part(self, source: str) -> float:
+        """Return the largest relative part of an error on the last level."""
+        goals = self.rows[-1].goals.values()
+        return max((abs(g.parts.get(source, 0.0)) / g.scale for g in goals if g.scale), default=0.0)
+
+    def forecast(self, refinement: float, shorter: float = 1.0) -> Forecast:
+        """Return what a level with cells and time steps so many times smaller will cost."""
         last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = refinement**power
-        seconds = last.seconds * growth**_TIME_POWER
+        seconds = last.seconds * growth**_TIME_POWER * shorter
         cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
-        return Forecast(cells, dofs, seconds, last.memory * growth)
+        return Forecast(cells, dofs, seconds, last.memory * growth, ceil(last.steps * shorter))
 
     def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
         """Return why the next level is not solved; empty if it is.
@@ -275,6 +309,7 @@ class Levels:
         """Return the rows of the last level to print: a head, and a line for each goal."""
         row, asked = self.rows[-1], self.asked
         head = f"level {len(self.rows)}: {row.cells:,} {row.element} cells, {row.dofs:,} dofs"
+        head += f", {row.steps:,} time steps" if row.steps else ""
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
         counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
@@ -288,7 +323,9 @@ class Levels:
         value, error = goal.best(self.asked)
         which = "" if value == goal.value else " (corrected)"
         mark = "" if relative <= self.asked else "  not yet"
-        return f"  {name} {value:.6g} +- {error:.2g} ({100 * relative:.2g} %){which}{mark}"
+        parts = ", ".join(f"{source} {part:+.2g}" for source, part in goal.parts.items())
+        of = f"  ({parts})" if parts else ""
+        return f"  {name} {value:.6g} +- {error:.2g} ({100 * relative:.2g} %){which}{mark}{of}"
 
     def record(self) -> dict[str, Any]:
         """Return the entry ``accuracy`` of run.json."""
@@ -303,6 +340,7 @@ class Levels:
                     "element": row.element,
                     "cells": row.cells,
                     "dofs": row.dofs,
+                    **({"time_steps": row.steps} if row.steps else {}),
                     "seconds": row.elapsed,
                     "reason": row.reason or None,
                     "goals": {n: g.record(self.asked) for n, g in row.goals.items()},

@@ -203,7 +203,7 @@ def _solve(
             found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
             with interrupts.postponed():
                 recorder.add_modes(found)
-        if goals and setup.make and setup.stepper.done:
+        if goals and setup.stepper.done:
             from fem_snh.runs.estimates import estimate_errors
 
             fields = recorder.writes_fields

@@ -38,7 +38,10 @@ def estimate_errors(
         Whether the errors of all goals in cells are written; otherwise they are distributed to
         cells if the scene names goals, and that of the largest error alone if it names none.
     """
-    assert setup.make is not None
+    if setup.make is None:
+        from fem_snh.runs.time_errors import estimate_in_time
+
+        return estimate_in_time(comm, scene, setup, goals, announce)
     named = fields or bool(scene.accuracy and scene.accuracy.goals)
     located = "all" if named or scene.within else "largest"
     return estimate_error(setup.problem, setup.make, goals, announce, setup.mesh, located)

@@ -51,9 +51,10 @@ def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
         On every rank, for a goal that the scene or its mesh does not have.
     """
     named = scene.accuracy.goals if scene.accuracy else []
+    has_energy = has_energy and scene.time is None  # of a motion, another sum is the energy
     names = named or default_goals(scene, has_energy)
     if "energy" in names and not has_energy:
-        raise bad_value(_KEY, "energy", "another goal, as there is a force without an energy")
+        raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
     return [_goal(scene, mesh, name) for name in dict.fromkeys(names)]
 
 

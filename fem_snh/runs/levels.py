@@ -1,7 +1,8 @@
 """Run a scene to a required accuracy: levels of finer and finer meshes, each a run of the driver.
 
 The load steps are followed on the first mesh. A finer one starts from the end state of the level
-before it, interpolated, in one step to the full load. `fem_snh.accuracy.levels` decides when the
+before it, interpolated, in one step to the full load. A motion is followed again on each level,
+with shorter time steps where their error is not small. `fem_snh.accuracy.levels` decides when the
 levels end and how fine the next is.
 """
 
@@ -48,10 +49,10 @@ _RECTANGLES = ("bushing", "cylinder", "tube")
 #: Built-in bodies with round faces: cells with straight edges would change their volume from level
 #: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
 _ROUND = ("ball", "cylinder", "indenter")
-#: Cells of the first level over those of the scene, along an edge.
+#: Cells of the first level over those of the scene, along an edge; likewise time steps.
 _FIRST = 0.5
-#: Fewest cells along an edge of a first level.
-_FEWEST = 3
+#: Fewest cells along an edge of a first level, and fewest time steps.
+_FEWEST, _FEWEST_STEPS = 3, 16
 #: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
 #: then reduced, down to this factor, until at most so many times as many are made.
 _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
@@ -100,13 +101,15 @@ class Level:
 
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level to the levels, and them to the record of the run."""
-        seconds = sum(row["seconds"] for row in record["steps"][-1:])
+        in_time = "time" in record["steps"][-1]
+        rows = record["steps"] if in_time else record["steps"][-1:]
+        seconds = sum(row["seconds"] for row in rows)
         memory = 0.0
         if estimate:
             seconds += estimate.seconds - estimate.jit
             memory = estimate.memory
         row = LevelRow(record["element"], record["cells"], record["dofs"], seconds, memory)
-        row.elapsed = perf_counter() - self.start
+        row.elapsed, row.steps = perf_counter() - self.start, len(rows) if in_time else 0
         row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
         record["accuracy"] = self.levels.record()
@@ -183,16 +186,24 @@ def run_levels(
         if len(without) == _MOST_WITHOUT and all(without):
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
-        refinement = levels.refinement()
-        forecast = levels.forecast(refinement)
+        refinement = 1.0 if levels.mesh_suffices else levels.refinement()
+        shorter = levels.shorter_steps()
+        forecast = levels.forecast(refinement, shorter)
         elapsed = comm.bcast(perf_counter() - start)
         if limit := levels.exceeds(forecast, elapsed, available_memory(comm)):
             levels.limit = limit
             break
         printed.line(f"level {len(levels.rows) + 1}: {forecast}")
-        current, mesh = refine(comm, current, level, result.estimate, refinement)
-        known = bool(levels.rows[-1].goals)  # otherwise the state may be none to start from
-        current = current.model_copy(update=_ONE_STEP if known else _path(scene))
+        mesh = level.mesh
+        if refinement > 1:
+            current, mesh = refine(comm, current, level, result.estimate, refinement)
+        if current.time:
+            steps = ceil(current.time.steps * shorter)
+            time = current.time.model_copy(update={"steps": steps})
+            current, known = current.model_copy(update={"time": time}), False
+        else:  # without goals the state may be none to start from
+            known = bool(levels.rows[-1].goals)
+            current = current.model_copy(update=_ONE_STEP if known else _path(scene))
         level = next_level(mesh, result.problem if known else None)
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
@@ -223,6 +234,9 @@ def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
             update["mesh"] = mesh.model_copy(update={"parameters": parameters})
     if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
         update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST * scene.cells))
+    if scene.time:
+        steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST * scene.time.steps))
+        update["time"] = scene.time.model_copy(update={"steps": steps})
     return scene.model_copy(update=update)
 
 

@@ -85,9 +85,10 @@ class Setup:
 
 
 def set_up(
-    comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False, mesh: meshes.Mesh | None = None
-) -> Setup:
-    """Return a scene's problem, solver and load stepping, on another mesh if given. Collective.
+    comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False, mesh: meshes.Mesh | None = None,
+    element: elements.Element | None = None,
+) -> Setup:  # fmt: skip
+    """Return a scene's problem, solver and steps, with another mesh or element. Collective.
 
     The state of a run that is ``resumed`` is not read here, nor that of the run it started from.
 
@@ -98,7 +99,7 @@ def set_up(
     """
     start, working = perf_counter(), process_time()
     kinematics = kinematics_of(scene.kinematics)
-    element = elements.element(scene.element, scene.quadrature, kinematics)
+    element = element or elements.element(scene.element, scene.quadrature, kinematics)
     mesh = mesh or make_mesh(comm, scene, element)
     find_kinematics(scene.kinematics, mesh.dim)
     _check_groups(scene, mesh)

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from fem_snh.scenes.schema import Scene
 
 #: Keys that no scene in time has. Modes are those of a state at rest; continuation in Poisson's
-#: ratio solves problems without inertia. The error of a path in time is not estimated;
-#: stability is that of an equilibrium.
-_QUASI_STATIC = ("modes", "nu_continuation", "error", "accuracy", "stability")
+#: ratio solves problems without inertia; stability is that of an equilibrium.
+_QUASI_STATIC = ("modes", "nu_continuation", "stability")
 
 #: Keys that scenes of two dimensions do not have.
 _SOLID = ("bone", "rig")

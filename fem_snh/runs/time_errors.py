@@ -1,0 +1,133 @@
+"""Estimate the errors of a scene in time: the motion is followed again, twice.
+
+Once with half the time steps: the difference, divided by 2^p - 1 of an integrator of order p, is
+the error of the steps (Richardson). Once more with half the steps in the lifted element: the
+difference to the second run is the error of the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import ceil
+from time import perf_counter
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import scenes
+from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.lift import NoEstimate, check_memory, lifted_dofs, lifted_elements, memory
+from fem_snh.assembly.elements import Element
+from fem_snh.errors import BadInput
+from fem_snh.runs.goals import scene_goals
+from fem_snh.runs.setup import Setup, set_up
+
+#: The order with contact, whose beginning and end fall between steps.
+_CONTACT_ORDER = 1
+#: Fewest time steps of which half are worth comparing.
+_FEWEST_STEPS = 4
+
+
+def estimate_in_time(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    setup: Setup,
+    goals: Sequence[Goal],
+    announce: Callable[[Estimate], None] = lambda estimate: None,
+) -> Estimate:
+    """Return the errors of goals at the end of a motion. Collective.
+
+    Parameters
+    ----------
+    comm : MPI.Comm
+        The communicator.
+    scene : Scene
+        The scene, which has a table ``time``.
+    setup : Setup
+        Its run, at the end.
+    goals : sequence of Goal
+        The goals.
+    announce : callable, optional
+        Called before the motion is followed again, with unknowns and memory.
+    """
+    start, found, problem = perf_counter(), Estimate(), setup.problem
+    vectors = [goal.bind(problem)() for goal in goals]
+    for goal, vector in zip(goals, vectors, strict=True):
+        scale, unit = max(map(abs, vector)), goal.unit(problem)
+        pairs = zip(goal.names, vector, strict=True)
+        found.goals |= {name: GoalError(value, None, scale, unit) for name, value in pairs}
+    try:
+        parts = _errors(comm, scene, setup, found, announce)
+        for i, (name, known) in enumerate(list(found.goals.items())):
+            own = {part: float(errors[i]) for part, errors in parts.items()}
+            found.goals[name] = replace(known, error=sum(own.values()), parts=own)
+    except NoEstimate as reason:
+        found.reason = str(reason)
+    problem.split(problem.x)
+    found.seconds = perf_counter() - start
+    return found
+
+
+def _errors(
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    setup: Setup,
+    found: Estimate,
+    announce: Callable[[Estimate], None],
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the errors of the time steps and of the mesh; raise NoEstimate if there are none."""
+    time, problem = scene.time, setup.problem
+    assert time is not None and setup.stepper.motion is not None
+    if time.tolerance is not None:
+        raise NoEstimate("time.tolerance: expected equal time steps, of which half are compared")
+    if time.steps < _FEWEST_STEPS:
+        raise NoEstimate(f"time.steps = {time.steps}: expected at least {_FEWEST_STEPS}")
+    element = next(lifted_elements(problem))
+    found.element, found.dofs = element.name, lifted_dofs(problem, element)
+    found.memory = memory(problem, element)
+    found.again = ceil(time.steps / 2)
+    announce(found)
+    check_memory(problem, found.memory)
+    values = np.array([goal.value for goal in found.goals.values()])
+    half = scene.model_copy(update={"time": time.model_copy(update={"steps": found.again})})
+    coarse = _follow(comm, half, setup, None, found)
+    lifted = _follow(comm, half, setup, element, found)
+    contact = bool(scene.obstacle or scene.contact or scene.self_contact)
+    order = _CONTACT_ORDER if contact else setup.stepper.motion.dynamics.integrator.order
+    return {
+        "time steps": (values - coarse) / ((time.steps / found.again) ** order - 1),
+        "mesh": lifted - coarse,
+    }
+
+
+def _follow(
+    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, element: Element | None, found: Estimate
+) -> npt.NDArray[np.float64]:
+    """Return the goals at the end of the motion on the same mesh, in another element if given."""
+    name = element.name if element else scene.element
+    if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
+        scene = scene.model_copy(update={"hessian": None, "globalization": None})
+    try:
+        again = set_up(comm, scene, mesh=setup.mesh, element=element)
+    except BadInput as error:  # a material without a volume term of its own
+        raise NoEstimate(f"{name} does not fit: {error}") from None
+    try:
+        found.jit += again.seconds["jit"]
+        for row in again.stepper:
+            found.newton += row["newton"]
+            found.linear += row["linear"]
+        if not again.stepper.done:
+            raise NoEstimate(
+                f"with {found.again} steps of {name}: {again.stepper.failure_message()}"
+            )
+        goals = scene_goals(scene, again.mesh, has_energy=False)
+        values = np.array([v for goal in goals for v in goal.bind(again.problem)()])
+    finally:
+        again.destroy()
+    if not np.isfinite(values).all():
+        raise NoEstimate(f"a goal is not finite with {found.again} steps of {name}")
+    return values

@@ -1,0 +1,72 @@
+"""Errors of scenes in time: of the mesh and of the time steps, and a required accuracy."""
+
+from __future__ import annotations
+
+import pytest
+from running import solve
+from time_scenes import DOWN, SWING, in_time
+
+from fem_snh.scenes import Geometry, Hold, Probe
+from fem_snh.scenes.schema import Accuracy
+
+TIP = [Probe(name="tip", point=(1, 1, 1))]
+GOALS = Accuracy(goals=["tip.z"])
+
+
+def swing(steps, **keys):
+    """A cube that falls from rest while its left side is held, for a third of a swing."""
+    return in_time({"duration": 0.3, "steps": steps}, probe=TIP, **SWING, **keys)
+
+
+def tip(result):
+    return result.steps[-1]["probes"]["tip"][2]
+
+
+@pytest.fixture(scope="module")
+def estimated():
+    return solve(swing(24, accuracy=GOALS))
+
+
+def test_the_error_of_the_time_steps(estimated):
+    """Against four times as many steps, whose error is a sixteenth."""
+    goal = estimated.goals["tip.z"]
+    exact = tip(solve(swing(96)))
+    assert goal["value"] == tip(estimated)
+    assert 0.7 < goal["parts"]["time steps"] / (exact - goal["value"]) < 1.4
+
+
+def test_the_error_of_the_mesh_is_the_difference_to_the_lifted_element(estimated):
+    goal = estimated.goals["tip.z"]
+    coarse, lifted = (solve(swing(12, element=element)) for element in ("Q1", "Q2Q1"))
+    assert goal["parts"]["mesh"] == pytest.approx(tip(lifted) - tip(coarse), rel=1e-6)
+    assert goal["error"] == pytest.approx(sum(goal["parts"].values()))
+    assert estimated.record["estimate"]["element"] == "Q2Q1"
+
+
+def test_equal_steps_alone_have_an_estimate():
+    time = {"duration": 0.01, "steps": 4, "tolerance": 1e-2}
+    found = solve(in_time(time, probe=TIP, accuracy=GOALS, **SWING))
+    assert "expected equal time steps" in found.record["estimate"]["reason"]
+
+
+def test_a_motion_to_a_required_accuracy():
+    """A cantilever that falls; the reference has a fifth of the error of the last level."""
+    bar = {
+        "mesh": Geometry(source="bar", parameters={"length": 2.0, "interface": 1.0}),
+        "element": "Q1P0",
+        "hold": [Hold(group="left")],
+        "gravity": DOWN,
+        "probe": [Probe(name="tip", point=(2, 0.5, 0.5))],
+    }
+    asked = Accuracy(goals=["tip.z"], within=0.01)
+    time = {"duration": 0.5, "steps": 16}
+    result = solve(in_time(time, accuracy=asked, **bar))
+    record = result.record["accuracy"]
+    assert record["reached"]
+    assert len(record["levels"]) > 1
+    last = record["levels"][-1]["goals"]["tip.z"]
+    finer = {"element": "Q2Q1", "cells": 3}
+    exact = tip(solve(in_time(time | {"steps": 64}, **bar | finer)))
+    # The better of value and corrected value is the one that is within the request.
+    errors = [abs(last[key] - exact) / abs(exact) for key in ("value", "corrected")]
+    assert min(errors) < 0.01
