@@ -112,6 +112,30 @@ def test_gents_limit_is_found(limit: float) -> None:
     assert f.E == pytest.approx(0.81, rel=1e-6)
 
 
+def test_the_extended_tube_is_found() -> None:
+    """Kaliske & Heinrich's constants of Treloar's rubber, from their stress."""
+    Gc, Ge, d, b = 0.1867, 0.2169, 0.09693, 0.2
+    x = np.linspace(1.1, 7, 15)
+    inside = 1 - d**2 * (x**2 + 2 / x - 3)
+    links = Gc * ((1 - d**2) / inside**2 - d**2 / inside) * (x - x**-2)
+    stress = links + 2 * Ge / b * (x ** (b / 2 - 1) - x ** (-b - 1))
+    f = fem_snh.fit("extended_tube", data("uniaxial", x, stress))
+    assert f.E / 3 == pytest.approx((1 - 2 * d**2) * Gc + Ge, rel=1e-6)
+    found = [f.parameters[k] for k in ("Gc", "delta", "beta")]
+    assert found == pytest.approx([Gc, d, b], rel=1e-5)
+
+
+def test_van_der_waals_is_found() -> None:
+    """Enderle & Kilian's stress; lambda_m, a and beta within their ranges."""
+    x = np.linspace(1.1, 5, 15)
+    strain = 0.8 * (x**2 + 2 / x) + 0.2 * (2 * x + x**-2) - 3
+    slope = 1 / (1 - np.sqrt(strain / (8.0**2 - 3))) - 0.25 * np.sqrt(strain / 2)
+    stress = 0.4 * (x - x**-2) * (0.8 + 0.2 / x) * slope
+    f = fem_snh.fit("van_der_waals", data("uniaxial", x, stress))
+    found = [f.E / 3, *(f.parameters[k] for k in ("lambda_m", "a", "beta"))]
+    assert found == pytest.approx([0.4, 8.0, 0.25, 0.2], rel=1e-4)
+
+
 def test_weights_of_several_tests() -> None:
     """A test of weight w counts w^2: the mean of two moduli by their weights."""
     x = np.array([1.1, 1.2, 1.5])

@@ -135,6 +135,9 @@ def test_new_constants_replace_what_they_determine():
     assert scene.material.E == pytest.approx(9 * 50 * 0.8 / 150.8, rel=1e-14)
     softer = scenes.load(scene, **{"material.D1": 2 * D1})
     assert softer.material.E == pytest.approx(9 * 25 * 0.8 / 75.8, rel=1e-14)
+    ogden = {"name": "ogden", "mu_p": [0.6, -0.1], "alpha_p": [2.0, -2.0], "nu": 0.45}
+    stiffer = scenes.load(scenes.load("stretch", material=ogden), **{"material.mu_p": [1.2, -0.2]})
+    assert stiffer.material.E == pytest.approx(2 * 1.45 * 1.4, rel=1e-14)
     gent = scenes.load("stretch", material="gent", **{"material.mu": 0.4})
     assert (gent.material.E, gent.material.nu) == (pytest.approx(2 * 1.49 * 0.4), 0.49)
     assert (

@@ -20,7 +20,7 @@ from fem_snh.kernels.compiled import compile_kernel
 from fem_snh.kernels.headers import POINTWISE, header
 from fem_snh.kernels.svd_eigen import stored_by_columns
 from fem_snh.materials.numbers import Numbers, numbers_of, store, stored, stored_key
-from fem_snh.materials.parameters import check_constants, moduli_or_defaults
+from fem_snh.materials.parameters import check_constants
 
 if TYPE_CHECKING:
     from fem_snh.kernels.reports.report import Report
@@ -209,8 +209,15 @@ class Material:
         return report(self)
 
 
+#: E and nu that are not given; None is no number.
+_FROM_CONSTANTS: Any = ...
+
+
 def material(
-    name: str | Callable[..., Any], E: float | None = None, nu: float | None = None, **shape: Any
+    name: str | Callable[..., Any],
+    E: float = _FROM_CONSTANTS,
+    nu: float = _FROM_CONSTANTS,
+    **shape: Any,
 ) -> Material:
     """Return a material, normalised to (E, nu).
 
@@ -235,12 +242,15 @@ def material(
         them, or a function that does not define a material.
     """
 
-    def make() -> Energy:
-        return materials.make_energy(name, E, nu, **shape)  # imports sympy
+    young = None if E is _FROM_CONSTANTS else E
+    ratio = None if nu is _FROM_CONSTANTS else nu
 
-    check_constants(*moduli_or_defaults(E, nu))
-    if numbers := stored(name, E, nu, **shape):
+    def make() -> Energy:
+        return materials.make_energy(name, young, ratio, **shape)  # imports sympy
+
+    check_constants(1.0 if E is _FROM_CONSTANTS else E, 0.0 if nu is _FROM_CONSTANTS else nu)
+    if numbers := stored(name, young, ratio, **shape):
         return Material(numbers, make)
-    made = Material.of(make(), stored_key(name, E, nu, shape))
+    made = Material.of(make(), stored_key(name, young, ratio, shape))
     store(made.numbers)
     return made

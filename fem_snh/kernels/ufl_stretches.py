@@ -38,6 +38,7 @@ _PAIRS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 #: UFL's functions, by the names that sympy prints.
 FUNCTIONS = {
     "log": ufl.ln,
+    "log1p": lambda x: ufl.ln(1 + x),
     "exp": ufl.exp,
     "sqrt": ufl.sqrt,
     "where": lambda x, a, b: ufl.conditional(ufl.gt(x, 0), a, b),

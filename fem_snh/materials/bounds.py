@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import sympy
+from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.functions import positive, where
 from fem_snh.materials.keywords import MAX_EXPONENT
@@ -29,6 +30,7 @@ def _exponential(x: complex) -> complex:
 
 _FUNCTIONS: dict[Any, Callable[..., complex]] = {
     sympy.log: cmath.log,
+    log1p: lambda x: cmath.log(1 + x),
     sympy.exp: _exponential,
     positive: lambda x: x,
     where: lambda x, a, b: a if x.real > 0 else b,

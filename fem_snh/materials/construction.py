@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import sympy
+from sympy.codegen.cfunctions import log1p
 
 from fem_snh.errors import BadInput
 from fem_snh.materials import normalise, tuning
@@ -23,7 +24,7 @@ from fem_snh.materials.signature import Function, constants_of, measures_of
 #: The measures at rest, F = I.
 REST = {m: 3.0 if str(m) in ("I1", "I_C", "II_C") else 1.0 for m in MEASURES.values()}
 #: Functions that the generated C and the UFL forms can evaluate.
-_FUNCTIONS = (sympy.log, sympy.exp, where, positive)
+_FUNCTIONS = (sympy.log, log1p, sympy.exp, where, positive)
 
 
 def construct(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import sympy
+from sympy.codegen.cfunctions import log1p
 
 #: A double is read as a fraction if one with at most this denominator rounds to it.
 _LARGEST_DENOMINATOR = 1000
@@ -85,6 +86,7 @@ def domain(
         shown = {dummy: w for w, dummy in hidden.items()}
         expression = expression.xreplace(hidden)
         found = {a.args[0] for a in expression.atoms(sympy.log)}
+        found |= {1 + a.args[0] for a in expression.atoms(log1p)}
         found |= {p.base for p in expression.atoms(sympy.Pow) if not p.exp.is_integer}
         bases |= {base.xreplace(shown) for base in found if _restricts(base, mine)}
     return tuple(sorted(bases, key=str))

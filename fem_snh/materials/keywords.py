@@ -5,6 +5,7 @@ Scenes are checked against them without sympy, which takes longer to import than
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from fem_snh.errors import bad_value
@@ -43,6 +44,32 @@ ALPHAS = (0.01, MAX_EXPONENT / 4)
 #: Accepted epsilon, besides 0: the rest state s = 1 is outside the extension, and 1 + epsilon^4
 #: differs from 1 in double precision.
 EPSILONS = (1e-4, 0.99)
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The accepted values of a shape parameter, as an annotation of it.
+
+    Attributes
+    ----------
+    accepted : str
+        The values in words.
+    low, high : float
+        The ends.
+    above, below : bool
+        Whether a value has to be above the lower and below the upper end.
+    """
+
+    accepted: str
+    low: float = -LARGEST_PARAMETER
+    high: float = LARGEST_PARAMETER
+    above: bool = False
+    below: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        """Return whether a value is accepted."""
+        low = value > self.low if self.above else value >= self.low
+        return low and (value < self.high if self.below else value <= self.high)
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ The constants give :math:`\mu` and K by PK1-linearisation (`fem_snh.materials.no
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from inspect import signature
 from itertools import combinations
 from typing import Any
@@ -96,13 +96,23 @@ def replace_weak(
         The table without the keys of every material.
     """
     own = function(table["name"])
-    new = _translated(table["name"], {k: v for k, v in keywords.items() if k in given})
+    together = {k: p.meanings for p in published(table["name"]) for k in p.meanings}
+
+    def translated(keys: Iterable[str]) -> dict[str, Any]:
+        whole = {n for k in keys for n in together.get(k, (k,))}
+        return _translated(table["name"], {n: keywords[n] for n in whole if n in keywords})
+
+    new = translated(given)
     # A new constant replaces an old one of another name.
-    old = {k: v for k, v in keywords.items() if k not in given}
-    old = {k: v for k, v in old.items() if not new.keys() & _translated(table["name"], {k: v})}
-    replaced = {k: v for k, v in keywords.items() if k in given} | old
+    replaced = {
+        k: v
+        for k, v in keywords.items()
+        if k in given
+        or any(n in given for n in together.get(k, ()))
+        or not new.keys() & translated([k])
+    }
     kept = {k: v for k, v in table.items() if k not in keywords or k in replaced}
-    symbols, (mu, _) = _moduli(own, label(table["name"]), table.get("nu"), keywords | new)
+    symbols, (mu, _) = _moduli(own, label(table["name"]), table.get("nu"), {**keywords, **new})
     of_shear = any(symbols.get(c) in mu.free_symbols for c in new)
     choices = ({"E", "nu"}, {"E"}) if of_shear else ({"E", "nu"}, {"nu"}, {"E"}, set[str]())
     error: Incomplete | None = None

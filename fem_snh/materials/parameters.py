@@ -9,7 +9,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from fem_snh.errors import bad_value
-from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING
+from fem_snh.materials.keywords import LARGEST_MODULUS, TUNING, Accepted
 
 #: What Young's modulus and Poisson's ratio are, and the numbers that are accepted.
 _CONSTANTS = {
@@ -70,10 +70,24 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
     Raises
     ------
     BadInput
-        For a value of another type; true and false are no numbers.
+        For a value of another type, true and false are no numbers, and one outside its `Accepted`.
     """
-    kinds = _kinds(function)
-    return {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
+    kinds, limits = _kinds(function), ranges(function)
+    found = {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
+    for key, value in found.items():
+        if key in limits and value not in limits[key]:
+            raise bad_value(key, value, limits[key].accepted)
+    return found
+
+
+def ranges(function: Callable[..., Any]) -> dict[str, Accepted]:
+    """Return the accepted values of the parameters that a material's function annotates."""
+    try:
+        hints = get_type_hints(function, include_extras=True)
+    except (NameError, TypeError, AttributeError, SyntaxError):
+        return {}
+    metadata = {key: getattr(hint, "__metadata__", ()) for key, hint in hints.items()}
+    return {k: r for k, found in metadata.items() for r in found if isinstance(r, Accepted)}
 
 
 def plain(value: Any) -> Any:

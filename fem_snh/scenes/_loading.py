@@ -195,8 +195,8 @@ def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, An
     from fem_snh.materials import names_in_literature, pins
 
     try:
-        constants = {*pins(material.get("name")), *names_in_literature(material.get("name"))}
-    except BadInput:  # it is reported where the table is validated
+        constants = {*pins(material["name"]), *names_in_literature(material["name"])}
+    except (KeyError, BadInput):  # it is reported where the table is validated
         return material
     if not constants & given:
         return material

@@ -26,6 +26,7 @@ smooth there keeps its value.
 from __future__ import annotations
 
 import sympy
+from sympy.codegen.cfunctions import log1p
 
 from fem_snh.materials.functions import where
 
@@ -91,6 +92,8 @@ class DividedDifference:
             return divided * exchanged ** (f.exp - 1) * powm1_over_x(d / exchanged, f.exp)
         if isinstance(f, sympy.log):
             return divided / exchanged * log1p_over_x(d / exchanged)
+        if isinstance(f, log1p):
+            return divided / (1 + exchanged) * log1p_over_x(d / (1 + exchanged))
         if isinstance(f, sympy.exp):
             return divided * sympy.exp(exchanged) * expm1_over_x(d)
         return (f - self.exchange(f)) / self._difference

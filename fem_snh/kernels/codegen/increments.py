@@ -69,6 +69,8 @@ class Increments:
             return f0**f.exp, f0**f.exp * expm1(f.exp * log1p(df / f0))
         if isinstance(f, sympy.log) and nonzero:
             return sympy.log(f0), log1p(df / f0)
+        if isinstance(f, log1p) and not sympy.simplify(1 + f0).is_zero:
+            return sympy.log(1 + f0), log1p(df / (1 + f0))
         if isinstance(f, sympy.exp):
             return sympy.exp(f0), sympy.exp(f0) * expm1(df)
         if isinstance(f, where):

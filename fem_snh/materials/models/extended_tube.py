@@ -1,11 +1,12 @@
 """The material ``extended_tube``."""
 
-from typing import Any
+from typing import Annotated, Any
 
-from sympy import Rational, log
+from sympy import Rational
+from sympy.codegen.cfunctions import log1p
 
-from fem_snh.errors import bad_value
 from fem_snh.materials.functions import exact, positive
+from fem_snh.materials.keywords import Accepted
 from fem_snh.materials.models import _isochoric
 from fem_snh.materials.published import bulk
 
@@ -20,8 +21,9 @@ def extended_tube(
     Ge: Any = 0.1808,
     kappa: Any = 1.0,
     *,
-    delta: float = 0.09693,
-    beta: float = 0.2,
+    # Beyond 1/sqrt 2 the shear modulus of Gc is negative.
+    delta: Annotated[float, Accepted("a number >= 0 and < 0.7", 0, 0.7, below=True)] = 0.09693,
+    beta: Annotated[float, Accepted("a number > 0 and <= 1", 0, 1, above=True)] = 0.2,
 ):
     """Extended tube energy of rubber (Kaliske & Heinrich 1999), with a volume term.
 
@@ -57,15 +59,10 @@ def extended_tube(
 
     Heinrich & Kaliske 1997.
     """
-    if not 0 <= delta < 0.7:  # beyond 1/sqrt 2 the shear modulus of Gc is negative
-        raise bad_value("delta", delta, "a number >= 0 and < 0.7")
-    if not 0 < beta <= 1:
-        raise bad_value("beta", beta, "a number > 0 and <= 1")
     squared, power = exact(delta) ** 2, exact(beta)
     stretches = [positive(s) for s in (s0, s1, s2)]
     J = positive(s0 * s1 * s2)
     x = _isochoric.first_invariant(sum(s**2 for s in stretches), J) - 3
-    inside = 1 - squared * x
-    links = Gc / 2 * ((1 - squared) * x / inside + log(inside))
+    links = Gc / 2 * ((1 - squared) * x / (1 - squared * x) + log1p(-squared * x))
     entanglements = J ** (power * Rational(1, 3)) * sum(s**-power for s in stretches) - 3
     return links + 2 * Ge / power**2 * entanglements + _isochoric.volume(J, kappa)

@@ -1,16 +1,25 @@
 """The material ``gent``."""
 
-from sympy import log
+from typing import Annotated
 
-from fem_snh.errors import bad_value
+from sympy.codegen.cfunctions import log1p
+
 from fem_snh.materials.functions import exact
+from fem_snh.materials.keywords import Accepted
 from fem_snh.materials.models import _isochoric
 from fem_snh.materials.published import bulk
 
 PUBLISHED = (bulk("kappa"),)
 
 
-def gent(I_C, J, mu, kappa, *, J_m: float = 77.931):
+def gent(
+    I_C,
+    J,
+    mu,
+    kappa,
+    *,
+    J_m: Annotated[float, Accepted("a number > 0", 0, above=True)] = 77.931,
+):
     """Gent's energy of rubber with a limit of its stretch (Gent 1996, eq. 1), with a volume term.
 
     ::
@@ -34,8 +43,6 @@ def gent(I_C, J, mu, kappa, *, J_m: float = 77.931):
     ----------
     Gent 1996.
     """
-    if not J_m > 0:
-        raise bad_value("J_m", J_m, "a number > 0")
     limit = exact(J_m)
     x = _isochoric.first_invariant(I_C, J) - 3
-    return -mu * limit / 2 * log(1 - x / limit) + _isochoric.volume(J, kappa)
+    return -mu * limit / 2 * log1p(-x / limit) + _isochoric.volume(J, kappa)

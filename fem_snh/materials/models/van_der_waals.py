@@ -1,9 +1,12 @@
 """The material ``van_der_waals``."""
 
-from sympy import Rational, log, sqrt
+from typing import Annotated
 
-from fem_snh.errors import bad_value
+from sympy import Rational, log, sqrt
+from sympy.codegen.cfunctions import log1p
+
 from fem_snh.materials.functions import exact, positive, where
+from fem_snh.materials.keywords import Accepted
 from fem_snh.materials.models import _isochoric
 from fem_snh.materials.published import bulk
 
@@ -14,7 +17,15 @@ SMALL = Rational(1, 10_000)
 
 
 def van_der_waals(
-    I_C, II_C, J, mu, kappa, *, lambda_m: float = 10.24, a: float = 0.32, beta: float = 0.042
+    I_C,
+    II_C,
+    J,
+    mu,
+    kappa,
+    *,
+    lambda_m: Annotated[float, Accepted("a number of at least 1.74 (above sqrt 3)", 1.74)] = 10.24,
+    a: Annotated[float, Accepted("a number >= 0", 0)] = 0.32,
+    beta: Annotated[float, Accepted("a number from 0 to 1", 0, 1)] = 0.042,
 ):
     """Van der Waals energy of rubber (Kilian 1981; Enderle & Kilian 1987), with a volume term.
 
@@ -50,12 +61,6 @@ def van_der_waals(
 
     Enderle & Kilian 1987.
     """
-    if not lambda_m >= 1.74:
-        raise bad_value("lambda_m", lambda_m, "a number of at least 1.74 (above sqrt 3)")
-    if not a >= 0:
-        raise bad_value("a", a, "a number >= 0")
-    if not 0 <= beta <= 1:
-        raise bad_value("beta", beta, "a number from 0 to 1")
     m, attraction, share = exact(lambda_m) ** 2 - 3, exact(a), exact(beta)
     J = positive(J)
     first, second = _isochoric.first_invariant(I_C, J), _isochoric.second_invariant(II_C, J)
@@ -66,8 +71,8 @@ def van_der_waals(
 
 def _network(x, m, a):
     """Return psi/mu as a function of x."""
-    y = sqrt(x / m)
-    return -m * (log(positive(1 - x / m) / (1 + y)) + y) - Rational(2, 3) * a * sqrt(x / 2) ** 3
+    y = sqrt(1 - positive(1 - x / m))
+    return -m * (log1p(-y) + y) - Rational(2, 3) * a * sqrt(x / 2) ** 3
 
 
 def _near_rest(x, m, a):

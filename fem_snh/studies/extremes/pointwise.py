@@ -10,7 +10,7 @@ the change of the exact value over perturbations of F by ROUNDINGS roundings, pl
 of the value. ROUNDINGS is one number for every material, quantity, size and nu::
 
     bound(Q) = max_k |Q(F_k) - Q(F)| + r size(Q),   r = ROUNDINGS 2^-52
-    size(energy) = the sum of the absolute values of its terms;
+    size(energy) = the sum of the absolute values of its terms, those in log1p included;
                    at small strain: |psi| + mu |F - I| + |lambda tr(F - I)|
     size(stress) = |P|,  size(Hessian) = |d2psi/dF2|      (Frobenius norms)
 
@@ -47,6 +47,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy
 from mpmath import mpf
+from sympy.codegen.cfunctions import log1p
 
 from fem_snh import materials
 from fem_snh.atomic_files import replace_file
@@ -191,6 +192,8 @@ def _functions(psi: Any, slopes: Any, domain: Any, constants: Any) -> list[Calla
         """Return the sum of the absolute values of the terms of f."""
         if f.is_Add:
             return sympy.Add(*map(size, f.args))
+        if isinstance(f, log1p):  # the terms of its argument, which it does not change near 0
+            return sympy.Abs(f) + size(f.args[0]) / sympy.Abs(1 + f.args[0])
         return sympy.Mul(*map(size, f.args)) if f.is_Mul else sympy.Abs(f)
 
     psi = sympy.Integer(0) if psi is None else fractions(psi)

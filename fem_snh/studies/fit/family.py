@@ -24,6 +24,7 @@ from fem_snh.materials.energy import LAME, principal_stresses
 from fem_snh.materials.functions import PrincipalStress, domain, positive
 from fem_snh.materials.invariants import INVARIANTS, MEASURES, SIGMA
 from fem_snh.materials.keywords import ALPHAS, MAX_EXPONENT
+from fem_snh.materials.parameters import ranges
 from fem_snh.materials.signature import constants_of, measures_of
 
 Array = npt.NDArray[np.float64]
@@ -35,6 +36,8 @@ _INCOMPRESSIBLE = (1 / 3, 1.0)
 _ISOCHORIC = np.array([[1.3, 1.1, 1 / 1.43], [0.8, 1.6, 1 / 1.28]])
 #: Largest size of an unknown without another bound, relative to its start or to 1.
 _LARGEST = 1e3
+#: Distance of a bound from the end of a range that excludes it.
+_OPEN = 1e-6
 #: Relative difference of stresses that counts as rounding.
 _ROUNDING = 1e-9
 #: Modules of `sympy.lambdify`.
@@ -125,7 +128,7 @@ class Family:
             choose("bounds", key, candidates)
             if not low < high:
                 raise bad_value(f"bounds of {key}", (low, high), "the lowest value first")
-        self._bounds = dict(bounds or {})
+        self._bounds, self._ranges = dict(bounds or {}), ranges(self.function)
         self.depends_on_nu = "nu" in inspect.signature(self.function).parameters
         self._symbols: dict[str, sympy.Symbol] = {}
         self._fixed: dict[int, float] = {}
@@ -254,6 +257,11 @@ class Family:
             low, high = -float(MAX_EXPONENT), float(MAX_EXPONENT)
         if name == "alpha":
             low, high = ALPHAS
+        if parameter in self._ranges:
+            allowed = self._ranges[parameter]
+            low, high = max(low, allowed.low), min(high, allowed.high)
+            low += _OPEN * allowed.above
+            high -= _OPEN * allowed.below
         if signed and start:
             low, high = (max(low, 0.0), high) if start > 0 else (low, min(high, 0.0))
         if parameter in self._bounds:
