@@ -41,6 +41,7 @@ QUICK = {
     f"{BENCH} references": "--only uniaxial",
     f"{BENCH} regions": "--elements Q1 --counts 2 --cells 2 --repeat 1",
     f"{BENCH} stiff_parts": "--bodies elbow --contrasts 1e5 --cells 12",
+    f"{BENCH} scaling": "--cells 6 --ranks 1",
     f"{BENCH} slender": "--bodies sheet --solvers default",
     f"{BENCH} start": "--repeat 1",
     f"{BENCH} sweep": "--points 6 --cells 2",
