@@ -22,6 +22,11 @@ _REFERENCES = {
     "block": ((2, 4, 8), "Q2Q1"),
     "shear": ((3, 6, 12), "Q2Q1"),
     "bar": ((2, 4, 8), "P2P0"),
+    "plane": ((16, 32, 64), "Q2Q1"),
+    "sheet": ((16, 32, 64), "Q2"),
+    "tube": ((8, 16, 32), "Q2Q1"),
+    "rod": ((16, 32, 64), "Q2Q1"),
+    "bushing": ((8, 16, 32), "Q2Q1"),
 }
 _GOALS = {
     "cook": ("corner.y", "tip.x", "energy"),
@@ -29,6 +34,19 @@ _GOALS = {
     "block": ("middle.z", "energy"),
     "shear": ("corner.x", "corner.z", "energy"),
     "bar": ("end.z", "energy"),
+    "plane": ("corner.y", "tip.x", "energy"),
+    "sheet": ("corner.y", "tip.x", "energy"),
+    "tube": ("inner.x", "outer.x", "energy"),
+    "rod": ("right.force.y", "inside.x", "energy"),
+    "bushing": ("inner.moment.y", "inner.force.y", "energy"),
+}
+#: Scenes of two dimensions that are built in, with their parameters.
+_SECTIONS: dict[str, tuple[str, Row]] = {
+    "plane": ("cook", {"kinematics": "plane_strain"}),
+    "sheet": ("cook", {"kinematics": "plane_stress"}),
+    "tube": ("tube", {"kinematics": "axisymmetric"}),
+    "rod": ("stretch", {"kinematics": "axisymmetric", "stretch": 2.0, "steps": 4}),
+    "bushing": ("bushing", {}),
 }
 #: Goals are estimated well in this range of the effectivity, and acceptably in that.
 _WELL, _ACCEPTABLE = (0.7, 1.4), (0.5, 2.0)
@@ -49,7 +67,9 @@ def rows(
     scenes : str
         cook; twist: a cube turned by 1 radian; block: pressed on a quarter of its top; shear: a
         cube on a clamped bottom, sheared by a dead load; bar: two materials, of which one is a
-        hundred times as stiff, bent by a dead load.
+        hundred times as stiff, bent by a dead load. Of two dimensions: plane and sheet, Cook's
+        membrane in plane strain and plane stress; tube, inflated; rod, stretched to twice its
+        length; bushing, turned and pushed.
     elements, nus, cells : str
         Elements, Poisson's ratios, cells along an edge (degree 2: half).
 
@@ -65,6 +85,8 @@ def rows(
     for scene in split_list(scenes):
         for nu in map(float, split_list(nus)):
             for element in split_list(elements):
+                if scene == "sheet" and ELEMENTS[element].volume != "pointwise":
+                    continue
                 for number in map(int, split_list(cells)):
                     for row in _compared(scene, nu, element, number // ELEMENTS[element].degree):
                         found.append(row)
@@ -146,12 +168,17 @@ def _goals(result: Any) -> dict[str, float]:
         found |= {f"{name}.{axis}": value for axis, value in zip("xyz", u, strict=True)}
     for name, force in step.get("reactions", {}).items():
         found |= {f"{name}.force.{axis}": value for axis, value in zip("xyz", force, strict=True)}
+    for name, moment in step.get("moments", {}).items():
+        found |= {f"{name}.moment.{axis}": value for axis, value in zip("xyz", moment, strict=True)}
     return found
 
 
 def _scene(name: str, nu: float, element: str, cells: int, estimate: bool) -> Scene:
     goals = {"goals": list(_GOALS[name])} if estimate else None
     common: Row = {"element": element, "cells": cells, "accuracy": goals}
+    if name in _SECTIONS:
+        scene, parameters = _SECTIONS[name]
+        return load(scene, nu=nu, **parameters, **common)
     if name == "twist":
         return load(name, nu=nu, angle=1.0, **common)
     if name == "cook":

@@ -294,7 +294,9 @@ def _find_errors(
         for (name, goal), error, change in zip(
             list(found.goals.items()), errors, unsettled, strict=True
         ):
-            found.goals[name] = replace(goal, error=factor * error, unsettled=factor * change)
+            found.goals[name] = replace(
+                goal, error=float(factor * error), unsettled=float(factor * change)
+            )
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
             for name, goal in found.goals.items()
