@@ -199,6 +199,7 @@ def test_curved_triangles_stay_on_their_curves():
     [
         ("cook", {"element": "P1", "nu": 0.3, "cells": 8}, {"corner.y": 7.837}),
         ("cook", {"element": "P2P1", "nu": 0.4999, "cells": 4}, {"corner.y": 6.922}),
+        ("cook", {"element": "P2P0", "nu": 0.4999, "cells": 8}, {"corner.y": 6.928}),
         ("tube", {"element": "P2P0", "nu": 0.4999}, {"inner.x": 0.5, "outer.x": OUTER}),
         ("tube", {"element": "Q1P0", "nu": 0.4999}, {"inner.x": 0.5, "outer.x": OUTER}),
     ],

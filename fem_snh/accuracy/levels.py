@@ -25,6 +25,9 @@ _LEAST = 0.1
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
 #: part of it by time steps that are at most so many times shorter.
 _SMALL_PART, _PART_AIM, _MOST_SHORTER = 0.25, 0.15, 4.0
+#: Factor of the errors of P2P0 on triangles, of which the estimate is a quarter to two thirds at a
+#: corner (docs/results/error.md).
+_SAFETY = 4.0
 #: A corrected value serves if the error of the value is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Relative errors are of the largest component of the same vector, or of this part of the largest
@@ -57,6 +60,8 @@ class GoalLevel:
         Bound of the error of the corrected value; None on the first level.
     parts : dict of float
         The parts of the error by their source, in time.
+    safety : float
+        By how much the estimate may be too small.
     """
 
     value: float
@@ -64,6 +69,7 @@ class GoalLevel:
     scale: float
     uncertainty: float | None = None
     parts: dict[str, float] = field(default_factory=dict)
+    safety: float = 1.0
 
     @property
     def corrected(self) -> float:
@@ -76,7 +82,7 @@ class GoalLevel:
 
     def best(self, asked: float) -> tuple[float, float]:
         """Return the value that is known better, or the corrected one, and a bound of its error."""
-        own = abs(self.error)
+        own = self.safety * abs(self.error)
         if self.uncertainty is None or own > _LARGEST_CORRECTION * asked * self.scale:
             return self.value, own
         return min((self.value, own), (self.corrected, self.uncertainty), key=lambda b: b[1])
@@ -211,12 +217,14 @@ class Levels:
         corrected = goal.value + error
         scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
         uncertainty = None
+        safety = _SAFETY if self.dim == 2 and row.element == "P2P0" else 1.0
         if before is not None and name in before.goals and row.fineness > before.fineness:
             ratio = row.fineness / before.fineness
             change = abs(corrected - before.goals[name].corrected)
-            uncertainty = max(change / (ratio - 1), _LEAST * abs(error))
+            least = (_LEAST if safety == 1 else safety) * abs(error)
+            uncertainty = max(change / (ratio - 1), least)
             uncertainty += abs(goal.parts.get("time steps", 0.0))
-        return GoalLevel(goal.value, error, scale, uncertainty, goal.parts)
+        return GoalLevel(goal.value, error, scale, uncertainty, goal.parts, safety)
 
     @property
     def worst(self) -> tuple[str, float] | None:
