@@ -219,7 +219,6 @@ def test_limits_end_the_levels(capsys):
         ("cook --accuracy 200%", "expected per cent or a fraction, e.g. '1%' or 0.01"),
         ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
         ("cook --max-dofs 100", "accuracy.max_dofs = 100: expected with accuracy.within"),
-        ("bounce --accuracy 1%", "accuracy"),
     ],
 )
 def test_bad_input(words, message, capsys):

@@ -228,7 +228,7 @@ def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
         update["element"] = other
     mesh = scene.mesh
     if isinstance(mesh, scenes.Geometry) and scene.kinematics is None and mesh.source in _ROUND:
-        if "order" not in mesh.parameters:
+        if mesh.parameters.get("order", 1) == 1:
             printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
             parameters = {**mesh.parameters, "order": 2}
             update["mesh"] = mesh.model_copy(update={"parameters": parameters})
