@@ -63,7 +63,7 @@ def write(
         Of coordinates (n, dim): where the nodes are.
     """
     dim, shape = len(axes), tuple(map(len, axes))
-    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    x: Array = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
     numbers = np.arange(len(x)).reshape(shape)
     cells = np.stack([_shifted(numbers, corner).ravel() for corner in _CORNERS[dim]], axis=1)
     if inside is not None:

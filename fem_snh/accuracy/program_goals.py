@@ -144,7 +144,8 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
     if point.shape not in ((3,), (kinematics.dim,)) or not np.isfinite(point).all():
         raise bad_value(key, goal, _ACCEPTED)
     shown = f"({', '.join(f'{x:g}' for x in point)})"
-    return PointGoal(name or shown, np.pad(point, (0, 3 - len(point))).tolist(), components)
+    place = [*map(float, point), *[0.0] * (3 - len(point))]
+    return PointGoal(name or shown, place, components)
 
 
 def _owned_mask(problem: Problem, number: int) -> Any:

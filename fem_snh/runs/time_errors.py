@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import ceil
 from time import perf_counter
+from typing import Any
 
 from mpi4py import MPI
 
@@ -78,7 +79,7 @@ def _errors(
     setup: Setup,
     found: Estimate,
     announce: Callable[[Estimate], None],
-) -> dict[str, npt.NDArray[np.float64]]:
+) -> dict[str, npt.NDArray[Any]]:
     """Return the errors of the time steps and of the mesh; raise NoEstimate if there are none."""
     time, problem = scene.time, setup.problem
     assert time is not None and setup.stepper.motion is not None
@@ -106,7 +107,7 @@ def _errors(
 
 def _follow(
     comm: MPI.Comm, scene: scenes.Scene, setup: Setup, element: Element | None, found: Estimate
-) -> npt.NDArray[np.float64]:
+) -> npt.NDArray[Any]:
     """Return the goals at the end of the motion on the same mesh, in another element if given."""
     name = element.name if element else scene.element
     if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
