@@ -18,7 +18,7 @@ from test_sharp_contact import DIAGONAL
 from fem_snh import _dolfinx
 from fem_snh.accuracy.state_notes import penetration_note
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.assembly.ghosted_vectors import nodal_vectors
+from fem_snh.assembly.ghosted_vectors import local_values
 from fem_snh.contact.body_contact import BodyContact
 from fem_snh.contact.obstacle_contact import RigidContact
 from fem_snh.contact.surface_pair import BodyPair
@@ -42,7 +42,7 @@ def pressed_corner(comm: MPI.Comm, element: str, cells: int) -> tuple[dict[str, 
     contacts = [RigidContact("floor", plane((0, 0, floor)))]
     p, _, _ = contact_problem(body, element, contacts, move=move)
     row = press(p, 2)
-    x = nodal_vectors(p.split(p.x)[0]) + p.V.tabulate_dof_coordinates()
+    x = local_values(p.split(p.x)[0]).reshape(-1, 3) + p.V.tabulate_dof_coordinates()
     lowest = min(comm.allgather(x[x[:, 2].argmin()].tolist()), key=lambda x: x[2])
     return row, np.array([*lowest[:2], floor - lowest[2]])
 

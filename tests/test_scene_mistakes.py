@@ -118,7 +118,7 @@ def test_held_and_moved_in_different_components_is_fine() -> None:
         ("steps = 4", "steps = 4 4", r"not valid TOML: .*line 4"),
         ("steps = 4", "cells = 4", "cells = 4: expected no value, as block.msh has its own"),
         ('mesh = "block.msh"', "", "missing key 'mesh': expected path of a gmsh file"),
-        ('mesh = "block.msh"', "mesh = 3", "mesh = 3: expected a gmsh file or"),
+        ('mesh = "block.msh"', "mesh = 3", "mesh = 3: expected a gmsh file, an XDMF file or"),
         ("nu = 0.49", "", r"material: missing key 'nu': expected a number in \(-1, 0.5\]"),
         ("vector = [0, 6.25, 0]", "", "traction.0: missing key 'vector': expected three"),
         ("[[hold]]", "[hold]", "hold = .*expected a list of tables"),

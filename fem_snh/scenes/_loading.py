@@ -200,10 +200,15 @@ def _without_replaced(material: dict[str, Any], given: set[str]) -> dict[str, An
         return material
     if not constants & given:
         return material
-    from fem_snh.materials.native import replace_weak  # imports sympy
+    from fem_snh.materials.native import Incomplete, replace_weak  # imports sympy
 
     own = {k: v for k, v in material.items() if k not in MaterialChoice.model_fields}
-    return replace_weak(material, given, own)
+    try:
+        return replace_weak(material, given, own)
+    except Incomplete:
+        raise
+    except BadInput:  # it is reported where the table is validated
+        return material
 
 
 def _renamed(material: dict[str, Any], name: Any) -> dict[str, Any]:
