@@ -111,7 +111,7 @@ class DolfinxConditions(Dirichlet):
         self.bcs = [bc for bc in bcs if not isinstance(bc, Symmetry)]
         self._on_load, self.depends_on_load = on_load, on_load is not None
         mask = _dolfinx.create_vector(V)
-        self._V, self._dofs = V, list[Array]()
+        self._V, self._dofs, self._size = V, list[Array](), mask.getLocalSize()
         sizes = []
         numbers = [i for i, bc in enumerate(bcs) if not isinstance(bc, Symmetry)]
         for number, bc in zip(numbers, self.bcs, strict=True):
@@ -174,7 +174,8 @@ class DolfinxConditions(Dirichlet):
         """Set what is constrained of ``x`` to its values at a load."""
         if self._on_load is not None:
             self._on_load(load)
-        _dolfinx.set_bcs(x.array, self.bcs)
+        # Pressures may follow the displacement: ghosts of the conditions must not reach them.
+        _dolfinx.set_bcs(x.array[: self._size], self.bcs)
         x.array[self._zero] = 0.0
         if self.start is not None:
             x.array[self.dofs] = (1 - load) * self.start + load * x.array_r[self.dofs]
