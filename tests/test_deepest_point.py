@@ -90,6 +90,21 @@ def test_a_small_ball_between_the_points(comm: MPI.Comm, depth: float, noted: bo
 
 
 @mpi
+@pytest.mark.parametrize("at", [(0.19, 0.31), (0.06, 0.44), (0.313, 0.187)])
+def test_a_ball_between_the_points_of_the_grid(comm: MPI.Comm, at: tuple[float, float]) -> None:
+    """A ball of an eighth of the facet, half way through, between all points of the first grid."""
+    ball = MovingShape(Sphere((*at, 1.1), 0.031), translation((0, 0, -0.1)))
+    contacts = [RigidContact("ball", ball)]
+    p, _, _ = contact_problem(cube(comm, "hexahedron", 2), "Q1", contacts, hold=[Hold("bottom")])
+    row = press(p)
+    found = row["obstacles"]["ball"]
+    assert found["force"] == [0, 0, 0] and row["notes"] == ["penetration"]
+    x, y, z = found["deepest_at"]
+    assert np.hypot(x - at[0], y - at[1]) <= 0.5 / 128 * 2**0.5 + 1e-9
+    assert z == pytest.approx(1) and 0.031 - 0.0056 < found["deepest"] <= 0.031
+
+
+@mpi
 def test_a_smooth_contact_has_no_note(comm: MPI.Comm) -> None:
     """Hertz's ball on 6 cells along the contact: its nodes are no deeper than the mesh's error."""
     result = solve("hertz", comm=comm)

@@ -200,7 +200,9 @@ class ObstacleContact:
             counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
             depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
             penetration = float(comm.allreduce(depth, op=MPI.MAX))
-            deepest = DeepestPoint.deepest(comm.allgather(pair.deepest(values)))
+            # Without a force the depth must be found wherever it is; with one the grid's points do.
+            found = pair.deepest(values, search=counts[3] == 0)
+            deepest = DeepestPoint.deepest(comm.allgather(found))
             row: dict[str, Any] = {
                 "force": counts[:3].tolist(),
                 "contacts": int(counts[3]),

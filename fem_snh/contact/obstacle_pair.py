@@ -10,7 +10,14 @@ import numpy.typing as npt
 
 from fem_snh.contact.friction import ContactPoints, Friction
 from fem_snh.contact.law import ContactLaw
-from fem_snh.contact.surface_quadrature import DeepestPoint, SurfaceQuadrature, facet_grid
+from fem_snh.contact.surface_quadrature import (
+    FINE_INTERVALS,
+    GRID_INTERVALS,
+    DeepestPoint,
+    SurfaceQuadrature,
+    facet_grid,
+    may_be_deep,
+)
 from fem_snh.geometry.motions import MovingShape
 from fem_snh.kernels.form_cells import filter_matrices
 
@@ -284,13 +291,24 @@ class ObstaclePair:
         self._gaps = u.copy(), (*found, curvature.reshape(*x.shape, 3))
         return self._gaps[1]
 
-    def deepest(self, u: Array) -> DeepestPoint:
-        """Return the deepest point of this rank's facets, at nodal displacements (nodes, 3)."""
+    def deepest(self, u: Array, search: bool) -> DeepestPoint:
+        """Return the deepest point of this rank's facets, at nodal displacements (nodes, 3).
+
+        With ``search`` facets that may be deep between the grid's points have finer ones.
+        """
         near, gap, _, _ = self._evaluate(u)
-        x = self.surface.positions_at(facet_grid(self.surface.kind), u, near)
-        gaps = np.hstack([gap, self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])])
-        x = np.concatenate([self.surface.positions(u, near), x], axis=1)
-        return DeepestPoint.among(gaps, self.surface.sizes[near], x)
+        sizes = self.surface.sizes[near]
+        found = [DeepestPoint.among(gap, sizes, self.surface.positions(u, near))]
+        for intervals in (GRID_INTERVALS, *FINE_INTERVALS):
+            grid = facet_grid(self.surface.kind, intervals)
+            x = self.surface.positions_at(grid, u, near)
+            gaps = self.distance(x.reshape(-1, 3)).reshape(x.shape[:2])
+            found.append(DeepestPoint.among(gaps, sizes, x))
+            doubtful = may_be_deep(gaps, x, sizes, intervals)
+            if not (search and doubtful.any()):
+                break
+            near, sizes = near[doubtful], sizes[doubtful]
+        return DeepestPoint.deepest(found)
 
     def energy(self, u: Array) -> float:
         """Return the energy of this rank's facets [J]."""

@@ -22,7 +22,9 @@ ALL = slice(None)
 _SAME = 1e-6
 
 #: Intervals of the grid along an edge: the nodes of degree 1 and 2, and as many points between.
-_INTERVALS = 4
+GRID_INTERVALS = 4
+#: Those of two finer grids, on facets that may be deep between the points of the coarser one.
+FINE_INTERVALS = 16, 64
 #: Over the penetration of quadrature points. A linear gap that is zero in the middle of a facet is
 #: 1.7 (2 x 2 points) or 2 times (3 points) as deep at a vertex as at the points: they see it.
 _FACTOR = 2.0
@@ -246,9 +248,10 @@ class DeepestPoint(NamedTuple):
 
     Contact acts at quadrature points inside of the facets. A corner, an edge or a small obstacle
     may pass between them without a force. After a step the gap is evaluated at a grid on each
-    facet, too, which contains its nodes. An obstacle, or a corner of the other body, that touches a
-    facet between the points of this grid is not seen; of one that is, the depth is that at the
-    grid's points.
+    facet, too, which contains its nodes. A corner of the other body that touches a facet between
+    the points of this grid is not seen, nor part of an obstacle that is in contact elsewhere. Where
+    an obstacle has no force and its distance leaves a doubt, finer grids follow. The depth is that
+    at the points.
 
     Attributes
     ----------
@@ -300,12 +303,35 @@ class DeepestPoint(NamedTuple):
         return {"deepest": self.depth} | ({"deepest_at": self.position} if unseen else {})
 
 
-def facet_grid(kind: str) -> Array:
-    """Return the grid's points on the reference facet, (n, d): 5 along an edge."""
-    s = np.arange(_INTERVALS + 1)
+def facet_grid(kind: str, intervals: int = GRID_INTERVALS) -> Array:
+    """Return the grid's points on the reference facet, (n, d), so many intervals along an edge."""
+    s = np.arange(intervals + 1)
     if kind == "interval":
-        return s[:, None] / _INTERVALS
+        return s[:, None] / intervals
     points = np.stack(np.meshgrid(s, s, indexing="ij"), axis=-1).reshape(-1, 2)
     if kind == "triangle":
-        points = points[points.sum(axis=1) <= _INTERVALS]
-    return points / _INTERVALS
+        points = points[points.sum(axis=1) <= intervals]
+    return points / intervals
+
+
+def may_be_deep(gaps: Array, x: Array, sizes: Array, intervals: int) -> Array:
+    """Return which facets may be deep between a grid's points and not at them, (facets,) bool.
+
+    A signed distance changes by no more than the way, and no point of a facet is further from the
+    grid than half a diagonal of its meshes. Deep is what counts in `DeepestPoint.row`.
+
+    Parameters
+    ----------
+    gaps : (facets, points)
+        Signed distances at the grid's points [m].
+    x : (facets, points, 3)
+        Their positions [m].
+    sizes : (facets,)
+        Sizes of the facets [m].
+    intervals : int
+        The grid's intervals along an edge.
+    """
+    lowest, deep = gaps.min(axis=1, initial=np.inf), -_LEAST * sizes
+    diagonals = np.linalg.norm(np.ptp(x, axis=1), axis=-1)
+    found: Array = (lowest > deep) & (lowest < deep + diagonals / (2 * intervals))
+    return found
