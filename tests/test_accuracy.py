@@ -134,18 +134,22 @@ def test_decisions():
 
     levels = Levels(0.01, 1, {"max_dofs": 5000})
     levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
-    assert not levels.reached and levels.worst == ("a", pytest.approx(0.1))
+    # At a corner the estimate of degree 1 may miss 40 % of what it finds.
+    assert not levels.reached and levels.worst == ("a", pytest.approx(0.14))
     assert levels.refinement() == 2.0
     forecast = levels.forecast(2.0)
     assert (forecast.cells, forecast.dofs, forecast.memory) == (512, 4000, 8e6)
     assert not levels.exceeds(forecast, 0.0, 1e9)
     assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
     assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
-    # The corrected value changed by 0.002 where h was halved: so much may be left.
+    # The corrected value changed by 0.002; the rate of the errors is 0.3: 2.5 * 0.002 * 0.3/0.7.
     levels.add(LevelRow("Q1P0", 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.03))
     assert levels.worst == ("a", pytest.approx(0.003))  # a tenth of the correction is more
     assert levels.reached
     assert levels.lines()[1] == "  a 0.998 +- 0.003 (0.3 %) (corrected)"
+    # The rate of the errors, 1/5, is the smallest that counts; the corrected one changed by 0.012.
+    levels.add(LevelRow("Q1P0", 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.98, 0.006))
+    assert levels.worst == ("a", pytest.approx(2.5 * 0.012 * 0.2 / 0.8))
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01, 1)
     row = LevelRow("Q1P0", 64, 500, 1.0, 1e6)
@@ -185,20 +189,37 @@ def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_pat
     # Only the first level follows the load steps.
     assert len(record["steps"]) == 1 and record["cells"] == levels[-1]["cells"]
     goal = levels[-1]["goals"]["corner.y"]
-    better = min((abs(goal["error"]), goal["value"]), (goal["uncertainty"], goal["corrected"]))
-    assert abs(better[1] - reference(nu)) <= min(asked * reference(nu), 1.5 * better[0])
+    own = 1.4 * abs(goal["error"])
+    better = min((own, goal["value"]), (goal["uncertainty"], goal["corrected"]))
+    assert abs(better[1] - reference(nu)) <= min(asked * reference(nu), better[0])
+
+
+@pytest.mark.parametrize("asked", [0.01, 0.003])
+def test_bounds_hold_at_a_corner_of_a_nearly_incompressible_body(asked):
+    """Cook's membrane: the estimate finds 0.8 to 0.6 of the error, less on finer meshes."""
+    accuracy = {"within": asked, "goals": ["corner.y"]}
+    found = fem_snh.run("cook", nu=0.4999, accuracy=accuracy).record["accuracy"]
+    value, uncertain = exact("cook, nu 0.4999")
+    assert found["reached"]
+    for level in found["levels"]:
+        goal = level["goals"]["corner.y"]
+        assert abs(goal["value"] - value) <= 1.8 * abs(goal["error"]) + uncertain * value
+        if goal["uncertainty"] is not None:
+            assert abs(goal["corrected"] - value) <= goal["uncertainty"] + uncertain * value
+    assert goal["relative"] <= asked
 
 
 def test_round_bodies_have_curved_cells(capsys):
-    """With straight edges, each level another body, a third level of 1536 cells is needed."""
+    """Each level is the same body, so the corrected values converge to that of the round one."""
     accuracy = {"within": 0.02, "goals": ["right.force.x"]}
     result = fem_snh.run("stretch", element="Q1P0", cells=6, steps=6, accuracy=accuracy)
     assert "order = 2 in place of 1: cells with curved faces" in capsys.readouterr().out
     found = result.record["accuracy"]
-    assert found["reached"] and len(found["levels"]) == 2
+    # Of 15 cells and 192 the estimates are alike: a third level tells that they can be trusted.
+    assert found["reached"] and len(found["levels"]) == 3
     goal = found["levels"][-1]["goals"]["right.force.x"]
     force, _ = exact("stretch")
-    assert goal["corrected"] == pytest.approx(force, rel=0.02)
+    assert goal["corrected"] == pytest.approx(force, rel=0.002)
     assert goal["corrected"] == pytest.approx(force, abs=goal["uncertainty"])
 
 

@@ -1,8 +1,8 @@
 """Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
 
-The value of a goal is within the request if its estimated error is. From the second level on the
-corrected value may serve instead, as its own error is known then: from the change of the corrected
-value, which decreases at least with the size h of the cells.
+The value of a goal is within the request if a bound of its error is: the estimate, times what it
+misses at a corner. From the second level on the corrected value may serve instead, as its own error
+is known then: from the change of the corrected value, and the rate at which the estimates decrease.
 """
 
 from __future__ import annotations
@@ -25,9 +25,18 @@ _LEAST = 0.1
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
 #: part of it by time steps that are at most so many times shorter.
 _SMALL_PART, _PART_AIM, _MOST_SHORTER = 0.25, 0.15, 4.0
-#: Factor of the errors of P2P0 on triangles, of which the estimate is a quarter to two thirds at a
-#: corner (docs/results/error.md).
-_SAFETY = 4.0
+#: Bound of an error over its estimate, by the degree of the displacement. At a corner, where the
+#: solution is r^a, one degree more on the same cells finds 1 - (p/(p + 1))^(4a) of the error: 0.78
+#: and 0.59 at a = 0.55, and 0.59 is measured (docs/theory/error.md).
+_SAFETY = {1: 1.4, 2: 1.8}
+#: The same of P2P0 on triangles, of which the estimate is a quarter to two thirds at a corner
+#: (docs/results/error.md).
+_SAFETY_OF_P2P0 = 4.0
+#: Bound of the error of a corrected value over its change times r/(1 - r), with the ratio r of the
+#: two levels' estimates: that would be left if the estimate found the same part of the error on
+#: both. At the corner of Cook's membrane it finds less on the finer one, and 2.0 to 2.3 are
+#: measured (docs/theory/error.md). r is taken as one of this range.
+_CORRECTED, _RATES = 2.5, (0.2, 0.8)
 #: A corrected value serves if the error of the value is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Relative errors are of the largest component of the same vector, or of this part of the largest
@@ -194,6 +203,7 @@ class Levels:
         dim: int = 3,
     ) -> None:
         self.asked, self._order, self.dim = asked, _ORDER[degree], dim
+        self._safety = _SAFETY[degree]
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -217,12 +227,15 @@ class Levels:
         corrected = goal.value + error
         scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
         uncertainty = None
-        safety = _SAFETY if self.dim == 2 and row.element == "P2P0" else 1.0
+        singular = self.dim == 2 and row.element == "P2P0"
+        safety = _SAFETY_OF_P2P0 if singular else self._safety
         if before is not None and name in before.goals and row.fineness > before.fineness:
-            ratio = row.fineness / before.fineness
-            change = abs(corrected - before.goals[name].corrected)
-            least = (_LEAST if safety == 1 else safety) * abs(error)
-            uncertainty = max(change / (ratio - 1), least)
+            last = before.goals[name]
+            change = abs(corrected - last.corrected)
+            rate = abs(error / last.error) if last.error else inf
+            rate = min(max(rate, _RATES[0]), _RATES[1])
+            least = (safety if singular else _LEAST) * abs(error)
+            uncertainty = max(_CORRECTED * change * rate / (1 - rate), least)
             uncertainty += abs(goal.parts.get("time steps", 0.0))
         return GoalLevel(goal.value, error, scale, uncertainty, goal.parts, safety)
 
