@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 #: The kinds of notes: of the loads; of the output folder; an element that locks; points that are
 #: inverted; a jump to a state far away within one step; a surface that is deep in an obstacle or
-#: another surface, between the points at which contact acts; an unstable equilibrium; nodes outside
-#: of the mesh of the run from which this one starts; rigid motions that nothing constrains; a
-#: pressure that is known up to a constant.
+#: another surface, between the points at which contact acts; contact by a penalty, which estimated
+#: errors leave out; an unstable equilibrium; nodes outside of the mesh of the run from which this
+#: one starts; rigid motions that nothing constrains; a pressure that is known up to a constant.
 KINDS = (
     "supports",
     "load",
@@ -22,6 +22,7 @@ KINDS = (
     "inverted",
     "jump",
     "penetration",
+    "penalty",
     "unstable",
     "start",
     "pressure",

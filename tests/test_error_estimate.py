@@ -13,6 +13,7 @@ import pytest
 from running import rows, solve
 
 import fem_snh
+from benchmarks.accuracy_cases import exact as exact_value
 from fem_snh import scenes
 from fem_snh.accuracy.estimate import GoalError
 from fem_snh.accuracy.lift import lifted_elements
@@ -380,3 +381,15 @@ def test_few_newton_iterations_find_the_estimate():
 def test_an_estimate_that_is_mostly_unsettled_is_a_bound():
     text = GoalError(2.0, 1e-4, 2.0, unsettled=1e-4).text("g")
     assert text == "g 2, error below 0.010 %"
+
+
+def test_the_penalty_of_contact_is_not_in_the_estimate():
+    """A note says so: here it is 1.2 % of the force, more than the error of the mesh."""
+    found = solve("hertz", **{"accuracy.goals": "z = 0.force.z", "error": True})
+    (note,) = [note for note in found.notes if note["kind"] == "penalty"]
+    assert note["name"] == "obstacle 'plane'"
+    assert note["penetration"] == found.steps[-1]["obstacles"]["plane"]["penetration"]
+    value, _ = exact_value("hertz")
+    goal = found.goals["z = 0.force.z"]
+    assert abs(goal["error"]) < 0.005 * abs(value) < abs(goal["corrected"] - value)
+    assert solve("hertz").notes == []

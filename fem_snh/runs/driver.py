@@ -168,7 +168,9 @@ def _run(
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
-        recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
+        estimated = scene if estimate and estimate.goals else None
+        rows = recorder.record["steps"]
+        recorder.add_notes(final_notes(setup.problem, rows, setup.make, estimated))
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.
