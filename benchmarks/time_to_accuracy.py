@@ -1,4 +1,4 @@
-"""Seconds to an accuracy: adaptive, the best uniform mesh by hindsight, and other programs.
+"""Seconds to an accuracy: adaptive, the best uniform mesh by hindsight, and dolfinx's tutorial.
 
 ``adaptive``: ``--accuracy``, from its coarse mesh on, with all of its levels and estimates.
 ``uniform``: every element on every mesh of a ladder; the cheapest run within the accuracy of the
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from time import perf_counter, process_time
-from typing import Any
 
 import fem_snh
 from benchmarks import Row, fenicsx_tutorial, split_list
@@ -70,7 +69,7 @@ def rows(
             row["tutorial"] = tutorial = _cheapest(others, share)
             if "adaptive" in chosen:
                 row |= adaptive(name, case, share, start)
-                row |= _judged(row, case, share, best, tutorial)
+                row |= _judged(row, share, best, tutorial)
             yield row
 
 
@@ -95,16 +94,7 @@ def adaptive(name: str, case: Case, share: float, start: str = "") -> Row:
     }
     if goal is None:
         return row | {"true_error": None, "reason": last["reason"]}
-    return row | {"true_error": float(abs(best_value(goal, share) / exact(name)[0] - 1))}
-
-
-def best_value(goal: dict[str, Any], share: float) -> float:
-    """Return the value of a goal that a level reports: its own, or the corrected one."""
-    from fem_snh.accuracy.levels import GoalLevel
-
-    scale = abs(goal["corrected"])
-    level = GoalLevel(goal["value"], goal["error"], scale, goal["uncertainty"])
-    return level.best(share)[0]
+    return row | {"true_error": abs(goal["best"] / exact(name)[0] - 1)}
 
 
 def _uniform(name: str, case: Case, elements: list[str], timeout: float) -> list[Row]:
@@ -112,9 +102,9 @@ def _uniform(name: str, case: Case, elements: list[str], timeout: float) -> list
     found = []
     for element in elements:
         degree = ELEMENTS[choose("elements", element, ELEMENTS)].degree
-        for first, cells in enumerate(sorted({max(n // degree, 1) for n in case.ladder})):
+        for number, cells in enumerate(sorted({max(n // degree, 1) for n in case.ladder})):
             try:
-                if not first:
+                if number == 0:
                     _solved(case, element, cells)  # compiles the kernels
                 row = _solved(case, element, cells)
             except BadInput:  # too few cells for a geometry, or no hexahedra
@@ -128,6 +118,7 @@ def _uniform(name: str, case: Case, elements: list[str], timeout: float) -> list
 
 
 def _solved(case: Case, element: str, cells: int) -> Row:
+    """Return the processor seconds of a run, and the goal's value; None if it did not converge."""
     working = process_time()
     result = fem_snh.run(case.scene(element=element, cells=cells), progress=False)
     seconds = process_time() - working
@@ -164,8 +155,8 @@ def _cheapest(tried: list[Row], share: float) -> Row | None:
     return {key: row[key] for key in ("element", "cells")} | {"seconds": round(row["seconds"], 3)}
 
 
-def _judged(row: Row, case: Case, share: float, best: Row | None, tutorial: Row | None) -> Row:
-    """Return the ratios, and whether the limits are met."""
+def _judged(row: Row, share: float, best: Row | None, tutorial: Row | None) -> Row:
+    """Return whether the run kept its word, and the ratios of the seconds."""
     right = bool(row["reached"] and row["true_error"] is not None and row["true_error"] <= share)
     found: Row = {"right": right}
     if best:

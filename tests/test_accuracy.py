@@ -161,6 +161,18 @@ def test_decisions():
     ]
 
 
+def test_each_level_in_time_differs_from_the_last():
+    """What is left as it is adds up to less than the request, also of P2P0 on triangles."""
+    parts = {"mesh": 0.0024, "time steps": 0.0024}
+    for element, degree, dim in (("P2P0", 2, 2), ("Q2", 2, 3), ("Q1", 1, 3)):
+        levels = Levels(0.01, degree, dim=dim)
+        goal = GoalError(1.0, 0.0048, 1.0, parts=parts)
+        row = LevelRow(element, 64, 500, 1.0, 1e6, steps=10)
+        levels.add(row, Estimate(goals={"a": goal}))
+        assert levels.reached == (element != "P2P0")
+        assert levels.reached or levels.shorter_steps() > 1 or not levels.mesh_suffices
+
+
 def reference(nu):
     """The corner's displacement in the finest solution of the study of Cook's membrane."""
     with _COOK.open() as file:

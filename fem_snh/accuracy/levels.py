@@ -105,6 +105,7 @@ class GoalLevel:
         """Return the entry of a goal in run.json."""
         return {
             "value": self.value,
+            "best": self.best(asked)[0],
             "error": self.error,
             "corrected": self.corrected,
             "uncertainty": self.uncertainty,
@@ -276,9 +277,10 @@ class Levels:
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 
     def _largest_part(self, source: str) -> float:
-        """Return the largest relative part of an error on the last level."""
-        goals = self.rows[-1].goals.values()
-        return max((abs(g.parts.get(source, 0.0)) / g.scale for g in goals if g.scale), default=0.0)
+        """Return the bound of the largest relative part of an error on the last level."""
+        goals = [goal for goal in self.rows[-1].goals.values() if goal.scale]
+        parts = (goal.safety * abs(goal.parts.get(source, 0.0)) / goal.scale for goal in goals)
+        return max(parts, default=0.0)
 
     def forecast(self, refinement: float, shorter: float = 1.0) -> Forecast:
         """Return what a level with cells and time steps so many times smaller will cost."""
