@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from math import pi
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from barrier_problems import needs_ipctk
 from derivatives import check_derivatives
-from gmsh_files import section
+from gmsh_files import section, write_msh
 from test_plane_scenes import own_scene, solve
 
 import fem_snh
@@ -164,25 +166,25 @@ fields = ["contact_pressure"]
 name = "stable_neo_hookean"
 E = 1.0
 nu = {nu}
-[self_contact]
-method = "ipc"
-friction = {friction}
 [[hold]]
 group = "bottom"
 [[move]]
 group = "top"
 translate = [{slide}, -0.15, 0]
+[self_contact]
 """
+IPC = 'method = "ipc"'
+REFERENCE = 'method = "reference"'
 
 
 def pressed(
-    folder, element, friction=0.0, slide=0.0, comm=None, out=None, kinematics="plane_strain", nu=0.3
+    folder, element, method=IPC, slide=0.0, comm=None, out=None, kinematics="plane_strain", nu=0.3
 ):
     if comm is None or comm.rank == 0:
         blocks(folder / "blocks.msh", element[0] == "P", int(element[1]), gap=0.05)
-        values = {"kinematics": kinematics, "nu": nu, "friction": friction, "slide": slide}
+        values = {"kinematics": kinematics, "nu": nu, "slide": slide}
         text = BARRIER.format(element=element, **values)
-        (folder / "own.toml").write_text(text)
+        (folder / "own.toml").write_text(text + method)
     if comm is not None:
         comm.barrier()
     return solve(folder / "own.toml", comm, **({"out": out} if out else {}))
@@ -225,8 +227,9 @@ def test_barrier_on_a_body_of_revolution(tmp_path, element):
 @pytest.mark.parametrize("element", ["Q1", "Q2"])
 def test_barrier_has_derivatives(tmp_path, element, kinematics):
     """By central differences, with friction."""
+    method = IPC + "\nfriction = 0.3"
     problem = pressed(
-        tmp_path, element, 0.3, 0.02, out=tmp_path / "out", kinematics=kinematics
+        tmp_path, element, method, 0.02, out=tmp_path / "out", kinematics=kinematics
     ).problem
     term = next(t for t in problem.terms if t.name == "self_contact")
     term.begin_step(problem.split(problem.x)[0])
@@ -242,8 +245,117 @@ def test_barrier_has_derivatives(tmp_path, element, kinematics):
 @needs_ipctk
 def test_friction_of_the_barrier(tmp_path):
     """The upper block slides by far more than it sticks: its friction is mu times the pressure."""
-    row = pressed(tmp_path, "Q1", 0.1, 0.3).steps[-1]["self_contact"]
+    row = pressed(tmp_path, "Q1", IPC + "\nfriction = 0.1", 0.3).steps[-1]["self_contact"]
     upper = np.array(row["bodies"][1])
     friction = np.array(row["friction"])[1]
     assert abs(friction[0]) == pytest.approx(0.1 * upper[1], rel=0.05)
     assert friction[0] < 0
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["P1", "Q1P0", "P2", "Q2"])
+@pytest.mark.parametrize("kinematics", FLAT)
+def test_reference_method_between_two_blocks(comm, folder, kinematics, element):
+    """The pressure of the compressed blocks, on the whole area, over the default stiffness."""
+    row = pressed(folder, element, REFERENCE, comm=comm, kinematics=kinematics, nu=0.0).steps[-1]
+    contact = row["self_contact"]
+    depth = contact["penetration"]
+    stretch = 1 - (0.1 - depth)
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    P = -material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    area = 1.0 if kinematics == "plane_strain" else pi
+    assert 0 < depth < 4 * P / contact["stiffness"]  # the meshes do not match
+    assert row["reactions"]["bottom"][1] == pytest.approx(P * area, rel=0.01)
+    assert contact["force"] == pytest.approx(P * area, rel=0.01)
+
+
+@pytest.mark.parametrize("kinematics", FLAT)
+@pytest.mark.parametrize("element", ["P1", "Q2"])
+def test_reference_method_has_derivatives(tmp_path, element, kinematics):
+    """By central differences, and without a net force."""
+    problem = pressed(tmp_path, element, REFERENCE, kinematics=kinematics).problem
+    term = next(t for t in problem.terms if t.name == "self_contact")
+    pressure = term.nodal_field("contact_pressure", problem.split(problem.x)[0])
+    assert np.median(pressure[pressure > 0]) == pytest.approx(0.12, rel=0.2)  # 0.1 E / (1 - nu^2)
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-1e-4, 1e-4, problem.x.getLocalSize())
+    near = abs(problem.coordinates[:, 1] - 0.525) < 0.03
+    dofs = (2 * np.flatnonzero(near)[:, None] + [0, 1]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 1e-6, 1e-4, constrained=False)
+    r = problem.x.duplicate()
+    problem.gradient(problem.x, r, [term])
+    forces = problem.nodal(r)
+    assert abs(forces).max() > 0.01
+    assert abs(forces.sum(axis=0)).max() < 1e-12
+
+
+# A ring with a slot in its outer side, and a sector of it that is turned about the axis.
+RING = """
+Point(1) = {1, 0, 0};
+a[] = Extrude {0, 0.45, 0} { Point{1}; Layers{4}; };
+b[] = Extrude {0, 0.1, 0} { Point{a[0]}; Layers{1}; };
+c[] = Extrude {0, 0.45, 0} { Point{b[0]}; Layers{4}; };
+d[] = Extrude {0.3, 0, 0} { Curve{a[1], b[1], c[1]}; Layers{2}; Recombine; };
+e[] = Extrude {0.7, 0, 0} { Curve{d[0], d[8]}; Layers{5}; Recombine; };
+all[] = {d[1], d[5], d[9], e[1], e[5]};
+"""
+SECTION = """
+Physical Surface("ring") = {all[]};
+Physical Curve("bottom") = Curve In BoundingBox {0, -0.01, -1, 3, 0.01, 1};
+Physical Curve("top") = Curve In BoundingBox {0, 0.99, -1, 3, 1.01, 1};
+"""
+SECTOR = """
+v[] = Extrude {{0, 1, 0}, {0, 0, 0}, Pi / 18} { Surface{all[]}; Layers{2}; Recombine; };
+Physical Volume("ring") = {v[1], v[7], v[13], v[19], v[25]};
+Physical Surface("start") = {all[]};
+Physical Surface("end") = {v[0], v[6], v[12], v[18], v[24]};
+Physical Surface("bottom") = Surface In BoundingBox {0, -0.01, -3, 3, 0.01, 3};
+Physical Surface("top") = Surface In BoundingBox {0, 0.99, -3, 3, 1.01, 3};
+"""
+CLOSED = """
+mesh = "mesh.msh"
+element = "Q1"
+steps = 3
+reactions = ["top"]
+{keys}
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.4
+[[hold]]
+group = "bottom"
+[[move]]
+group = "top"
+translate = [0, -0.2, 0]
+[self_contact]
+{method}
+"""
+
+
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(IPC + "\ndistance = 0.004", marks=needs_ipctk), REFERENCE],
+    ids=["ipc", "reference"],
+)
+def test_ring_that_closes_is_the_body(tmp_path, method):
+    """A slot closes: the forces of the whole turn are 36 times those of ten degrees."""
+    runs = []
+    for part, dim, keys in (
+        (SECTION, 2, 'kinematics = "axisymmetric"'),
+        (SECTOR, 3, 'symmetry = [{ group = "start" }, { group = "end" }]'),
+    ):
+        write_msh(MPI.COMM_SELF, tmp_path, RING + part, dim=dim)
+        (tmp_path / "own.toml").write_text(CLOSED.format(method=method, keys=keys))
+        runs.append(solve(tmp_path / "own.toml").steps)
+    section, sector = runs
+    assert section[0]["self_contact"]["force"] == 0
+    section, sector = section[-1], sector[-1]
+    force = 36 * sector["reactions"]["top"][1]
+    assert section["reactions"]["top"][1] == pytest.approx(force, rel=0.01)
+    contact, expected = section["self_contact"], sector["self_contact"]
+    assert contact["force"] > 0.2 * abs(force)
+    assert contact["force"] == pytest.approx(36 * expected["force"], rel=0.05)
+    if method == REFERENCE:
+        assert 0 < contact["penetration"] < 0.01  # a tenth of a cell
+    else:
+        assert 0 < contact["distance"] < 0.004

@@ -139,7 +139,7 @@ class IPC(SelfContactTerm):
 
     def largest_step(self, u: Array, d: Array) -> float:
         """Return the part of a step before its first collision: see `StepLimitingTerm`."""
-        x = np.asfortranarray(self._points(u))
+        x = np.asfortranarray(self.surface.positions(u))
         moved = self.surface.interpolate(self.surface.support.gather(d))
         return self.collision_surface.largest_step(x, moved)
 
@@ -237,12 +237,8 @@ class IPC(SelfContactTerm):
 
     def _positions(self, u: PETSc.Vec) -> Array:
         """Return the points of the surface (n, 3), in Fortran order. Collective."""
-        return np.asfortranarray(self._points(local_values(u).reshape(-1, self._old.shape[1])))
-
-    def _points(self, u: Array) -> Array:
-        """Return the points of the surface for nodal displacements (local nodes, c). Collective."""
-        moved = self.surface.interpolate(self.surface.support.gather(u))
-        return np.asarray(self.surface.points[:, : moved.shape[1]] + moved)
+        values = local_values(u).reshape(-1, self._old.shape[1])
+        return np.asfortranarray(self.surface.positions(values))
 
     def _hessian(self, x: Array, filter: str) -> Blocks:
         """Return the filtered Hessian's blocks, of the last call if it was for the same."""

@@ -16,6 +16,7 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.contact.gathered_surface import GatheredNodes, GatheredSurface
 from fem_snh.contact.surface_quadrature import SurfaceQuadrature
+from fem_snh.mesh.mesh_checks import ON_AXIS
 from fem_snh.mesh.skin import Skin
 
 Array = npt.NDArray[Any]
@@ -63,12 +64,13 @@ class EmbeddedSurface:
         self.columns = np.searchsorted(self.support.nodes, nodes)
 
     @classmethod
-    def boundary(cls, V: Any) -> EmbeddedSurface:
+    def boundary(cls, V: Any, revolved: bool = False) -> EmbeddedSurface:
         """Return the triangles of the facets on the boundary of V's mesh. Collective.
 
         The points are the nodes on the boundary: a facet of degree 2 gives four times as many
         triangles as one of degree 1, a quadrilateral twice as many as a triangle. The order of
-        points and triangles does not depend on the number of ranks.
+        points and triangles does not depend on the number of ranks. The axis of a body of
+        revolution is no surface.
         """
         kind = _dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]
         surface = GatheredSurface(V, [SurfaceQuadrature(V, degree=1)])
@@ -77,6 +79,10 @@ class EmbeddedSurface:
         triangles = side.nodes[:, corners]  # (facets, triangles, 3)
         flipped = side.outward < 0
         triangles[flipped] = triangles[flipped][..., ::-1]
+        if revolved:
+            size = np.abs(surface.X).max(initial=0.0)
+            off_axis = surface.X[side.nodes, 0].max(axis=1) > ON_AXIS * size
+            triangles = triangles[off_axis]
         # Points in the order in which the facets name them.
         used, first, index = np.unique(triangles, return_index=True, return_inverse=True)
         order = np.argsort(first)
@@ -118,9 +124,11 @@ class EmbeddedSurface:
     def positions(self, u: Array) -> Array:
         """Return the positions of the points [m], (n, 3). Collective.
 
-        ``u`` are this rank's nodal displacements (local nodes, 3). All ranks get the same bits.
+        ``u`` are this rank's nodal displacements (local nodes, 3). In two dimensions both have two
+        components. All ranks get the same bits.
         """
-        return self.points + self.interpolate(self.support.gather(u))
+        moved = self.interpolate(self.support.gather(u))
+        return np.asarray(self.points[:, : moved.shape[1]] + moved)
 
     def interpolate(self, values: Array) -> Array:
         """Return vectors at the points (n, 3) from those at the nodes of ``support``, (m, 3)."""
@@ -128,7 +136,7 @@ class EmbeddedSurface:
         return found
 
 
-def embedded_surface(V: Any, skin: Skin | None = None) -> EmbeddedSurface:
+def embedded_surface(V: Any, skin: Skin | None = None, revolved: bool = False) -> EmbeddedSurface:
     """Return the surface on which a body touches itself. Collective.
 
     It is the skin that a lattice carries, or the boundary of the mesh.
@@ -139,8 +147,12 @@ def embedded_surface(V: Any, skin: Skin | None = None) -> EmbeddedSurface:
         The displacement's space.
     skin : Skin, optional
         The skin. Default: the boundary.
+    revolved : bool
+        Whether the mesh is a section that revolves about the axis x = 0.
     """
-    return EmbeddedSurface.boundary(V) if skin is None else EmbeddedSurface.of_skin(V, skin)
+    if skin is None:
+        return EmbeddedSurface.boundary(V, revolved)
+    return EmbeddedSurface.of_skin(V, skin)
 
 
 def point_areas(points: Array, triangles: Array, revolved: bool = False) -> Array:

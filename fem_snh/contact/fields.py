@@ -124,7 +124,7 @@ class SelfContactTerm(ABC):
 
     def __init__(self, V: Any, skin: Skin | None, kinematics: Kinematics = SOLID) -> None:
         self._kinematics = kinematics
-        self.surface: EmbeddedSurface = embedded_surface(V, skin)
+        self.surface: EmbeddedSurface = embedded_surface(V, skin, kinematics.revolved)
         self._V, self._matrix = V, SurfaceMatrix(self.surface)
 
     @abstractmethod

@@ -84,16 +84,14 @@ class SelfContact(Feature):
         if not body.regions:
             raise bad_value("terms", "self-contact", "a material: its modulus scales the contact")
         chosen, kinematics = features[0], body.kinematics
-        if kinematics.dim == 2 and chosen.method != "ipc":
-            accepted = "no value but method = 'ipc' on a mesh of 2 dimensions"
-            raise bad_value(cls.key, chosen.method, accepted)
         if kinematics.dim == 2 and kinematics.components == 3:
             accepted = f"no self-contact, with kinematics = '{kinematics.name}'"
             raise bad_value(cls.key, chosen.method, accepted)
         if chosen.method == "reference":
             from fem_snh.contact.reference.reference import ReferenceContact  # imports PETSc
 
-            return [ReferenceContact(body.V, body.skin, body.regions, chosen.stiffness)]
+            stiffness = chosen.stiffness
+            return [ReferenceContact(body.V, body.skin, body.regions, stiffness, kinematics)]
         from fem_snh.contact.barrier import IPC  # imports PETSc
 
         values = chosen.stiffness, chosen.distance, chosen.friction

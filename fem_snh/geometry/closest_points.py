@@ -66,30 +66,40 @@ def _closest_of_segments(p: Array, T: Array) -> tuple[Array, Array]:
 
 
 def triangle_normals(x: Array, triangles: Array) -> Array:
-    """Return unit normals of triangles (m, 3) of points x (n, 3), as (m, 3); zero without area."""
-    a, b, c = (x[triangles[:, i]] for i in range(3))
-    return _unit(np.cross(b - a, c - a))
+    """Return unit normals of triangles (m, 3) of points x (n, 3), as (m, 3); zero without area.
+
+    Those of segments (m, 2) of points (n, 2) are (m, 2), to the right of the way from the first
+    point to the second.
+    """
+    a, b, *others = (x[ends] for ends in triangles.T)
+    if not others:
+        return _unit((b - a)[:, ::-1] * (1.0, -1.0))
+    return _unit(np.cross(b - a, others[0] - a))
 
 
 class PseudoNormals:
     """Normals of a closed surface on its triangles, edges and corners.
 
     At an edge it is the sum of those of its two triangles, at a corner that of its triangles
-    weighted by their angles (Baerentzen & Aanaes 2005): the sign of the distance is then right.
+    weighted by their angles (Baerentzen & Aanaes 2005): the sign of the distance is then right. On
+    a curve it is the sum of those of two segments, where they meet.
 
     Parameters
     ----------
     triangles : (m, 3) int
-        Points of the triangles.
+        Points of the triangles; in two dimensions (m, 2), those of segments, and vectors have two
+        components.
     """
 
     def __init__(self, triangles: Array) -> None:
         self._triangles = triangles
         self._ring: tuple[Array, Array] | None = None  # of each point, for averaged normals
+        self._num_edges, self._edges = 0, np.empty((0, 3), int)
+        if triangles.shape[1] == 2:
+            return
         # Edge i of a triangle is opposite to its corner i.
         edges = np.stack([triangles[:, [1, 2]], triangles[:, [2, 0]], triangles[:, [0, 1]]], axis=1)
         rows = np.sort(edges.reshape(-1, 2), axis=1)
-        self._num_edges, self._edges = 0, np.empty((0, 3), int)
         if len(rows):
             unique, index = np.unique(rows, axis=0, return_inverse=True)
             self._num_edges, self._edges = len(unique), index.reshape(-1, 3)
@@ -109,15 +119,14 @@ class PseudoNormals:
         normals = triangle_normals(x, self._triangles)
         found = normals[chosen]
         zeros = coordinates <= _ON_EDGE
-        count = zeros.sum(axis=1)
-        if (count == 1).any():
+        left = zeros.shape[1] - zeros.sum(axis=1)
+        on = left == 2
+        if self._num_edges and on.any():
             sums = _sum(self._edges.ravel(), np.repeat(normals, 3, axis=0), self._num_edges)
-            on = count == 1
             found[on] = sums[self._edges[chosen[on], zeros[on].argmax(axis=1)]]
-        if (count == 2).any():
-            angles = _angles(x[self._triangles])
-            weighted = (angles[..., None] * normals[:, None]).reshape(-1, 3)
-            sums, on = _sum(self._triangles.ravel(), weighted, len(x)), count == 2
+        on = left == 1
+        if on.any():
+            sums = _sum(self._triangles.ravel(), self._at_corners(x, normals), len(x))
             found[on] = sums[self._triangles[chosen[on], (~zeros[on]).argmax(axis=1)]]
         return _unit(found)
 
@@ -133,29 +142,36 @@ class PseudoNormals:
             order = np.argsort(flat, kind="stable")
             self._ring = order, np.searchsorted(flat[order], np.arange(len(x) + 1))
         (entries, first), normals = self._ring, triangle_normals(x, self._triangles)
-        weighted = (_angles(x[self._triangles])[..., None] * normals[:, None]).reshape(-1, 3)
-        found = np.zeros((len(chosen), 3))
-        for corner in range(3):
+        weighted, corners = self._at_corners(x, normals), self._triangles.shape[1]
+        found = np.zeros((len(chosen), normals.shape[1]))
+        for corner in range(corners):
             point = self._triangles[chosen, corner]
             counts = first[point + 1] - first[point]
             rows = np.repeat(np.arange(len(chosen)), counts)
             before = np.repeat(np.cumsum(counts) - counts, counts)
             around = entries[first[point][rows] + np.arange(len(rows)) - before]
-            cosine = np.einsum("ni,ni->n", normals[around // 3], normals[chosen][rows])
+            cosine = np.einsum("ni,ni->n", normals[around // corners], normals[chosen][rows])
             rows, around = rows[cosine > sharp], around[cosine > sharp]
             found += coordinates[:, [corner]] * _unit(_sum(rows, weighted[around], len(chosen)))
         return _unit(found)
 
+    def _at_corners(self, x: Array, normals: Array) -> Array:
+        """Return what each corner of each triangle adds to the normal there, (m * corners, dim)."""
+        if self._triangles.shape[1] == 2:
+            return np.repeat(normals, 2, axis=0)
+        angles = _angles(x[self._triangles])
+        return np.asarray((angles[..., None] * normals[:, None]).reshape(-1, 3))
+
 
 def _unit(vectors: Array) -> Array:
-    """Return vectors (n, 3) of length one; zero where they are zero."""
+    """Return vectors (n, dim) of length one; zero where they are zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 
 
 def _sum(index: Array, values: Array, size: int) -> Array:
-    """Return the sums (size, 3) of vectors (n, 3) with the same index."""
-    return np.stack([np.bincount(index, values[:, i], size) for i in range(3)], axis=1)
+    """Return the sums (size, dim) of vectors (n, dim) with the same index."""
+    return np.stack([np.bincount(index, column, size) for column in values.T], axis=1)
 
 
 def _angles(corners: Array) -> Array:

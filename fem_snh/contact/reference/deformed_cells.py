@@ -19,6 +19,7 @@ OUTSIDE = 0.1
 #: Newton's method for the reference coordinates: its largest number of iterations, the distance
 #: from the cell's midpoint at which it is kept, and the residual relative to the cell's size.
 _ITERATIONS, _RANGE, _RESIDUAL = 15, 1.5, 1e-9
+_SIMPLICES = "triangle", "tetrahedron"
 
 
 class Hits(NamedTuple):
@@ -28,7 +29,7 @@ class Hits(NamedTuple):
     ----------
     point, cell : (n,) int
         A point and a cell of this rank that contains it.
-    X : (n, 3)
+    X : (n, dim)
         The point's reference position in that cell [m].
     outside : (n,)
         How far the point is outside of the cell in reference coordinates; <= 0 inside.
@@ -57,8 +58,8 @@ class DeformedCells:
     def __init__(self, V: Any) -> None:
         self._kind, self._degree = _dolfinx.cell_name(V.mesh), _dolfinx.degree(V)
         self.nodes = _dolfinx.node_dofs(V)
-        self._X = V.tabulate_dof_coordinates()
         self._center = _dolfinx.reference_corners(self._kind).mean(axis=0)
+        self._X = V.tabulate_dof_coordinates()[:, : len(self._center)]
         self._control = _control_points(self._kind, self._degree)
 
     def find(self, u: Array, points: Array, excluded: Any) -> Hits:
@@ -68,9 +69,9 @@ class DeformedCells:
 
         Parameters
         ----------
-        u : (local nodes, 3)
+        u : (local nodes, dim)
             Nodal displacements [m].
-        points : (n, 3)
+        points : (n, dim)
             Positions [m].
         excluded : callable
             Returns for points and cells (m,), by number, which pairs do not count, (m,) bool.
@@ -112,7 +113,7 @@ class DeformedCells:
     def _invert(self, x: Array, points: Array) -> tuple[Array, Array]:
         """Return the reference coordinates of points in cells, and whether they were found.
 
-        ``x`` (n, k, 3) are the positions of the cells' nodes, ``points`` (n, 3).
+        ``x`` (n, k, dim) are the positions of the cells' nodes, ``points`` (n, dim).
         """
         xi = np.broadcast_to(self._center, points.shape).copy()
         found, size = np.zeros(len(points), bool), np.ptp(x, axis=1).max(axis=1)
@@ -123,7 +124,8 @@ class DeformedCells:
             jacobian = _jacobian(table, x[left])
             done = np.linalg.norm(rest, axis=1) <= _RESIDUAL * size[left]
             found[left[done]] = True
-            singular = np.abs(np.linalg.det(jacobian)) <= np.finfo(float).eps * size[left] ** 3
+            flat = np.finfo(float).eps * size[left] ** len(self._center)
+            singular = np.abs(np.linalg.det(jacobian)) <= flat
             going = ~done & ~singular
             step = np.linalg.solve(jacobian[going], rest[going][..., None])[..., 0]
             left = left[going]
@@ -133,17 +135,17 @@ class DeformedCells:
         return xi, found
 
     def _table(self, xi: Array) -> Array:
-        """Return shape functions and their derivatives at points (n, 3), (4, n, k)."""
+        """Return shape functions and their derivatives at points (n, dim), (1 + dim, n, k)."""
         return _dolfinx.tabulate_element(self._kind, self._degree, xi, 1)
 
     def _outside(self, xi: Array) -> Array:
-        """Return how far points (n, 3) are outside of the reference cell."""
-        upper = xi.sum(axis=1) if self._kind == "tetrahedron" else xi.max(axis=1)
+        """Return how far points (n, dim) are outside of the reference cell."""
+        upper = xi.sum(axis=1) if self._kind in _SIMPLICES else xi.max(axis=1)
         return np.maximum(-xi.min(axis=1), upper - 1)
 
 
 def _jacobian(table: Array, x: Array) -> Array:
-    """Return dx_i/dxi_j (n, 3, 3) of a table (4, n, k) and positions of nodes x (n, k, 3)."""
+    """Return dx_i/dxi_j (n, dim, dim) of a table and positions of nodes x (n, k, dim)."""
     return np.einsum("jnk,nki->nij", table[1:], x)
 
 
@@ -156,7 +158,7 @@ def _control_points(kind: str, degree: int) -> Array:
     if degree == 1:
         return np.eye(len(nodes))
     powers = np.round(degree * nodes).astype(int)
-    if kind == "tetrahedron":
+    if kind in _SIMPLICES:
         powers = np.column_stack([degree - powers.sum(axis=1), powers])
         coordinates = np.column_stack([1 - nodes.sum(axis=1), nodes])
         factors = coordinates[:, None] ** powers

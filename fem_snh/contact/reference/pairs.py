@@ -22,7 +22,8 @@ class ContactPairs:
     .. math:: E = \sum \tfrac{c}{2} \langle -g \rangle^2 .
 
     It is convex in the displacement, and its forces sum to zero, as the weights of a sample and of
-    a target have the same sum.
+    a target have the same sum. In two dimensions the surface has segments in place of triangles,
+    and vectors have two components; the shapes below are those of three.
 
     Attributes
     ----------
@@ -48,14 +49,14 @@ class ContactPairs:
     stiffness: Array
 
     @classmethod
-    def none(cls) -> ContactPairs:
-        """Return no pairs."""
+    def none(cls, dim: int) -> ContactPairs:
+        """Return no pairs, in so many dimensions."""
         return cls(
             np.empty(0, int),
             np.empty(0, int),
-            np.empty((0, 6), int),
-            np.empty((0, 6)),
-            np.empty((0, 3)),
+            np.empty((0, 2 * dim), int),
+            np.empty((0, 2 * dim)),
+            np.empty((0, dim)),
             np.empty(0),
         )
 
@@ -111,8 +112,8 @@ class ContactPairs:
         ``x`` (points, 3) are those of the surface's points, deformed or in the reference
         configuration.
         """
-        weighted = self.factors[..., None] * x[self.corners]
-        return weighted[:, :3].sum(axis=1), -weighted[:, 3:].sum(axis=1)
+        weighted, dim = self.factors[..., None] * x[self.corners], self.normal.shape[1]
+        return weighted[:, :dim].sum(axis=1), -weighted[:, dim:].sum(axis=1)
 
     @property
     def _columns(self) -> tuple[Array, ...]:
@@ -134,9 +135,12 @@ class ContactPairs:
     def gradient(self, x: Array) -> Array:
         """Return the energy's derivative by the surface's points [N], (points, 3)."""
         vectors = -self.forces(x)[:, None] * self.normal
-        values = (self.factors[..., None] * vectors[:, None]).reshape(-1, 3)
+        values = self.factors[..., None] * vectors[:, None]
         index = self.corners.ravel()
-        return np.stack([np.bincount(index, values[:, i], len(x)) for i in range(3)], axis=1)
+        return np.stack(
+            [np.bincount(index, column.ravel(), len(x)) for column in np.moveaxis(values, 2, 0)],
+            axis=1,
+        )
 
     def hessian(self, x: Array) -> csr_matrix:
         """Return the energy's Hessian by the surface's points [N/m], (3 points, 3 points)."""
@@ -150,9 +154,9 @@ class ContactPairs:
 
 def _products(factors: Array, pairs: ContactPairs, normal: Array, num_points: int) -> csr_matrix:
     """Return the sum of the outer products of the gaps' derivatives, times the stiffnesses."""
-    values = factors[..., None] * normal[:, None]
-    columns = 3 * pairs.corners[..., None] + np.arange(3)
-    indptr = np.arange(0, 18 * len(pairs) + 1, 18)
-    shape = (len(pairs), 3 * num_points)
+    values, dim = factors[..., None] * normal[:, None], normal.shape[1]
+    columns = dim * pairs.corners[..., None] + np.arange(dim)
+    indptr = np.arange(len(pairs) + 1) * 2 * dim**2
+    shape = (len(pairs), dim * num_points)
     gaps = csr_matrix((values.ravel(), columns.ravel(), indptr), shape=shape)
     return csr_matrix(gaps.T @ (diags(pairs.stiffness) @ gaps))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import local_values, writable_values
+from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.assembly.regions import Region
 from fem_snh.choices import FILTERS
 from fem_snh.contact.fields import SelfContactTerm
@@ -52,6 +53,8 @@ class ReferenceContact(SelfContactTerm):
         The materials, which the default stiffness depends on.
     stiffness : float, optional
         Contact pressure over penetration [Pa/m]; default: 50 E over the size of the cells.
+    kinematics : Kinematics, optional
+        That of the displacement: of a solid, of a plane, or axisymmetric.
 
     Attributes
     ----------
@@ -65,10 +68,12 @@ class ReferenceContact(SelfContactTerm):
         skin: Skin | None,
         regions: Sequence[Region],
         stiffness: float | None = None,
+        kinematics: Kinematics = SOLID,
     ) -> None:
-        super().__init__(V, skin)
-        self._search = TargetSearch(V, self.surface, regions, stiffness, skin is not None)
-        self.pairs, self._searches = ContactPairs.none(), 0
+        super().__init__(V, skin, kinematics)
+        revolved, overlap = kinematics.revolved, skin is not None
+        self._search = TargetSearch(V, self.surface, regions, stiffness, overlap, revolved)
+        self.pairs, self._searches = ContactPairs.none(kinematics.components), 0
         self._penetration, self._coupled, self._stale = 0.0, False, True
 
     def set_load(self, load: float) -> None:
@@ -86,7 +91,7 @@ class ReferenceContact(SelfContactTerm):
         """Add the forces [N] to this rank's own entries of ``r_u``. Collective."""
         pairs, x = self._present(u)
         forces = self._matrix.nodal(pairs.gradient(x))
-        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, 3))
+        self.surface.support.add_own(forces, writable_values(r_u).reshape(-1, forces.shape[1]))
 
     def couplings(self, u: PETSc.Vec) -> Array:
         """Return the pairs of nodes that the Hessian couples: see `CouplingTerm`. Collective."""
@@ -133,14 +138,14 @@ class ReferenceContact(SelfContactTerm):
 
         Returns
         -------
-        samples, targets : (n, 3)
+        samples, targets : (n, dim)
             Reference positions of the ends of the springs that push [m].
         forces : (n,)
             Their forces [N].
         """
         pairs, x = self._present(u)
         forces = pairs.forces(x)
-        samples, targets = pairs.ends(self.surface.points)
+        samples, targets = pairs.ends(self.surface.points[:, : x.shape[1]])
         return samples[forces > 0], targets[forces > 0], forces[forces > 0]
 
     def begin_step(self, u: PETSc.Vec) -> None:
@@ -155,7 +160,7 @@ class ReferenceContact(SelfContactTerm):
         pairs, x = self._present(u)
         before = self._matrix.nodal(pairs.gradient(x))
         self._searches += 1
-        new = self._search.find(local_values(u).reshape(-1, 3), x)
+        new = self._search.find(self._nodal(u), x)
         self._penetration = self._search.penetration(new, x)
         updated = self._updated(new, x)
         after = self._matrix.nodal(updated.gradient(x))
@@ -189,6 +194,10 @@ class ReferenceContact(SelfContactTerm):
             new = new[same < 0]
         return new.joined(old[kept])
 
+    def _nodal(self, u: PETSc.Vec) -> Array:
+        """Return the displacement of this rank's nodes, ghosts included, (nodes, dim)."""
+        return local_values(u).reshape(-1, self._kinematics.components)
+
     def _set_pairs(self, pairs: ContactPairs) -> None:
         self.pairs, self._coupled = pairs, False
 
@@ -198,7 +207,7 @@ class ReferenceContact(SelfContactTerm):
         Whoever takes the pairs from here has those of the same function as everybody else in the
         solve, also where this call is the one that searches.
         """
-        values = local_values(u).reshape(-1, 3)
+        values = self._nodal(u)
         x = self.surface.positions(values)
         if self._stale:
             self._stale = False

@@ -21,19 +21,24 @@ Array = npt.NDArray[Any]
 #: Default stiffness in E over the size of the cell. In the clip of docs/howto, closed by 0.25 from
 #: either side, 10, 30 and 50 leave 3.8, 1.7 and 1.0 % of a cell, in 16 to 19 Newton iterations.
 FACTOR = 50.0
-#: Triangles for each face of a cell from which on their corners are samples enough.
-_TRIANGLES_PER_FACE = 6
-#: Barycentric coordinates of a triangle's corners, midpoints of its edges, and centre; their
-#: weights in its area with the corners alone and with all (Zienkiewicz & Taylor 2000, table 9.2:
-#: exact for cubic functions). The deepest point of a body in another one is a corner, or on an edge
-#: that crosses an edge (`fem_snh.contact.reference.crossing_edges`).
-_POINTS = np.concatenate([np.eye(3), (1 - np.eye(3)) / 2, np.full((1, 3), 1 / 3)])
-_CORNERS = np.array([1 / 3] * 3)
-_ALL = np.array([1 / 20] * 3 + [2 / 15] * 3 + [9 / 20])
+#: Triangles for each face of a cell from which on their corners are samples enough; segments for
+#: each side of a cell of two dimensions. Faces have 2 and sides 1 with degree 1, 8 and 2 with 2.
+_PARTS_PER_FACE = {3: 6.0, 2: 1.5}
+#: Barycentric coordinates of a triangle's corners, midpoints of its edges, and centre; of a
+#: segment's ends and centre.
+_POINTS = {
+    3: np.concatenate([np.eye(3), (1 - np.eye(3)) / 2, np.full((1, 3), 1 / 3)]),
+    2: np.concatenate([np.eye(2), np.full((1, 2), 1 / 2)]),
+}
+#: Their weights in its area with the corners alone and with all (Zienkiewicz & Taylor 2000, table
+#: 9.2, and Simpson's rule: exact for cubic functions). The deepest point of a body in another one
+#: is a corner, or on an edge that crosses an edge (`fem_snh.contact.reference.crossing_edges`).
+_CORNERS = {3: np.array([1 / 3] * 3), 2: np.array([1 / 2] * 2)}
+_ALL = {3: np.array([1 / 20] * 3 + [2 / 15] * 3 + [9 / 20]), 2: np.array([1, 1, 4]) / 6}
 #: A triangle whose normal has a smaller cosine with that of an edge or corner is at a sharp one.
 SHARP = 0.9
-#: Cells that fill the cube by whose edge their size is measured.
-_CELLS_PER_CUBE = {"tetrahedron": 6.0, "hexahedron": 1.0}
+#: Cells that fill the cube, or square, by whose edge their size is measured.
+_CELLS_PER_CUBE = {"tetrahedron": 6.0, "hexahedron": 1.0, "triangle": 2.0, "quadrilateral": 1.0}
 
 
 class SurfaceSamples:
@@ -52,37 +57,44 @@ class SurfaceSamples:
         The surface.
     sizes : (points,)
         The size of the cells at its points [m].
+    revolved : bool
+        Whether the surface is a curve that revolves about the axis x = 0.
 
     Attributes
     ----------
     triangle : (n,) int
-        A triangle of each sample.
-    coordinates : (n, 3)
+        A triangle of each sample, in two dimensions a segment.
+    coordinates : (n, corners)
         Barycentric coordinates in it.
     areas : (n,)
-        Quadrature weights in the reference configuration [m^2].
+        Quadrature weights in the reference configuration [m^2]; in a plane lengths [m].
     """
 
-    def __init__(self, surface: EmbeddedSurface, sizes: Array) -> None:
+    def __init__(self, surface: EmbeddedSurface, sizes: Array, revolved: bool = False) -> None:
         self._surface, triangles = surface, surface.triangles
-        areas = triangle_areas(surface)
-        faces = sizes[triangles].mean(axis=1) ** 2
-        fine = faces.mean() >= _TRIANGLES_PER_FACE * areas.mean()
-        weights = _CORNERS if fine else _ALL
+        areas, corners = triangle_areas(surface), triangles.shape[1]
+        faces = sizes[triangles].mean(axis=1) ** (corners - 1)
+        fine = faces.mean() >= _PARTS_PER_FACE[corners] * areas.mean()
+        weights = (_CORNERS if fine else _ALL)[corners]
         # Corners are numbered as points, edges by their ends, centres by their triangle.
         n = np.int64(len(surface.points))
-        ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)
-        centers = n * (n + 1) + np.arange(len(triangles))
-        keys = np.column_stack([triangles, n + n * ends[..., 0] + ends[..., 1], centers])
-        keys = keys[:, : len(weights)]
-        _, first, sample = np.unique(keys, return_index=True, return_inverse=True)
+        keys = [triangles, (n * (n + 1) + np.arange(len(triangles)))[:, None]]
+        if corners == 3:
+            ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)
+            keys.insert(1, n + n * ends[..., 0] + ends[..., 1])
+        numbers = np.concatenate(keys, axis=1)[:, : len(weights)]
+        _, first, sample = np.unique(numbers, return_index=True, return_inverse=True)
         self.triangle, which = np.divmod(first, len(weights))
-        self.coordinates = _POINTS[which]
+        self.coordinates = _POINTS[corners][which]
         #: The triangles of the samples, sorted by sample, and the sample's parts of their areas.
         order = np.argsort(sample.ravel(), kind="stable")
         self._samples = sample.ravel()[order]
         self._triangles = order // len(weights)
-        self._parts = np.outer(areas, weights).ravel()[order]
+        parts = np.outer(areas, weights)
+        if revolved:
+            radii = surface.points[triangles, 0] @ _POINTS[corners][: len(weights)].T
+            parts *= 2 * np.pi * np.maximum(radii, 0.0)  # rounding errors on the axis
+        self._parts = parts.ravel()[order]
         self.areas = np.bincount(self._samples, self._parts)
         self._first = np.searchsorted(self._samples, np.arange(len(self.areas) + 1))
 
@@ -94,9 +106,9 @@ class SurfaceSamples:
         return surface_values(x, self._surface.triangles[self.triangle], self.coordinates)
 
     def facing(self, samples: Array, normals: Array, outward: Array) -> Array:
-        """Return the areas (m,) [m^2] with which samples (m,) act on faces with normals (m, 3).
+        """Return the areas (m,) [m^2] with which samples (m,) act on faces with normals (m, dim).
 
-        ``outward`` (triangles, 3) are the present normals of the surface.
+        ``outward`` (triangles, dim) are the present normals of the surface.
         """
         rows, entries = self._entries(samples)
         against = -np.einsum("ni,ni->n", outward[self._triangles[entries]], normals[rows])
@@ -110,16 +122,16 @@ class SurfaceSamples:
         ----------
         samples : (m,) int
             Samples.
-        normals : (m, 3)
+        normals : (m, dim)
             Their unit normals.
-        outward : (triangles, 3)
+        outward : (triangles, dim)
             Those of the surface's triangles.
 
         Returns
         -------
         rows : (k,) int
             Indices of ``samples``.
-        directions : (k, 3)
+        directions : (k, dim)
             Their own normals; at sharp edges and corners those of the triangles there, too.
         """
         rows, entries = self._entries(samples)
@@ -140,20 +152,28 @@ class SurfaceSamples:
 
 
 def triangle_areas(surface: EmbeddedSurface) -> Array:
-    """Return the areas of a surface's triangles in the reference configuration [m^2]."""
-    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    """Return the areas of a surface's triangles in the reference configuration [m^2].
+
+    In two dimensions they are the lengths of its segments [m].
+    """
+    a, b, *others = (surface.points[ends] for ends in surface.triangles.T)
+    if not others:
+        return np.asarray(np.linalg.norm(b - a, axis=1))
+    return np.asarray(np.linalg.norm(np.cross(b - a, others[0] - a), axis=1) / 2)
 
 
 def surface_values(x: Array, corners: Array, coordinates: Array) -> Array:
-    """Return the values (n, ...) of points with barycentric coordinates (n, 3) in triangles."""
+    """Return the values (n, ...) of points with barycentric coordinates (n, corners)."""
     return np.asarray(np.einsum("nk,nk...->n...", coordinates, x[corners]))
 
 
 def cell_sizes(V: Any) -> Array:
-    """Return the edge of a cube of each owned cell's volume [m]; six tetrahedra fill a cube."""
+    """Return the edge of a cube of each owned cell's volume [m]; six tetrahedra fill a cube.
+
+    In two dimensions it is that of a square of the cell's area, which two triangles fill.
+    """
     factor = _CELLS_PER_CUBE[_dolfinx.cell_name(V.mesh)]
-    return np.asarray((factor * cell_volumes(V.mesh)) ** (1 / 3))
+    return np.asarray((factor * cell_volumes(V.mesh)) ** (1 / _dolfinx.mesh_dimension(V.mesh)[0]))
 
 
 def cell_stiffness(V: Any, regions: Sequence[Region]) -> Array:

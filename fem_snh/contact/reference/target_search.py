@@ -46,9 +46,6 @@ _BESIDE = 1e-6
 _ACTS = 1e-9
 #: Area with which an edge acts where it crosses another one, in the areas of its two triangles.
 _EDGE_AREA = 1 / 3
-#: Columns of the hits that the ranks exchange: sample, distance outside, cell size, triangle,
-#: barycentric coordinates (3), reference position (3).
-_COLUMNS = 10
 
 
 class TargetSearch:
@@ -67,6 +64,8 @@ class TargetSearch:
     overlap : bool
         Whether cells of one body overlap in the reference configuration, as a lattice's do where
         parts of its surface pass through one cube.
+    revolved : bool
+        Whether the body is a section that revolves about the axis x = 0.
 
     Attributes
     ----------
@@ -83,11 +82,12 @@ class TargetSearch:
         regions: Sequence[Region],
         stiffness: float | None = None,
         overlap: bool = False,
+        revolved: bool = False,
     ) -> None:
         self._comm, self._surface, self._overlap = V.mesh.comm, surface, overlap
         self._sizes = cell_sizes(V)
         sizes = smallest_at_points(V, surface, self._sizes)
-        self.samples = SurfaceSamples(surface, sizes)
+        self.samples = SurfaceSamples(surface, sizes, revolved)
         if stiffness is None:
             values = smallest_at_points(V, surface, cell_stiffness(V, regions))
         else:
@@ -95,18 +95,20 @@ class TargetSearch:
         self._stiffness = values
         areas = self.samples.areas / self.samples.areas.sum()
         self.stiffness, self.size = (float(areas @ self.samples.at(v)) for v in (values, sizes))
-        self._cells, self._edges = DeformedCells(V), SurfaceEdges(surface.triangles)
-        self._edge_areas = _EDGE_AREA * triangle_areas(surface)[self._edges.triangles].sum(axis=1)
+        self._cells, self._dim = DeformedCells(V), surface.triangles.shape[1]
         self._near, corners = Neighbourhood(V, surface), surface.triangles[self.samples.triangle]
         #: Vertices around each sample and each edge, which touch nothing that shares one of them.
         self._around = self._near.around(corners, self.samples.coordinates > 0)
-        self._around_edges = self._near.around(self._edges.points)
+        if self._dim == 3:  # the parts of a curve cross at their points alone
+            self._edges, areas = SurfaceEdges(surface.triangles), triangle_areas(surface)
+            self._edge_areas = _EDGE_AREA * areas[self._edges.triangles].sum(axis=1)
+            self._around_edges = self._near.around(self._edges.points)
         self._sample_sizes = self.samples.at(sizes)
         bodies = body_numbers(V)
         self._cell_bodies = bodies[self._cells.nodes[:, 0]]
         of_points = surface.support.gather(bodies[:, None])[surface.columns[:, 0], 0]
-        triangles = surface.triangles
-        self._reference = ReferenceSurface(surface.points, triangles, of_points[triangles[:, 0]])
+        points, triangles = surface.points[:, : self._dim], surface.triangles
+        self._reference = ReferenceSurface(points, triangles, of_points[triangles[:, 0]])
         self._normals, self._closer = PseudoNormals(triangles), CloserTargets(triangles)
 
     def find(self, u: Array, x: Array) -> ContactPairs:
@@ -114,9 +116,9 @@ class TargetSearch:
 
         Parameters
         ----------
-        u : (local nodes, 3)
+        u : (local nodes, dim)
             Nodal displacements [m].
-        x : (points, 3)
+        x : (points, dim)
             The positions of the surface's points [m].
         """
         samples, triangles = self.samples, self._surface.triangles
@@ -126,7 +128,7 @@ class TargetSearch:
         hits = _without_repeated(hits)
         others = self._approaching(x, points, normals, outward, hits[:, 0])
         others = np.concatenate(self._comm.allgather(others))
-        hits = np.concatenate([hits[:, [0, 3, 4, 5, 6]], others])
+        hits = np.concatenate([hits[:, np.r_[0, 3 : 4 + self._dim]], others])
         hits = hits[np.argsort(hits[:, 0], kind="stable")]
         sample, target, coordinates = hits[:, 0].astype(int), hits[:, 1].astype(int), hits[:, 2:]
         corners = np.concatenate([triangles[samples.triangle[sample]], triangles[target]], axis=1)
@@ -136,7 +138,7 @@ class TargetSearch:
         springs = self._springs(corners, factors, areas)
         pairs = ContactPairs(sample, target, corners, factors, normal, springs)
         pairs = pairs[areas > _ACTS * samples.areas[sample]]
-        return pairs.joined(self._crossing_edges(x, outward))
+        return pairs.joined(self._crossing_edges(x, outward)) if self._dim == 3 else pairs
 
     def penetration(self, pairs: ContactPairs, x: Array) -> float:
         """Return the largest penetration at positions x of the surface's points [m].
@@ -156,11 +158,14 @@ class TargetSearch:
         return float(max(depths.max(initial=0.0), -gaps[crossing].min(initial=0.0)))
 
     def _springs(self, corners: Array, factors: Array, areas: Array) -> Array:
-        """Return the stiffness [N/m] of springs at points (n, 6) that act with areas (n,) [m^2]."""
-        values = np.abs(factors) * self._stiffness[corners]
+        """Return the stiffness [N/m] of springs that act with areas (n,) [m^2].
+
+        ``corners`` and ``factors`` (n, 2 dim) are those of `ContactPairs`.
+        """
+        values, dim = np.abs(factors) * self._stiffness[corners], self._dim
         # Where two surfaces touch, the samples of both have half of the stiffness each.
         return np.asarray(
-            areas * np.minimum(values[:, :3].sum(axis=1), values[:, 3:].sum(axis=1)) / 2
+            areas * np.minimum(values[:, :dim].sum(axis=1), values[:, dim:].sum(axis=1)) / 2
         )
 
     def _target_normals(
@@ -172,7 +177,7 @@ class TargetSearch:
         coordinates: Array,
         outward: Array,
     ) -> Array:
-        """Return the unit normals (n, 3) of the surface at targets.
+        """Return the unit normals (n, dim) of the surface at targets.
 
         Beyond a sharp edge, as seen from the edge's faces, it is that of the edge, otherwise that
         of a smooth surface: it does not jump where a sample slides from triangle to triangle.
@@ -186,9 +191,11 @@ class TargetSearch:
         return np.where(beyond[:, None], edges, smooth)
 
     def _own_hits(self, u: Array, x: Array, points: Array, normals: Array, outward: Array) -> Array:
-        """Return the samples in this rank's cells and their targets, (n, _COLUMNS).
+        """Return the samples in this rank's cells and their targets, (n, 4 + 2 dim).
 
-        ``points`` and ``normals`` are those of the samples, ``outward`` the triangles' normals.
+        Columns: sample, distance outside, cell size, triangle, barycentric coordinates (dim),
+        reference position (dim). ``points`` and ``normals`` are those of the samples, ``outward``
+        the triangles' normals.
         """
 
         def excluded(sample: Array, cell: Array) -> Array:
@@ -212,14 +219,14 @@ class TargetSearch:
         kept &= ~intersect(around, self._near.triangles[target])
         columns = (sample, np.maximum(hits.outside, 0.0), size, target)
         rows = np.column_stack([*columns, coordinates, hits.X])
-        return np.asarray(rows[kept].reshape(-1, _COLUMNS))
+        return np.asarray(rows[kept].reshape(-1, 4 + 2 * self._dim))
 
     def _approaching(
         self, x: Array, points: Array, normals: Array, outward: Array, inside: Array
     ) -> Array:
-        """Return this rank's share of samples that may touch in the next solve, (n, 5).
+        """Return this rank's share of samples that may touch in the next solve, (n, 2 + dim).
 
-        Columns: sample, triangle, barycentric coordinates (3). The arguments are those of
+        Columns: sample, triangle, barycentric coordinates (dim). The arguments are those of
         `_own_hits`, and the samples ``inside`` of the body.
         """
         samples, (rank, ranks) = self.samples, (self._comm.rank, self._comm.size)
@@ -235,7 +242,7 @@ class TargetSearch:
         _, closest = np.unique(sample[order], return_index=True)
         order = order[closest]
         columns = sample[order], found.triangle[order], found.coordinates[order]
-        return np.asarray(np.column_stack(columns).reshape(-1, 5))
+        return np.asarray(np.column_stack(columns).reshape(-1, 2 + self._dim))
 
     def _crossing_edges(self, x: Array, outward: Array) -> ContactPairs:
         """Return the springs between edges that cross, or may in the next solve. Collective."""
@@ -263,15 +270,16 @@ class TargetSearch:
 
 
 def _without_repeated(hits: Array) -> Array:
-    """Return the hits (n, _COLUMNS) sorted by sample, one for each place of a sample."""
+    """Return the hits of `TargetSearch` sorted by sample, one for each place of a sample."""
     # Rounded, as ranks may differ by rounding errors.
-    order = np.lexsort((*np.round(hits[:, 7:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
+    first = hits.shape[1] // 2 + 2  # the first column of the reference position
+    order = np.lexsort((*np.round(hits[:, first:] / hits[:, 2:3], 6).T, hits[:, 1], hits[:, 0]))
     hits = hits[order]
     repeated = np.zeros(len(hits), bool)
     for shift in range(1, len(hits)):
         same = hits[shift:, 0] == hits[:-shift, 0]
         if not same.any():
             break
-        apart = np.linalg.norm(hits[shift:, 7:] - hits[:-shift, 7:], axis=1)
+        apart = np.linalg.norm(hits[shift:, first:] - hits[:-shift, first:], axis=1)
         repeated[shift:] |= same & (apart < _SAME * hits[shift:, 2]) & ~repeated[:-shift]
     return np.asarray(hits[~repeated])

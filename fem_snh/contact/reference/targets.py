@@ -54,7 +54,7 @@ class ReferenceTargets(NamedTuple):
     ----------
     triangle : (n,) int
         The triangle of each.
-    coordinates : (n, 3)
+    coordinates : (n, corners)
         Barycentric coordinates in it.
     nearest : (n,) int
         The triangle that is nearest, opposed or not.
@@ -73,10 +73,10 @@ class ReferenceSurface:
 
     Parameters
     ----------
-    points : (n, 3)
+    points : (n, dim)
         Positions [m].
-    triangles : (m, 3) int
-        Closed and outward for each body.
+    triangles : (m, dim) int
+        Closed and outward for each body; segments in two dimensions.
     bodies : (m,) int
         The body of each triangle; those of other bodies do not count for a point.
     """
@@ -97,19 +97,19 @@ class ReferenceSurface:
 
         Parameters
         ----------
-        X : (n, 3)
+        X : (n, dim)
             Reference positions [m].
         bodies : (n,) int
             Their bodies.
-        normals : (n, 3)
+        normals : (n, dim)
             Unit normals of the points in the deformed configuration.
         sizes : (n,)
             The size of the cells there [m].
-        outward : (triangles, 3)
+        outward : (triangles, dim)
             Those of the triangles.
         """
         nearest, target = np.zeros(len(X), int), np.zeros(len(X), int)
-        place, nearest_place, arms = (np.zeros((len(X), 3)) for _ in range(3))
+        place, nearest_place, arms = (np.zeros(X.shape) for _ in range(3))
 
         def receive(rows: Array, found: Candidates) -> Array:
             closest = found.choose(found.distance.argmin(axis=1))
@@ -135,15 +135,15 @@ class CloserTargets:
 
     Parameters
     ----------
-    triangles : (m, 3) int
-        The points of the triangles.
+    triangles : (m, dim) int
+        The points of the triangles, or of segments.
     """
 
     def __init__(self, triangles: Array) -> None:
         self._triangles = triangles
-        m = len(triangles)
-        ends = np.arange(0, 3 * m + 1, 3)
-        points = csr_matrix((np.ones(3 * m, np.int16), triangles.ravel(), ends))
+        m, corners = triangles.shape
+        ends = np.arange(m + 1) * corners
+        points = csr_matrix((np.ones(corners * m, np.int16), triangles.ravel(), ends))
         common = csr_matrix(points @ points.T)
         counts = np.diff(common.indptr)
         rows = np.repeat(np.arange(m), counts)
@@ -154,22 +154,22 @@ class CloserTargets:
     def move(
         self, p: Array, normals: Array, sizes: Array, target: Array, x: Array, outward: Array
     ) -> tuple[Array, Array]:
-        """Return triangles (n,) and barycentric coordinates (n, 3) of closer points.
+        """Return triangles (n,) and barycentric coordinates (n, corners) of closer points.
 
         Parameters
         ----------
-        p, normals : (n, 3)
+        p, normals : (n, dim)
             Positions of samples, and unit normals of the surface there.
         sizes : (n,)
             The size of the cells there [m].
         target : (n,) int
             The triangles from which the search starts.
-        x : (points, 3)
+        x : (points, dim)
             Positions of the surface's points.
-        outward : (m, 3)
+        outward : (m, dim)
             Unit normals of the triangles.
         """
-        target, coordinates = target.copy(), np.zeros((len(target), 3))
+        target, coordinates = target.copy(), np.zeros(p.shape)
         best, left = np.full(len(p), np.inf), np.arange(len(p))
         corners = x[self._triangles]
         for _ in range(_STEPS):
@@ -196,7 +196,7 @@ class Approaching(NamedTuple):
     ----------
     sample, triangle : (n,) int
         A sample and a triangle.
-    coordinates : (n, 3)
+    coordinates : (n, corners)
         Barycentric coordinates of the closest point in it.
     distance : (n,)
         The distance from it [m].
@@ -219,16 +219,17 @@ def approaching(
 
     Parameters
     ----------
-    points, normals : (samples, 3)
+    points, normals : (samples, dim)
         Positions of samples and unit normals of the surface there.
-    corners, outward : (m, 3, 3), (m, 3)
+    corners, outward : (m, corners, dim), (m, dim)
         Positions of the corners of the surface's triangles [m], and their unit normals.
     distance : float
         The largest distance [m].
     """
     tree = TriangleTree(corners, directions=distance * outward)
     # The midpoint of a triangle is farther than its closest point, by its radius at most, and
-    # |n + N|^2 = 2 + 2 cos: in six dimensions opposed triangles nearby are the closest points.
+    # |n + N|^2 = 2 + 2 cos: opposed triangles nearby are the closest points, with the normals as
+    # further coordinates.
     reach = ((distance + tree.radius) ** 2 + distance**2 * (2 + 2 * _OPPOSED)) ** 0.5
     parts = list[Approaching]()
 
