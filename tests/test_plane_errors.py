@@ -116,6 +116,13 @@ def test_no_moment_of_a_body_without_torsion(comm):
         problem.estimate_error([(bcs[0], (0, 0, 0))])
 
 
+def test_default_goals_of_a_body_of_revolution():
+    """Forces along the axis and torques: no sum of radial forces."""
+    goals = solve("bushing", cells=1, steps=1, error=True).goals
+    names = ["inner.force.y", "outer.force.y", "inner.moment.y", "volume", "energy"]
+    assert list(goals) == names
+
+
 @mpi
 def test_goals_do_not_depend_on_ranks():
     """Of a bushing that is turned: all of its goals, the mean of a curve and of a surface."""

@@ -77,16 +77,18 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
 
 
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:
-    """Return the names of the goals of a scene that names none."""
+    """Return the names of the goals of a scene that names none.
+
+    Of a force on a body of revolution it is the component along the axis: the sum of the radial
+    forces is none that acts on another body, and converges slowly at the corners of bonded rubber.
+    """
     turned = [reaction for reaction in scene.reactions if reaction.about]
+    kinematics = kinematics_of(scene.kinematics)
+    force = "force.y" if kinematics.revolved else "force"
     return [
         *(probe.name for probe in scene.probe),
-        *(f"{reaction.group}.force" for reaction in scene.reactions),
-        *(
-            f"{reaction.group}.moment"
-            for reaction in turned
-            if kinematics_of(scene.kinematics).moment_axes
-        ),
+        *(f"{reaction.group}.{force}" for reaction in scene.reactions),
+        *(f"{reaction.group}.moment" for reaction in turned if kinematics.moment_axes),
         *(f"{group}.volume" for group in scene.volumes),
         "volume",
         *(["energy"] if has_energy else []),

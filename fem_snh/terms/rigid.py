@@ -192,9 +192,9 @@ def check_motions(part: Rigid, kinematics: Kinematics) -> None:
         return
     joint, rotate, spring = part.joint, part.rotate, part.spring
     kind = joint.kind if joint else ""
-    translations, rotations = f"components along {', '.join(along)}", "no value"
+    translations, rotations = f"components along {' and '.join(along)} alone", "no value"
     if about:
-        rotations = f"a component about {', '.join(about)}"
+        rotations = f"a component about {', '.join(about)} alone"
     on_plane = "a point of the axis, x = z = 0" if kinematics.revolved else "a point with z = 0"
     vectors = {
         "translate": (part.translate, along, translations),
@@ -213,7 +213,7 @@ def check_motions(part: Rigid, kinematics: Kinematics) -> None:
     for key, (vector, components, accepted) in vectors.items():
         others = [v for v, axis in zip(vector or (), axes) if axis not in components]
         if any(others):
-            wanted = f"{accepted} alone, with kinematics = '{kinematics.name}'"
+            wanted = f"{accepted}, with kinematics = '{kinematics.name}'"
             raise bad_value(f"rigid.{key}", list(vector or ()), wanted)
     wanted = f"motions among {', '.join(along + ['rotation'] * bool(about))}"
     wanted += f", with kinematics = '{kinematics.name}'"
