@@ -10,6 +10,8 @@ from typing import NamedTuple
 VECTOR = ("x", "y", "z")
 TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
 PRINCIPAL = ("1", "2", "3")
+#: How the names of fields begin that are a goal's error in each cell, at the end of a run.
+ERRORS = "error_"
 
 
 class OutputField(NamedTuple):

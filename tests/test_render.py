@@ -110,6 +110,33 @@ def test_a_revolved_section_is_three_quarters_of_the_body(section):
     assert render.main(section, section / "turned.png", revolve=True).is_file()
 
 
+@pytest.fixture(scope="module")
+def bushing(tmp_path_factory) -> Path:
+    """The section of a bushing whose inner sleeve, of radius 10, is turned by 0.5 rad."""
+    out = tmp_path_factory.mktemp("bushing")
+    fem_snh.run("bushing", cells=1, steps=2, axial=0.0, error=True, out=out, progress=False)
+    return out
+
+
+def test_torsion_keeps_the_radii_of_a_section_in_its_plane(bushing):
+    files = [str(f) for f in render.stored_loads(bushing / "fields.pvd")[1.0]]
+    flat, turned = surfaces.body(files, "J"), surfaces.body(files, "J", revolved=True)
+    assert not flat.surface.points[:, 2].any()
+    radii = np.hypot(*turned.surface.points[:, :2].T)
+    for found in (flat.surface.points[:, 0], radii):
+        assert (found.min(), found.max()) == pytest.approx((10, 20), rel=1e-6)
+
+
+def test_an_error_is_drawn_where_it_is_known(bushing):
+    """At the last load: another has none."""
+    pictures = [
+        render.main(bushing, bushing / f"{loads}.png", loads=loads, field="error_inner_moment_y")
+        for loads in (None, [1.0], [0.5, 1.0])
+    ]
+    default, last, both = (matplotlib.image.imread(picture) for picture in pictures)
+    assert np.array_equal(default, last) and not np.array_equal(default, both)
+
+
 def test_only_axisymmetric_runs_are_revolved(twisted):
     assert bad(lambda: render.main(twisted, revolve=True)).startswith("--revolve: expected an axi")
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.output_fields import SUMMED
+from fem_snh.output_fields import ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
 from fem_snh.terms.history import SurfaceTerm
@@ -32,7 +32,7 @@ SKIN, OBSTACLES = "skin.pvd", "obstacles.pvd"
 
 def error_field(goal: str) -> str:
     """Return the name of the field with a goal's error, ``error_corner_y``."""
-    return f"error_{goal.replace('.', '_')}"
+    return ERRORS + goal.replace(".", "_")
 
 
 class Fields:

@@ -15,6 +15,7 @@ from typing import Any
 
 from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.output_fields import ERRORS
 from fem_snh.run_record import load_record
 from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
@@ -82,7 +83,7 @@ def main(
         Default: ``folder/<field>.png``.
     loads : sequence of float, optional
         In 0..1, or times [s] of a run in time; default: all load steps if there are at most four,
-        else those at 1/3, 2/3, 1.
+        else those at 1/3, 2/3, 1; of the error of a goal, the last.
     field : str
         A field that the run has written, or a component such as ``cauchy_stress.xy``. A whole
         vector or tensor is drawn by its magnitude (the Frobenius norm of a tensor).
@@ -110,6 +111,8 @@ def main(
     run = StoredRun(folder, field, view)
     out = picture_path(out) if out is not None else folder / f"{field}.png"
     run.check_revolved(revolve)
+    if not loads and field.startswith(ERRORS):
+        loads = [max(run.states)]
     chosen = choose_loads(list(run.states), loads)
     panels, note = [run.panel(load) for load in chosen], run.note(chosen)
     opacity = check_opacity(opacity)

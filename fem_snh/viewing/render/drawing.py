@@ -25,7 +25,7 @@ from fem_snh.errors import BadInput
 from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
-from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat, revolve
+from fem_snh.viewing.render.surfaces import DrawnBody, body, is_flat
 from fem_snh.viewing.render.worker import serve
 
 #: Width of the picture [pixels].
@@ -184,9 +184,7 @@ class Drawing:
         """Return the drawing and the bodies of the panels of a `render.Job`."""
         panels, field = job["panels"], job["field"]
         options = ViewOptions(**job["view"])
-        bodies = [body(panel["files"], field, options) for panel in panels]
-        if job["revolve"]:
-            bodies = [revolve(item, field) for item in bodies]
+        bodies = [body(panel["files"], field, options, job["revolve"]) for panel in panels]
         obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
         return cls(field, bodies, obstacles, loads, options, job["note"]), bodies
 

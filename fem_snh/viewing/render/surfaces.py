@@ -279,25 +279,38 @@ def _node_at(cell: Any, point: np.ndarray) -> int:
     return int(np.argmax(weights))
 
 
-def body(files: list[str], field: str, options: ViewOptions | None = None) -> DrawnBody:
-    """Return the geometry of one load from the files of all ranks."""
+def body(
+    files: list[str], field: str, options: ViewOptions | None = None, revolved: bool = False
+) -> DrawnBody:
+    """Return the geometry of one load from the files of all ranks, of a section ``revolved``."""
     grid = read_grid(files, field)
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
         raise BadInput(f"{files[0]}: the displacement is not finite: choose other loads")
-    return body_of(grid, field, options)
+    item = body_of(grid, field, options, turned=revolved or field == "mode")
+    return revolve(item, field) if revolved else item
 
 
-def body_of(grid: pv.UnstructuredGrid, field: str, options: ViewOptions | None = None) -> DrawnBody:
+def body_of(
+    grid: pv.UnstructuredGrid,
+    field: str,
+    options: ViewOptions | None = None,
+    turned: bool = False,
+) -> DrawnBody:
     """Return surface, element edges, outline at rest and values (per cell or point) of a grid.
 
-    With a clip plane among the ``options``, the surface is that of the remaining part.
+    With a clip plane among the ``options``, the surface is that of the remaining part. Points of a
+    section that torsion moves out of its plane keep their radius in it, unless they stay
+    ``turned``.
     """
     faces = boundary(grid, 0).n_cells
     level = 3 if faces < 1500 else 2 if faces < 10_000 else 1 if faces < 50_000 else 0
     rest = boundary(grid, min(level, 1))
     deformed = grid.warp_by_vector("displacement")
+    if is_flat(grid.points) and not turned:
+        r, z, t = np.asarray(deformed.points).T
+        deformed.points = np.column_stack([np.where(t == 0, r, np.hypot(r, t)), z, 0 * t])
     surface = boundary(deformed, level)
     # The edges of a skin are no element's.
     is_skin = set(grid.celltypes) == {pv.CellType.TRIANGLE} and not is_flat(grid.points)
