@@ -38,10 +38,21 @@ class OutputField(NamedTuple):
     nonnegative: bool = False
 
 
+#: The field with the number of each cell's part of the mesh; run.json has the parts' names.
+CELL_GROUP = "cell_group"
 #: The fields that every run writes, if its problem has them.
 STANDARD = {
     "displacement": OutputField("displacement u", "m", VECTOR, "displacement of the nodes"),
     "J": OutputField("J  (volume ratio)", "", (), "volume ratio det F, mean over the cell"),
+    "min_J": OutputField(
+        "smallest J at a quadrature point", "", (),
+        "smallest volume ratio det F at a quadrature point of the cell",
+    ),
+    CELL_GROUP: OutputField(
+        "cell group", "", (),
+        "number of the cell's groups and material in `cell_groups` of run.json; of meshes with "
+        "several",
+    ),
     "energy_density": OutputField(
         "energy density", "Pa", (), "energy per reference volume, mean", True
     ),

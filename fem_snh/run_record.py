@@ -153,6 +153,8 @@ _RECORD = _table(
         "time": _table({"duration": _positive}, {"start": _named(_any)}),
         "obstacles": _SOLID,
         "bones": _SOLID,
+        "cell_groups": _list(_list(_text)),
+        "units": _text,
         "modes": _table({"frequencies": _list(_number)}, {}),
         "seconds": _named(_number),
         "peak_memory_mb": _number,

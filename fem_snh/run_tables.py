@@ -51,6 +51,51 @@ def results(step: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
+#: Units of columns by their whole name or their last part, if the scene is in SI units.
+_UNITS = {
+    **dict.fromkeys(("residual", "tolerance", "force", "friction"), "N"),
+    **dict.fromkeys(("energy", "kinetic", "elastic", "potential", "work", "dissipated"), "J"),
+    **dict.fromkeys(("max_u", "mean", "position", "penetration", "deepest"), "m"),
+    **dict.fromkeys(("distance", "activation"), "m"),
+    **dict.fromkeys(("time", "time_step"), "s"),
+    "numerical_dissipation": "J",
+    "moment": "N m",
+    "rotation": "rad",
+    "pressure": "Pa",
+    "stiffness": "Pa/m",
+    "momentum": "kg m/s",
+    "angular_momentum": "kg m^2/s",
+}
+
+
+def column_unit(name: str, step: Mapping[str, Any]) -> str:
+    """Return the SI unit of a column of a step's `flat` row, or "".
+
+    Of a quotient A/B of two columns it is that of the quotient.
+    """
+    row = flat(step)
+    if name not in row and "/" in name:
+        for at in (i for i, letter in enumerate(name) if letter == "/"):
+            above, below = name[:at], name[at + 1 :]
+            if above in row and below in row:
+                return _quotient(column_unit(above, step), column_unit(below, step))
+    body = name.removesuffix(".error")
+    body = next((body.removesuffix(end) for end in (".x", ".y", ".z") if body.endswith(end)), body)
+    if body in step.get("probes", {}):
+        return "m"
+    owner, _, kind = body.rpartition(".")
+    if kind == "volume" and owner in step.get("cavities", {}):
+        return "m^3"
+    return _UNITS.get(kind, "")
+
+
+def _quotient(above: str, below: str) -> str:
+    """Return the unit of a quotient."""
+    if above == below or not below:
+        return "" if above == below else above
+    return f"{above or '1'}/{below}" if below.isalpha() else f"{above or '1'}/({below})"
+
+
 def _columns(name: str, state: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Return the columns of one obstacle, contact, bone or cavity."""
     for key, value in state.items():

@@ -43,6 +43,7 @@ LAZY = {
 #: Modules beside the folders that any part may import, from the bottom up.
 COMMON = (
     "errors",
+    "units",
     "cache",
     "notes",
     "files",

@@ -48,7 +48,7 @@ def write_run(comm: MPI.Intracomm, folder: Path, element: str) -> Path:
     u = dolfinx.fem.Function(_dolfinx.function_space(domain, int(element[1]), (3,)))
     u.name = "displacement"
     per_cell = _dolfinx.function_space(domain, 0, (), "DG")
-    names = ("J", "energy_density", "min_eigenvalue")
+    names = ("J", "min_J", "energy_density", "min_eigenvalue")
     fields = {name: dolfinx.fem.Function(per_cell, name=name) for name in names}
     J = ufl.det(ufl.Identity(3) + ufl.grad(u))
 

@@ -147,7 +147,7 @@ def test_states_of_other_ranks_are_on_the_same_mesh(twisted):
         nodes = grid.cell_connectivity.reshape(grid.n_cells, -1)[cells]
         other = pv.UnstructuredGrid({grid.celltypes[0]: rank[nodes]}, grid.points[points])
         other.point_data["displacement"] = grid.point_data["displacement"][points]
-        for name in ("J", "energy_density", "min_eigenvalue"):
+        for name in ("J", "min_J", "energy_density", "min_eigenvalue"):
             other.cell_data[name] = grid.cell_data[name][cells]
         return other
 

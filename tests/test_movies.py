@@ -100,6 +100,7 @@ def test_frames_have_even_sizes(twisted):
         "field": "J", "title": "t", "obstacles": [], "opacity": 1.0,
         "panels": [{"files": f, "load": t} for t, f in files_of(twisted).items()],
         "names": LOADS, "load_name": "load", "load_unit": "", "frames": 2, "view": {},
+        "units": None,
     }  # fmt: skip
     (first, _) = frames.frames(job)
     assert first.shape[0] % 2 == first.shape[1] % 2 == 0 and first.shape[2] == 3

@@ -28,7 +28,7 @@ def values(folder, field):
 
 def test_the_fields_of_a_run_are_those_of_its_files(stressed):
     assert written_fields(stressed / "fields.pvd") == [
-        "J", "cauchy_stress", "displacement", "energy_density", "min_eigenvalue",
+        "J", "cauchy_stress", "displacement", "energy_density", "min_J", "min_eigenvalue",
         "principal_stresses", "reaction_force", "von_mises",
     ]  # fmt: skip
 

@@ -22,7 +22,7 @@ _VIEW = """--clip NORMAL[@POINT]  cut the deformed body by a plane and remove th
         --camera DIRECTION[@FOCUS]  direction to the viewer: x, -y or 1,-1,0.5@0,0,1
         --up DIRECTION  direction that is upwards; default: z
         --zoom A  magnification; default: 1
-        --hide NAME,NAME  obstacles and bones that are not drawn"""
+        --hide NAME,NAME  obstacles, bones, groups of cells and materials that are not drawn"""
 
 
 def plot_parser() -> Parser:
@@ -36,6 +36,7 @@ def plot_parser() -> Parser:
         --x COLUMN  what the curves of --y are over: a column of steps.csv or of the table, e.g.
             corner.y, nu; default: the load, or what the scene calls it, as angle
         --y COLUMN,COLUMN  columns to draw, e.g. top.force.z,inner.moment.z; A/B is a quotient
+        --columns  print the columns of runs, their last values and units instead
         """,
         paths={"nargs": "+", "type": Path},
         out=output,
@@ -47,6 +48,12 @@ def plot(argv: list[str]) -> int:
     """Draw curves from run folders or a study's table; return 0."""
     parser = plot_parser()
     args = parser.parse(argv)
+
+    if args.columns:
+        from fem_snh.viewing.plots.curves import list_columns
+
+        print("\n".join(line for path in args.paths for line in list_columns(path)))
+        return 0
 
     from fem_snh.viewing.plots import main
 
@@ -115,7 +122,7 @@ def render(argv: list[str]) -> int:
 
 
 def _view(args: Namespace) -> ViewOptions:
-    """Return what the options say of clip plane, camera and hidden solids."""
+    """Return what the options say of clip plane, camera and hidden parts."""
     from fem_snh.viewing.render.options import view_options
 
     hide = [name.strip() for name in (args.hide or "").split(",") if name.strip()]

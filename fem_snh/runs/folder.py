@@ -87,6 +87,7 @@ def describe(
         **({"time": _describe_time(scene, problem, motion)} if motion else {}),
         **_describe_features(scene, problem),
         **_describe_bones(scene, problem),
+        **({"units": scene.units} if scene.units else {}),
         "load_name": scene.load_name,
         "load_range": list(scene.load_range),
         **({"fields": scene.fields} if scene.fields else {}),

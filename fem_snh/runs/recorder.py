@@ -12,6 +12,7 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.folder import Folder
+from fem_snh.runs.output.cell_groups import cell_groups
 from fem_snh.runs.output.fields import Fields, write_modes
 from fem_snh.scenes import Scene
 from fem_snh.steps.jump import jump_note
@@ -74,6 +75,9 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
+            groups = cell_groups(setup.mesh, self._problem.regions)
+            if groups:
+                record["cell_groups"] = groups.names
             self._fields = Fields(
                 folder.path / "fields.pvd",
                 self._problem,
@@ -83,6 +87,7 @@ class Recorder:
                 self._stepper.motion,
                 folder.files,
                 goals,
+                groups,
             )
             jit = self._seconds["jit"] + self._fields.jit_seconds
             self._seconds = self._seconds | {"jit": jit}

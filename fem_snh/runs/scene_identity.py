@@ -16,7 +16,7 @@ SOLVER_KEYS = (
     "static_condensation",
 )  # fmt: skip
 #: Keys of a scene that concern the output of later steps: likewise.
-OUTPUT_KEYS = ("fields", "fields_at", "error", "accuracy", "stability")
+OUTPUT_KEYS = ("fields", "fields_at", "error", "accuracy", "stability", "units")
 _MAY_CHANGE = SOLVER_KEYS + OUTPUT_KEYS
 _NAMED = (*_MAY_CHANGE, "time.output_every")
 

@@ -21,6 +21,7 @@ from fem_snh.tables.types import (
     split_text,
 )
 from fem_snh.tables.validation import Bounded, Expect, Table
+from fem_snh.units import Units
 
 
 class Geometry(Table):
@@ -102,6 +103,12 @@ OutputFields = Annotated[
     Expect("a list of names of fields"),
     BeforeValidator(split_text),
     AfterValidator(_check_fields),
+]
+#: Units that labels name.
+UnitNames = Annotated[
+    str,
+    Expect('units of length, force and stress, "mm, N, MPa"'),
+    AfterValidator(lambda text: Units.read(text) and text),
 ]
 #: Where output fields are written.
 Location = Annotated[

@@ -39,6 +39,7 @@ from fem_snh.scenes._outputs import (
     Probes,
     Reaction,
     Reactions,
+    UnitNames,
 )
 from fem_snh.scenes._time import Damping, Time
 from fem_snh.tables.amplitudes import Amplitude, Amplitudes
@@ -221,6 +222,11 @@ class Scene(Table):
         default={},
         description="PETSc options under the solver's prefix, with or without the leading dash; "
         "the value of a flag is true.",
+    )
+    units: UnitNames | None = Field(
+        default=None,
+        description="Units of length, force and stress, and perhaps of time, that the labels of "
+        'pictures, plots and pages name: "mm, N, MPa". Nothing is converted.',
     )
     load_name: Text = Field(default="load", description="What plots call the load.")
     load_range: Range = Field(

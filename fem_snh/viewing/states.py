@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,6 +42,8 @@ class States:
         The collection of the states (.pvd), or {load: files}.
     field : str, optional
         The only field that is read beside the displacement; default: all.
+    hidden : collection of int
+        Values of ``cell_group`` of the cells that are left out.
 
     Attributes
     ----------
@@ -57,12 +59,15 @@ class States:
     """
 
     def __init__(
-        self, stored: Path | Mapping[float, Sequence[Any]], field: str | None = None
+        self,
+        stored: Path | Mapping[float, Sequence[Any]],
+        field: str | None = None,
+        hidden: Collection[int] = (),
     ) -> None:
         stored = stored_loads(stored) if isinstance(stored, Path) else stored
-        self.loads, self._field = sorted(stored), field
+        self.loads, self._field, self._hidden = sorted(stored), field, hidden
         self._files = [[str(file) for file in stored[load]] for load in self.loads]
-        first = read_grid(self._files[0], field)
+        first = read_grid(self._files[0], field, hidden)
         self._names = _names(first)
         self._centres: Array | None = None
         first.clear_data()
@@ -81,7 +86,7 @@ class States:
             the first one.
         """
         files = self._files[number]
-        grid = read_grid(files, self._field)
+        grid = read_grid(files, self._field, self._hidden)
         if _names(grid) != self._names:
             there = ", ".join(sorted(sum(_names(grid), ())))
             expected = ", ".join(sorted(sum(self._names, ())))
@@ -154,6 +159,8 @@ class InterpolatedStates:
         As for `States`.
     field : str
         The field beside the displacement.
+    hidden : collection of int
+        Values of ``cell_group`` of the cells that are left out.
 
     Attributes
     ----------
@@ -168,8 +175,13 @@ class InterpolatedStates:
         If a file cannot be read, or a state is of another mesh.
     """
 
-    def __init__(self, stored: Path | Mapping[float, Sequence[Any]], field: str) -> None:
-        states = States(stored, field)
+    def __init__(
+        self,
+        stored: Path | Mapping[float, Sequence[Any]],
+        field: str,
+        hidden: Collection[int] = (),
+    ) -> None:
+        states = States(stored, field, hidden)
         read = [states.read(number) for number in range(len(states))]
         self._field, self._grid = field, states.mesh
         self._per_cell = field in read[0].cell_data

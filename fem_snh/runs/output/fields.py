@@ -12,9 +12,10 @@ from petsc4py import PETSc
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.output_fields import ERRORS, SUMMED
+from fem_snh.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
+from fem_snh.runs.output.cell_groups import CellGroups
 from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
@@ -39,8 +40,9 @@ class Fields:
     """The time series fields.pvd, with the load as time; in time, with the time [s]. Collective.
 
     Its fields are the displacement [length] at the nodes; means over each cell of J = det F and of
-    the energy density [Pa]; the smallest eigenvalue of the Hessian of the energy density in each
-    cell; and, if the pressure is unknown, the pressure [Pa] at the nodes of the displacement.
+    the energy density [Pa]; the smallest J and the smallest eigenvalue of the Hessian of the energy
+    density at a quadrature point of each cell; and, if the pressure is unknown, the pressure [Pa]
+    at the nodes of the displacement.
     Of a body in a lattice, skin.pvd has the same fields at the points of its surface. If there are
     obstacles, obstacles.pvd has their surfaces at the same times, where they then are.
 
@@ -63,6 +65,8 @@ class Fields:
     goals : sequence of str, optional
         Goals whose errors are written for each cell, as ``error_<goal>``. The state at load 1 is
         then written by `write_errors`; before it they are zero.
+    groups : CellGroups, optional
+        The parts of the mesh, which are written as the field ``cell_group``.
 
     Attributes
     ----------
@@ -80,12 +84,15 @@ class Fields:
         motion: TimeSteps | None = None,
         files: RunFiles | None = None,
         goals: Sequence[str] = (),
+        groups: CellGroups | None = None,
     ) -> None:
         #: The time of load 1.
         self._duration = motion.duration if motion else 1.0
         constant = _dolfinx.function_space(problem.domain, 0, family="DG")
-        means = ["J", *(["energy_density"] if problem.has_energy else []), "min_eigenvalue"]
-        self._cellwise = {name: _dolfinx.function(constant, name) for name in means}
+        energy = ["energy_density"] if problem.has_energy else []
+        names_of_all = ["J", "min_J", *energy, "min_eigenvalue"]
+        self._cellwise = {name: _dolfinx.function(constant, name) for name in names_of_all}
+        self._groups = [_dolfinx.DataArray(CELL_GROUP, groups.numbers)] if groups else []
         self._errors = {goal: _dolfinx.function(constant, error_field(goal)) for goal in goals}
         #: Whether the state at load 1 waits for the errors.
         self._waits = bool(goals)
@@ -136,6 +143,7 @@ class Fields:
         fields = problem.cell_fields(problem.x)
         values = {
             "J": fields["deformed_volume"] / fields["volume"],
+            "min_J": fields["min_J"],
             "energy_density": fields["energy"] / fields["volume"],
             "min_eigenvalue": fields["min_eigenvalue"],
         }
@@ -147,15 +155,16 @@ class Fields:
         further = self._requested.arrays() if self._requested else ([], [])
         if self._series in lacking:
             functions = [*self._nodal, *self._cellwise.values(), *self._errors.values()]
-            self._series.write(functions, time, further[0], self._without_copies(further[1]))
+            cells = [*self._groups, *further[0]]
+            self._series.write(functions, time, cells, self._without_copies(further[1]))
         if self._skin in lacking:
-            cells, nodes = ({array.name: array.values for array in found} for found in further)
+            per_cell, nodes = ({array.name: array.values for array in found} for found in further)
             if problem.saddle_point:
                 vector = _dolfinx.function(problem.V, "pressure")  # the skin needs its numbering
                 vector.sub(0).interpolate(self._pressure)
                 nodes["pressure"] = vector.x.array.reshape(-1, 3)[:, 0]
             u = problem.u.x.array.reshape(-1, 3)
-            self._skin.write(u, time, {n: values[n] for n in self._cellwise} | cells, nodes)
+            self._skin.write(u, time, {n: values[n] for n in self._cellwise} | per_cell, nodes)
 
     def write_errors(self, problem: Problem, indicators: Mapping[str, Array]) -> None:
         """Write the state with the errors of goals in each cell of this rank. Collective.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from matplotlib.backend_bases import FigureCanvasBase
@@ -21,6 +22,7 @@ from fem_snh.viewing.plots.runs import run_figure
 from fem_snh.viewing.plots.sweeps import by_material, read_sweep, read_table, sweep_figure
 from fem_snh.viewing.plots.tradeoff import tradeoff_figure
 from fem_snh.viewing.render import read_record
+from fem_snh.viewing.render.records import column_label
 
 
 def main(
@@ -69,7 +71,8 @@ def main(
         if y:
             labels = paths if len(paths) > 1 else [str(records[0]["scene"])]
             found = dict(zip(map(str, labels), map(run_table, records), strict=True))
-            figure, name = curve_figure(found, x or x_of(records), y), "curves.png"
+            label_of = partial(column_label, records=records)
+            figure, name = curve_figure(found, x or x_of(records), y, label_of), "curves.png"
         else:
             figure, name = run_figure(records, newton), "history.png"
         above = Path(os.path.commonpath([p.resolve() for p in paths]))

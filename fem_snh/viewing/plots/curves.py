@@ -7,7 +7,8 @@ a stiffness: ``right.force.x/corner.x``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -16,7 +17,8 @@ from matplotlib.figure import Figure
 from fem_snh.errors import BadInput, choose
 from fem_snh.run_tables import flat, results
 from fem_snh.viewing.plots.style import legend, plain, style, subplots
-from fem_snh.viewing.render.records import load_name, load_range
+from fem_snh.viewing.render import read_record
+from fem_snh.viewing.render.records import column_label, load_name, load_range
 
 
 def run_table(record: Mapping[str, Any]) -> pd.DataFrame:
@@ -34,6 +36,27 @@ def run_table(record: Mapping[str, Any]) -> pd.DataFrame:
     low, high = load_range(dict(record))
     table[load_name(dict(record))] = low + table["load"].astype(float) * (high - low)
     return table
+
+
+def list_columns(folder: Path) -> list[str]:
+    """Return a line for each column of a run's steps that has numbers: name, value, unit.
+
+    The values are those of the last step that converged. Units are those that the scene states.
+
+    Raises
+    ------
+    BadInput
+        If the folder is not that of a run, or no step has converged.
+    """
+    record = read_record(folder)
+    rows = []
+    for name, values in run_table(record).items():
+        number = pd.to_numeric(values, errors="coerce").iloc[-1]
+        if pd.notna(number):
+            unit = column_label(str(name), [record]).removeprefix(str(name)).strip(" []")
+            rows.append((str(name), f"{number:.6g}", unit))
+    wide, digits = (max(len(row[k]) for row in rows) for k in (0, 1))
+    return [f"{name:{wide}}  {number:>{digits}}  {unit}".rstrip() for name, number, unit in rows]
 
 
 def column(table: pd.DataFrame, name: str) -> pd.Series:
@@ -54,8 +77,15 @@ def column(table: pd.DataFrame, name: str) -> pd.Series:
     return pd.to_numeric(table[name], errors="coerce")
 
 
-def curve_figure(tables: Mapping[str, pd.DataFrame], x: str, y: Sequence[str]) -> Figure:
+def curve_figure(
+    tables: Mapping[str, pd.DataFrame],
+    x: str,
+    y: Sequence[str],
+    label_of: Callable[[str], str] = str,
+) -> Figure:
     """Return a panel for each of ``y`` over ``x``, with a line for each table.
+
+    ``label_of`` returns the label of a column.
 
     Raises
     ------
@@ -70,8 +100,8 @@ def curve_figure(tables: Mapping[str, pd.DataFrame], x: str, y: Sequence[str]) -
             order = across.sort_values(kind="stable").index if _is_study(table) else across.index
             ax.plot(across[order], values[order], label=plain(label), **style(index, len(table)))
     for ax, name in zip(axes, y, strict=True):
-        ax.set_xlabel(plain(x))
-        ax.set_ylabel(plain(name))
+        ax.set_xlabel(plain(label_of(x)))
+        ax.set_ylabel(plain(label_of(name)))
     legend(figure, axes[0])
     return figure
 

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from fem_snh.viewing.plots.style import colour, style
+from fem_snh.viewing.render.records import unit_name
 
 #: The energies of one run, and the styles of their lines. The sum is that of the first three.
 PARTS = {
@@ -31,6 +32,7 @@ def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[s
     names : sequence of str
         Their names in the legend of the other panels, whose colours the sums have.
     """
+    joule = unit_name("J", records)
     if len(records) == 1:
         for number, (key, line) in enumerate(PARTS.items()):
             times, values = energies(records[0], key)
@@ -38,13 +40,13 @@ def draw_energies(ax: Axes, records: Sequence[dict[str, Any]], names: Sequence[s
                 label = "sum" if key == "energy" else key
                 ax.plot(times, values, color=colour(number), ls=line, lw=1.6, label=label)
         ax.legend(frameon=False, fontsize=8)
-        ax.set_ylabel("energy [J]")
+        ax.set_ylabel(f"energy [{joule}]")
     else:
         for number, record in enumerate(records):
             times, values = energies(record, "energy")
             ax.plot(times, values, label=names[number], **style(number, len(times)))
-        ax.set_ylabel("kinetic + elastic + potential energy [J]")
-    ax.set_xlabel("time [s]")
+        ax.set_ylabel(f"kinetic + elastic + potential energy [{joule}]")
+    ax.set_xlabel(f"time [{unit_name('s', records)}]")
 
 
 def energies(record: dict[str, Any], key: str) -> tuple[list[float], list[float]]:

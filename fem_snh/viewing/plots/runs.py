@@ -26,6 +26,7 @@ from fem_snh.viewing.plots.style import (
 from fem_snh.viewing.render import number, one_line
 from fem_snh.viewing.render.records import (
     axis_label,
+    column_label,
     duration,
     load_range,
     material_name,
@@ -72,7 +73,8 @@ def run_figure(records: Sequence[dict[str, Any]], newton: bool = False) -> Figur
             ax.plot(bad["x"], bad[panel], **failure(index))
     _paper_marks(axes[0], records)
     load = plain(", ".join(dict.fromkeys(axis_label(record) for record in records)))
-    for ax, label in zip(axes, [_LABELS.get(panel, plain(panel)) for panel in panels], strict=True):
+    labels = [_LABELS.get(panel) or plain(column_label(panel, records)) for panel in panels]
+    for ax, label in zip(axes, labels, strict=True):
         ax.set_xlabel(load)
         ax.set_ylabel(label)
         if label.endswith("step"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,12 @@ from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import ERRORS
 from fem_snh.run_record import load_record
+from fem_snh.units import Units
 from fem_snh.viewing.render.fields import check_field
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 from fem_snh.viewing.render.records import (
     check_hidden,
+    hidden_cells,
     load_name,
     load_unit,
     material_name,
@@ -50,7 +52,7 @@ class Job:
     """The input of a drawing process; ``out`` is the file, or the folder of the files.
 
     With ``revolve`` sections are drawn as bodies of revolution. ``note`` follows the label of the
-    colour bar.
+    colour bar. ``units`` are those of labels; None: SI, and no scale bar.
     """
 
     field: str
@@ -61,6 +63,7 @@ class Job:
     revolve: bool = False
     view: ViewOptions = WHOLE
     note: str = ""
+    units: Units | None = None
 
 
 def main(
@@ -94,7 +97,7 @@ def main(
     revolve : bool
         Draw an axisymmetric body revolved, with a quarter left open, in place of its section.
     view : ViewOptions, optional
-        Clip plane, camera and hidden solids.
+        Clip plane, camera and hidden parts.
 
     Raises
     ------
@@ -103,8 +106,9 @@ def main(
     """
     folder = Path(folder)
     if modes:
-        if revolve:
-            raise BadInput("--modes and --revolve: expected one of the two")
+        for option, given in (("--revolve", revolve), ("--hide", view and view.hide)):
+            if given:
+                raise BadInput(f"--modes and {option}: expected one of the two")
         from fem_snh.viewing.render.modes import main as draw_modes
 
         return draw_modes(folder, out, loads, view)
@@ -116,7 +120,8 @@ def main(
     chosen = choose_loads(list(run.states), loads)
     panels, note = [run.panel(load) for load in chosen], run.note(chosen)
     opacity = check_opacity(opacity)
-    draw(Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note))
+    units = Units.of(run.record)
+    draw(Job(field, title(run.record), panels, str(out), opacity, revolve, run.view, note, units))
     return out
 
 
@@ -160,15 +165,17 @@ class StoredRun:
     ------
     BadInput
         If a file is missing or cannot be read, or the run has not written the field or has no
-        solid of a name that is to be hidden.
+        part of a name that is to be hidden.
     """
 
     def __init__(
         self, folder: Path, field: str | None = None, view: ViewOptions | None = None
     ) -> None:
-        self.folder, self.view, self._field = Path(folder), view or WHOLE, field
+        self.folder, self._field = Path(folder), field
         self.record = read_record(self.folder)
-        check_hidden(self.record, self.view.hide)
+        hide = view.hide if view else ()
+        check_hidden(self.record, hide)
+        self.view = replace(view or WHOLE, hidden_cells=hidden_cells(self.record, hide))
         skin = self.folder / "skin.pvd"
         self.pvd = skin if skin.is_file() else self.folder / "fields.pvd"
         self.states = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing import render
-from fem_snh.viewing.render.records import material_name
+from fem_snh.viewing.render.records import common_units, material_name
 
 #: What separates the parts of a label.
 _DOT = "  ·  "
@@ -58,7 +58,8 @@ def main(
             own = [part for part in panel.label.split(_DOT) if part not in shared]
             panels[index] = replace(panel, label=_DOT.join(own))
         title += [part for part in shared if part not in title]
-    render.draw(render.Job(field, _DOT.join(title), panels, str(out)))
+    units = common_units([run.record for run in runs])
+    render.draw(render.Job(field, _DOT.join(title), panels, str(out), units=units))
     return out
 
 

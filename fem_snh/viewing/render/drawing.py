@@ -18,10 +18,13 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
+from fem_snh.units import Units
 from fem_snh.viewing.render.fields import is_nonnegative, label
 from fem_snh.viewing.render.obstacles import Obstacles, add_solid
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
@@ -34,6 +37,8 @@ WIDTH = 1600
 TOP, LABEL, FOOT = 90, 50, 130
 #: Size of the labels [points], and the mean width of their characters in it [pixels] (measured).
 LABEL_SIZE, CHARACTER = 8.5, 12.5
+#: Length of the scale bar, relative to the width of a panel, before it is rounded up.
+_SCALE_BAR = 0.1
 #: Largest height of a panel [pixels].
 TALLEST = 1200
 #: Pixels per inch, which relate sizes of fonts to pixels.
@@ -59,10 +64,11 @@ def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
         return "viridis", Normalize(0, 1), "neither"
     one_sided = is_nonnegative(field)
     signed = not one_sided and low < 0 < high
-    centre = 1.0 if field == "J" else 0.0 if signed else None
+    volume_ratio = field in ("J", "min_J")
+    centre = 1.0 if volume_ratio else 0.0 if signed else None
     if centre is not None:
         half = round_up(max(high - centre, centre - low, 1e-3))
-        half = min(half, 1.0) if field == "J" else half  # cells with J < 0 are inverted
+        half = min(half, 1.0) if volume_ratio else half  # cells with J < 0 are inverted
         low, high = centre - half, centre + half
     elif one_sided and high > 0:
         low = 0.0
@@ -97,6 +103,12 @@ class View:
     up: np.ndarray
     width: float
     height: float
+
+    def project(self, point: np.ndarray) -> tuple[float, float]:
+        """Return where a point is in the picture: 0 to 1 from left to right and from below."""
+        right, up = np.cross(self.up, self.towards), self.up
+        arm = point - self.centre
+        return 0.5 + float(arm @ right) / self.width, 0.5 + float(arm @ up) / self.height
 
     def place(self, camera: Any, distance: float) -> None:
         """Place a camera at a distance."""
@@ -158,6 +170,8 @@ class Drawing:
         Camera and clip plane.
     note : str
         What follows the label of the colour bar.
+    units : Units, optional
+        Those of labels; without them there is no scale bar.
     """
 
     def __init__(
@@ -168,8 +182,9 @@ class Drawing:
         loads: Sequence[float],
         options: ViewOptions | None = None,
         note: str = "",
+        units: Units | None = None,
     ) -> None:
-        self.field, self._note = field, note
+        self.field, self._note, self.units = field, note, units
         values = np.concatenate([body.values for body in bodies])
         self.cmap, self.norm, self.extend = colours(field, values)
         points = np.concatenate([p for b in bodies for p in (b.surface.points, b.ghost.points)])
@@ -186,7 +201,8 @@ class Drawing:
         options = ViewOptions(**job["view"])
         bodies = [body(panel["files"], field, options, job["revolve"]) for panel in panels]
         obstacles, loads = ([panel[key] for panel in panels] for key in ("obstacles", "load"))
-        return cls(field, bodies, obstacles, loads, options, job["note"]), bodies
+        units = job["units"] and Units(**job["units"])
+        return cls(field, bodies, obstacles, loads, options, job["note"], units), bodies
 
     def add(
         self,
@@ -253,21 +269,49 @@ class Drawing:
         # Rounding the colours to multiples of 4 is invisible and halves the file.
         return np.minimum(4 * np.round(averaged / 4), 255).astype(np.uint8)
 
-    def add_colour_bar(self, figure: Figure, height: int) -> None:
-        """Add the colour bar at the bottom of a figure ``height`` pixels high."""
+    def add_colour_bar(self, figure: Figure, height: int, pixels: int) -> None:
+        """Add the colour bar at the bottom of a figure ``height`` pixels high.
+
+        With the units of a scene, a scale bar is beside it; panels are ``pixels`` wide.
+        """
         bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
         figure.colorbar(
             ScalarMappable(self.norm, self.cmap), bar, orientation="horizontal",
             extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7),
         )  # fmt: skip
         bar.tick_params(labelsize=8)
-        text = f"{label(self.field)}, {self._note}" if self._note else label(self.field)
+        text = label(self.field, self.units) + (f", {self._note}" if self._note else "")
         bar.set_xlabel(text, fontsize=8.5, labelpad=2)
+        if self.units is None:
+            return
+        length = round_up(_SCALE_BAR * self.view.width)
+        part = length / self.view.width * pixels / (figure.get_figwidth() * figure.dpi)
+        line, at = np.array([0.0, part]) + 0.05, 86 / height
+        figure.add_artist(Line2D(line, [at, at], color="black", lw=1.5, marker="|", ms=6))
+        name = f"{length:g} {self.units.length}"
+        figure.text(0.05 + part / 2, 62 / height, name, fontsize=8, ha="center", va="top")
 
 
 def write_text(figure: Figure, x: float, y: float, text: str, size: float) -> Any:
     """Write a user's text, which is no formula, around a point of a figure."""
     return figure.text(x, y, text, ha="center", va="center", fontsize=size, parse_math=False)
+
+
+def mark_lowest(figure: Figure, where: tuple[float, float], value: float, flip: bool) -> None:
+    """Draw a ring around a point of a figure, and the smallest J beside it.
+
+    The value is to the right of the ring, or to its left with ``flip``.
+    """
+    for width, shade in ((3.5, "white"), (1.5, "black")):
+        figure.add_artist(
+            Line2D(*[[x] for x in where], marker="o", ms=9, mfc="none", mec=shade, mew=width)
+        )
+    text = f"min J {value:.2f}".replace("-", "\u2212")
+    figure.text(
+        where[0] + (-0.011 if flip else 0.011), where[1], text, fontsize=8, va="center",
+        ha="right" if flip else "left",
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )  # fmt: skip
 
 
 def draw(job: dict[str, Any]) -> None:
@@ -297,7 +341,12 @@ def draw(job: dict[str, Any]) -> None:
         figure.figimage(image, left, low)
         x, y = (left + wide / 2) / WIDTH, (low + tall + LABEL / 3) / height
         write_text(figure, x, y, panel["label"], size)
-    drawing.add_colour_bar(figure, height)
+        if lowest := bodies[i].lowest:
+            across, upwards = where.project(lowest[0])
+            if 0 < across < 1 and 0 < upwards < 1:  # not outside of a magnified view
+                at = (left + wide * across) / WIDTH, (low + tall * upwards) / height
+                mark_lowest(figure, at, lowest[1], across > 0.7)
+    drawing.add_colour_bar(figure, height, wide)
     out = Path(job["out"])
     options: dict[str, Any] = {"format": out.suffix[1:], "pil_kwargs": {"optimize": True}}
     make_folder_of(out)

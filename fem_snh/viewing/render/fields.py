@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import NAMED, STANDARD, VECTOR, OutputField
+from fem_snh.units import Units
 
 _KNOWN = STANDARD | NAMED
 #: Arrays of VTK files that describe the mesh.
@@ -31,8 +32,13 @@ def component_index(field: str) -> int | None:
     return _components(name).index(component) if component else None
 
 
-def label(field: str) -> str:
-    """Return the label of the colour bar of a field or component, with its unit."""
+def label(field: str, units: Units | None = None) -> str:
+    """Return the label of the colour bar of a field or component, with its unit.
+
+    Without ``units`` it is that of SI, and a displacement has none.
+    """
+    if field == "displacement" and units:
+        return f"{_LABELS[field]} [{units.length}]"
     if field in _LABELS:
         return _LABELS[field]
     name, component = split_component(field)
@@ -42,7 +48,7 @@ def label(field: str) -> str:
         text = f"{text}, {component}"
     elif known.components:
         text = f"magnitude of the {text}"
-    return f"{text} [{known.unit}]" if known.unit else text
+    return f"{text} [{(units or Units()).name(known.unit)}]" if known.unit else text
 
 
 def is_nonnegative(field: str) -> bool:

@@ -19,6 +19,7 @@ from PIL import Image
 
 from fem_snh.atomic_files import make_folder_of, remove
 from fem_snh.errors import BadInput
+from fem_snh.units import Units
 from fem_snh.viewing.render.drawing import DPI, FOOT, LABEL, TOP, Drawing, write_text
 from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.surfaces import body_of
@@ -35,11 +36,13 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
     """Yield the frames as RGB arrays (height, width, 3) uint8, of even height and width."""
     loads = [panel["load"] for panel in job["panels"]]
     files = [panel["files"] for panel in job["panels"]]
-    states = InterpolatedStates(dict(zip(loads, files, strict=True)), job["field"])
-    # The view and the range of colours are those of all stored states together.
     options = ViewOptions(**job["view"])
+    stored = dict(zip(loads, files, strict=True))
+    states = InterpolatedStates(stored, job["field"], options.hidden_cells)
+    # The view and the range of colours are those of all stored states together.
     bodies = [body_of(states.grid(load), job["field"], options) for load in loads]
-    drawing = Drawing(job["field"], bodies, [job["obstacles"]] * len(loads), loads, options)
+    obstacles, units = [job["obstacles"]] * len(loads), job["units"] and Units(**job["units"])
+    drawing = Drawing(job["field"], bodies, obstacles, loads, options, units=units)
     where = drawing.view
     wide = min(_WIDTH, round(_TALLEST * where.width / where.height))
     del bodies
@@ -56,7 +59,7 @@ def frames(job: dict[str, Any]) -> Iterator[np.ndarray]:
             write_text(figure, 0.5, 1 - TOP / 2 / height, job["title"], 8)
             label = write_text(figure, 0.5, 1 - TOP / height, "", 7)
             shown = figure.figimage(image, (_WIDTH - wide) // 2, FOOT)
-            drawing.add_colour_bar(figure, height)
+            drawing.add_colour_bar(figure, height, wide)
         shown.set_data(image)
         value = float(np.interp(load, loads, job["names"]))
         label.set_text(f"{job['load_name']} {value:.{decimals}f}{job['load_unit']}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import BadInput
+from fem_snh.units import Units
 from fem_snh.viewing import render
 from fem_snh.viewing.render.options import WHOLE, ViewOptions
 
@@ -52,8 +53,8 @@ def main(
             raise BadInput(f"{folder / 'modes.pvd'}: holds no mode {number}")
         files = [str(file) for file in stored[number]]
         panels.append(render.Panel(files, label(number, frequencies[number - 1])))
-    shown = view or WHOLE
-    render.draw(render.Job("mode", render.title(record), panels, str(out), view=shown))
+    shown, units = view or WHOLE, Units.of(record)
+    render.draw(render.Job("mode", render.title(record), panels, str(out), view=shown, units=units))
     return out
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from fem_snh.atomic_files import output_path
 from fem_snh.errors import BadInput, bad_value
+from fem_snh.units import Units
 from fem_snh.viewing.render import Job, Panel, StoredRun, check_opacity, title
 from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.records import load_name, load_unit, obstacle_poses, parameter
@@ -68,7 +69,7 @@ def main(
     opacity : float
         Opacity of the body, as for `fem_snh.viewing.render.main`.
     view : ViewOptions, optional
-        Clip plane, camera and hidden solids.
+        Clip plane, camera and hidden parts.
 
     Raises
     ------
@@ -95,6 +96,7 @@ def main(
         str(out),
         check_opacity(opacity),
         view=run.view,
+        units=Units.of(run.record),
         names=[parameter(run.record, load) for load in run.states],
         load_name=load_name(run.record),
         load_unit=load_unit(run.record),

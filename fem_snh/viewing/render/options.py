@@ -1,4 +1,4 @@
-"""What pictures and pages show of a body, from which side: clip plane, camera, hidden solids."""
+"""What pictures and pages show of a body, from which side: clip plane, camera, hidden parts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ class ViewOptions:
     zoom : float
         Magnification: 1 shows the whole body.
     hide : tuple of str
-        Names of obstacles and bones that are not drawn.
+        Names of obstacles, bones, groups of cells and materials that are not drawn.
+    hidden_cells : tuple of int
+        Values of the field ``cell_group`` in cells that are not drawn.
     """
 
     clip: Point | None = None
@@ -47,6 +49,7 @@ class ViewOptions:
     up: Point | None = None
     zoom: float = 1.0
     hide: tuple[str, ...] = ()
+    hidden_cells: tuple[int, ...] = ()
 
 
 #: The whole body from the default side.
@@ -74,7 +77,7 @@ def view_options(
     zoom : float
         Magnification.
     hide : iterable of str
-        Names of obstacles and bones.
+        Names of obstacles, bones, groups of cells and materials.
 
     Raises
     ------

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from fem_snh.errors import bad_value
+from fem_snh.run_tables import column_unit
+from fem_snh.units import Units
 
 #: Keys of run.json whose solids are drawn.
 KINDS = ("obstacles", "bones")
@@ -55,12 +57,30 @@ def load_name(record: dict[str, Any]) -> str:
 
 def load_unit(record: dict[str, Any]) -> str:
     """Return the unit of the load parameter, after a space; none for a quasi-static run."""
-    return "" if duration(record) is None else " s"
+    return "" if duration(record) is None else f" {unit_name('s', [record])}"
+
+
+def common_units(records: Sequence[dict[str, Any]]) -> Units | None:
+    """Return the units that the scenes of all runs state; None if one states none or others."""
+    found = {Units.of(record) for record in records}
+    return found.pop() if len(found) == 1 else None
+
+
+def unit_name(unit: str, records: Sequence[dict[str, Any]]) -> str:
+    """Return the name of an SI unit in the units of runs, which are SI units if none are stated."""
+    return (common_units(records) or Units()).name(unit)
+
+
+def column_label(name: str, records: Sequence[dict[str, Any]]) -> str:
+    """Return a column's name, with its unit if the scenes state their units."""
+    steps, units = [step for r in records for step in r["steps"]], common_units(records)
+    unit = next(filter(None, (column_unit(name, step) for step in steps)), "") if units else ""
+    return f"{name} [{units.name(unit)}]" if units and unit else name
 
 
 def axis_label(record: dict[str, Any]) -> str:
     """Return the label of an axis of the load parameter."""
-    return load_name(record) if duration(record) is None else f"{load_name(record)} [s]"
+    return load_name(record) + (f" [{load_unit(record).strip()}]" if load_unit(record) else "")
 
 
 def parameter(record: dict[str, Any], stored: float) -> float:
@@ -77,12 +97,20 @@ def step_at(record: dict[str, Any], stored: float) -> dict[str, Any] | None:
 
 
 def check_hidden(record: dict[str, Any], names: Collection[str]) -> None:
-    """Raise BadInput for a name that no obstacle and no bone of a run has."""
-    known = [name for kind in KINDS for name in record.get(kind, {})]
+    """Raise BadInput for a name that no obstacle, bone or group of cells of a run has."""
+    groups = [name for part in record.get("cell_groups", []) for name in part]
+    known = list(dict.fromkeys([n for kind in KINDS for n in record.get(kind, {})] + groups))
     for name in names:
         if name not in known:
-            accepted = f"one of {', '.join(known)}" if known else "a run with obstacles or bones"
+            accepted = "a run with obstacles, bones or several groups of cells"
+            accepted = f"one of {', '.join(known)}" if known else accepted
             raise bad_value("--hide", name, accepted, known)
+
+
+def hidden_cells(record: dict[str, Any], names: Collection[str]) -> tuple[int, ...]:
+    """Return the values of the field ``cell_group`` in groups or materials of some names."""
+    parts = record.get("cell_groups", [])
+    return tuple(number for number, part in enumerate(parts) if not set(names).isdisjoint(part))
 
 
 def obstacle_poses(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from vtkmodules.vtkCommonCore import mutable
 from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
-from fem_snh.output_fields import SUMMED
+from fem_snh.output_fields import CELL_GROUP, SUMMED
 from fem_snh.viewing.render.fields import component_index, split_component
 from fem_snh.viewing.render.options import ViewOptions
 
@@ -26,18 +26,45 @@ _HEXAHEDRON = np.array(
 )
 #: The name of the data that are the numbers of cells.
 _CELL = "fem_snh_cell"
+#: The field with the smallest J of each cell, which pictures of its means mark.
+_LOWEST = "min_J"
+#: Range of the smallest J of cells in which a body has no smallest.
+_SAME_J = 1e-6
 #: Largest displacement of a mode, relative to the diagonal of the body.
 _EXAGGERATION = 0.12
 
 
-def read_grid(files: list[str], field: str | None) -> pv.UnstructuredGrid:
+def read_grid(
+    files: list[str],
+    field: str | None,
+    hidden: Collection[int] = (),
+    also: Collection[str] = (),
+) -> pv.UnstructuredGrid:
     """Return one grid from the files of all ranks, without ghost cells and duplicate points.
 
     It has the displacement and one field; for a name such as ``cauchy_stress.xy``, that component
     under this name. With ``field=None`` it has all fields.
+
+    Parameters
+    ----------
+    files : list of str
+        The files of all ranks.
+    field : str or None
+        The field.
+    hidden : collection of int
+        Values of ``cell_group`` of the cells that are left out.
+    also : collection of str
+        Further fields, of those that the files have.
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be read or lacks a field, or all cells are left out.
     """
     pieces = []
     needed = {"displacement"} | ({split_component(field)[0]} if field else set())
+    needed |= {CELL_GROUP} if hidden else set()
+    kept = {"displacement", field, *also}
     for file in files:
         try:
             piece: Any = pv.read(file)
@@ -46,16 +73,22 @@ def read_grid(files: list[str], field: str | None) -> pv.UnstructuredGrid:
         for name in sorted(needed):
             if name not in piece.array_names:
                 raise BadInput(f"{file}: has no '{name}', only {', '.join(piece.array_names)}")
-        ghost = piece.cell_data.get("vtkGhostType")
-        if ghost is not None and np.any(ghost):
-            piece = piece.extract_cells(np.asarray(ghost) == 0)
+        left_out = np.asarray(piece.cell_data.get("vtkGhostType", np.zeros(piece.n_cells))) != 0
+        if hidden:
+            left_out |= np.isin(piece.cell_data[CELL_GROUP], list(hidden))
+        if left_out.any():
+            piece = piece.extract_cells(~left_out)
+        if not piece.n_cells:
+            continue
         if field:
             _select_component(piece, field)
-        for name in set(piece.array_names) - {"displacement", field}:
+        for name in set(piece.array_names) - kept:
             if field or name.startswith("vtk"):
                 piece.point_data.pop(name, None)
                 piece.cell_data.pop(name, None)
         pieces.append(piece)
+    if not pieces:
+        raise BadInput("--hide: nothing of the body is left: expected fewer names")
     if len(pieces) == 1:
         return pieces[0]
     grid: Any = pv.merge(pieces, merge_points=False)
@@ -131,13 +164,18 @@ def exaggerate(grid: pv.UnstructuredGrid) -> None:
 
 @dataclass
 class DrawnBody:
-    """The geometry of one panel and the values of its field."""
+    """The geometry of one panel and the values of its field.
+
+    ``lowest`` is where the smallest J at a quadrature point is, and its value: the centre of a
+    deformed cell, or a point of a skin. It may lie inside of the body.
+    """
 
     surface: pv.PolyData
     edges: pv.PolyData | None
     rest: pv.PolyData
     ghost: pv.PolyData
     values: np.ndarray
+    lowest: tuple[np.ndarray, float] | None = None
 
 
 def is_flat(points: np.ndarray) -> bool:
@@ -177,7 +215,8 @@ def revolve(item: DrawnBody, field: str) -> DrawnBody:
         side.point_data[field] = np.tile(outline.point_data[field], _STEPS + 1)
     whole = pv.merge([side, _caps(surface)], merge_points=False)
     edges = None if item.edges is None else _caps(item.edges)
-    return DrawnBody(whole, edges, _caps(item.rest), _caps(item.ghost), item.values)
+    lowest = item.lowest and (_turned(item.lowest[0][None], _FIRST)[0], item.lowest[1])
+    return DrawnBody(whole, edges, _caps(item.rest), _caps(item.ghost), item.values, lowest)
 
 
 def _turned(points: np.ndarray, angle: float) -> np.ndarray:
@@ -283,7 +322,8 @@ def body(
     files: list[str], field: str, options: ViewOptions | None = None, revolved: bool = False
 ) -> DrawnBody:
     """Return the geometry of one load from the files of all ranks, of a section ``revolved``."""
-    grid = read_grid(files, field)
+    hidden = options.hidden_cells if options else ()
+    grid = read_grid(files, field, hidden, (_LOWEST,) if field == "J" else ())
     if field == "mode":
         exaggerate(grid)
     if not np.all(np.isfinite(grid["displacement"])):
@@ -318,12 +358,35 @@ def body_of(
     ghost = rest.extract_feature_edges(
         feature_angle=35, manifold_edges=False, non_manifold_edges=False
     )
+    lowest = _lowest(deformed)
     if options and options.clip:
         origin = options.clip_point or tuple(grid.center)
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
+        lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
     values = np.asarray(surface[field], dtype=float)
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
     surface[field] = values
-    return DrawnBody(surface, edges, rest, ghost, values)
+    return DrawnBody(surface, edges, rest, ghost, values, lowest)
+
+
+def _lowest(
+    grid: pv.UnstructuredGrid, normal: np.ndarray | None = None, origin: np.ndarray | None = None
+) -> tuple[np.ndarray, float] | None:
+    """Return where the smallest J of a deformed grid is, and its value; None where J is uniform.
+
+    With a plane, only what is behind it counts.
+    """
+    if _LOWEST not in grid.array_names:
+        return None
+    per_cell = _LOWEST in grid.cell_data
+    points = np.asarray(grid.cell_centers().points if per_cell else grid.points, dtype=float)
+    values = np.asarray(grid[_LOWEST], dtype=float)
+    shown = np.isfinite(values)
+    if normal is not None:
+        shown &= (points - origin) @ normal <= 0
+    if not shown.any() or np.ptp(values[shown]) < _SAME_J:
+        return None
+    number = np.flatnonzero(shown)[values[shown].argmin()]
+    return points[number], float(values[number])

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from fem_snh.atomic_files import make_folder_of, output_path, replace_file
 from fem_snh.errors import BadInput
+from fem_snh.units import Units
 from fem_snh.viewing.render import Job, StoredRun
 from fem_snh.viewing.render.options import ViewOptions
 from fem_snh.viewing.render.worker import draw_elsewhere, require
@@ -41,7 +42,7 @@ def main(
     revolve : bool
         Show an axisymmetric body revolved, in place of its section.
     view : ViewOptions, optional
-        Clip plane, hidden solids, and the camera of the page's first view.
+        Clip plane, hidden parts, and the camera of the page's first view.
 
     Raises
     ------
@@ -61,8 +62,10 @@ def main(
     from fem_snh.viewing.view.page import page  # imports matplotlib
 
     with tempfile.TemporaryDirectory() as scratch:
+        units = Units.of(run.record)
+        job = Job(field, "", states, scratch, revolve=revolve, view=run.view, units=units)
         draw_elsewhere(
-            asdict(Job(field, "", states, scratch, revolve=revolve, view=run.view)),
+            asdict(job),
             "fem_snh.viewing.view.scenes",
         )
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]

@@ -15,7 +15,7 @@ from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
 from fem_snh.errors import BadInput
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.render.records import material_name, poisson_ratio
+from fem_snh.viewing.render.records import column_label, material_name, poisson_ratio
 
 #: Columns of the step table, in this order, as far as the steps have them.
 COLUMNS = (
@@ -55,7 +55,7 @@ def page(record: dict[str, Any], labels: Sequence[str], scenes: Sequence[bytes])
         status=escape(str(record.get("status", ""))),
         last=len(states) - 1,
         curves=_curves(record),
-        steps=_step_table(record["steps"]),
+        steps=_step_table(record),
         settings=_pairs(flatten(settings)),
         versions=_pairs(flatten(record.get("versions", {}))),
         # "</script" would end the script element, "<!--<script" the document.
@@ -75,9 +75,10 @@ def _curves(record: dict[str, Any]) -> str:
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
-def _step_table(steps: Sequence[dict[str, Any]]) -> str:
+def _step_table(record: dict[str, Any]) -> str:
+    steps = record["steps"]
     columns = [name for name in COLUMNS if any(name in step for step in steps)]
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    head = "".join(f"<th>{escape(column_label(name, [record]))}</th>" for name in columns)
     rows = "".join(
         ("<tr>" if step.get("converged", True) else '<tr class="failed">')
         + "".join(f"<td>{escape(cell(step.get(name)))}</td>" for name in columns)

@@ -35,7 +35,7 @@ def export(job: dict[str, Any]) -> None:
     drawing, bodies = Drawing.of(job)
     where = drawing.view
     initialize_serializers()
-    title = label(drawing.field).replace("  ", " ")
+    title = label(drawing.field, drawing.units).replace("  ", " ")
     for number, (item, solids) in enumerate(zip(bodies, drawing.solids, strict=True)):
         plotter: Any = pv.Plotter(off_screen=True, window_size=list(_WINDOW), border=False)
         plotter.background_color = "white"

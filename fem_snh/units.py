@@ -1,0 +1,131 @@
+"""Units: of stress, as files of test data state them, and those that pictures write for a scene.
+
+The program computes in any consistent units and converts nothing but test data.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from fem_snh.errors import BadInput, bad_value, choose, nearest
+
+#: Units of stress, and their sizes [Pa].
+STRESS_UNITS = {
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "GPa": 1e9,
+    "N/m^2": 1.0,
+    "N/mm^2": 1e6,
+    "bar": 1e5,
+    "psi": 6894.757293168361,  # lbf/in^2: 4.4482216152605 N / (0.0254 m)^2
+    "kgf/cm^2": 98066.5,
+    "kg/cm^2": 98066.5,
+}
+#: Units of length [m], force [N] and time [s].
+_LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_FORCES = {"N": 1.0, "kN": 1e3, "MN": 1e6, "mN": 1e-3, "uN": 1e-6, "kgf": 9.80665}
+_FORCES["lbf"] = 4.4482216152605
+_TIMES = {"s": 1.0, "ms": 1e-3}
+#: Largest relative difference of two sizes of one unit: those of pounds and inches are rounded.
+_SAME_SIZE = 1e-6
+#: Other spellings of units.
+_SPELLINGS = {"²": "^2", "**2": "^2", "cm2": "cm^2", "mm2": "mm^2", "m2": "m^2"}
+#: Units of forces, moments, energies and volumes in a plane: those per thickness.
+_PER_THICKNESS = {"N": "N/m", "N m": "N", "J": "N", "m^3": "m^2", "kg m/s": "N s/m"}
+_PER_THICKNESS["kg m^2/s"] = "N s"
+#: What derived units are in those of length, force and time.
+_DERIVED = {"J": "N m", "kg m/s": "N s", "kg m^2/s": "N m s"}
+
+
+def stress_unit(key: str, text: str) -> float:
+    """Return the size of a unit of stress [Pa]; raise BadInput for an unknown one."""
+    unit = _spelled(text)
+    by_case = {name.lower(): name for name in STRESS_UNITS if name.lower() != "mpa"}
+    return STRESS_UNITS[choose(key, by_case.get(unit.lower(), unit), list(STRESS_UNITS))]
+
+
+def _spelled(text: str) -> str:
+    """Return a unit in the spelling of the tables."""
+    unit = text.strip()
+    for other, ours in _SPELLINGS.items():
+        if unit.endswith(other) and not unit.endswith(ours):
+            unit = unit.removesuffix(other) + ours
+    return unit
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of a scene, for labels.
+
+    Attributes
+    ----------
+    length, force, stress, time : str
+        Their names; the stress is the force over the square of the length.
+    in_plane : bool
+        Whether forces, moments and energies are per thickness.
+    """
+
+    length: str = "m"
+    force: str = "N"
+    stress: str = "Pa"
+    time: str = "s"
+    in_plane: bool = False
+
+    @classmethod
+    def read(cls, text: str) -> Units:
+        """Return the units of a text such as "mm, N, MPa", in any order; the time is s or ms.
+
+        Raises
+        ------
+        BadInput
+            For an unknown unit, one that is missing or named twice, or a stress that is not the
+            force over the square of the length.
+        """
+        tables = {"length": _LENGTHS, "force": _FORCES, "stress": STRESS_UNITS, "time": _TIMES}
+        known = {unit: kind for kind, table in tables.items() for unit in table}
+        found: dict[str, str] = {}
+        for word in map(_spelled, text.split(",")):
+            if word not in known:
+                listed = "; ".join(
+                    f"of {kind} {', '.join(table)}" for kind, table in tables.items()
+                )
+                accepted = f"units, not {word!r}: {listed}{nearest(word, known)}"
+                raise bad_value("units", text, accepted)
+            if known[word] in found:
+                accepted = f"one unit of {known[word]}, not {found[known[word]]} and {word}"
+                raise bad_value("units", text, accepted)
+            found[known[word]] = word
+        if missing := [kind for kind in ("length", "force", "stress") if kind not in found]:
+            accepted = f'a unit of {" and of ".join(missing)} too, as "mm, N, MPa"'
+            raise bad_value("units", text, accepted)
+        size = _FORCES[found["force"]] / _LENGTHS[found["length"]] ** 2
+        if not math.isclose(STRESS_UNITS[found["stress"]], size, rel_tol=_SAME_SIZE):
+            same = [u for u, s in STRESS_UNITS.items() if math.isclose(s, size, rel_tol=_SAME_SIZE)]
+            means = " or ".join(same) or f"{size:.6g} Pa, which has no name here"
+            accepted = f"{found['force']} over {found['length']} squared as the unit of stress"
+            raise bad_value("units", text, f"{accepted}: {means}")
+        return cls(found["length"], found["force"], found["stress"], found.get("time", "s"))
+
+    @classmethod
+    def of(cls, record: dict[str, Any]) -> Units | None:
+        """Return the units of a run's run.json; None if its scene states none."""
+        if "units" not in record:
+            return None
+        try:
+            found = cls.read(str(record["units"]))
+        except BadInput as error:
+            raise BadInput(f"run.json: {error}") from None
+        flat = str(record.get("kinematics", "")).startswith("plane")
+        return cls(found.length, found.force, found.stress, found.time, flat)
+
+    def name(self, unit: str) -> str:
+        """Return the name of an SI unit, such as "Pa" or "m/s^2", in these units."""
+        unit = _PER_THICKNESS.get(unit, unit) if self.in_plane else unit
+        ours = {"m": self.length, "N": self.force, "Pa": self.stress, "s": self.time}
+        is_si = (self.length, self.force, self.time) == ("m", "N", "s")
+        words = unit if is_si else _DERIVED.get(unit, unit)
+        return re.sub(r"[A-Za-z]+", lambda word: ours.get(word[0], word[0]), words)
