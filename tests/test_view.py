@@ -14,6 +14,8 @@ from browser import console_errors, network_requests, open_page, picture, wait_f
 from picture_runs import bad, write_run
 
 from fem_snh.viewing import view
+from fem_snh.viewing.plots.curves import run_table
+from fem_snh.viewing.view.page import first_axes
 
 
 @pytest.fixture(scope="module")
@@ -103,3 +105,132 @@ def test_mistakes_are_one_line(page, tmp_path):
     assert "run.json" in bad(view.main, tmp_path)
     (tmp_path / "file").write_text("")
     assert "cannot write" in bad(view.main, folder, tmp_path / "file" / "a.html")
+
+
+def picked_values(browser: Any) -> dict[str, list[float]]:
+    """Return the numbers of each line that the page shows for the picked point."""
+    from selenium.webdriver.common.by import By
+
+    lines = browser.find_element(By.ID, "picked").text.splitlines()
+    return {
+        name: [
+            float(number) for number in values.replace(";", ",").replace("length", "").split(",")
+        ]
+        for name, values in (line.split(": ") for line in lines)
+    }
+
+
+def choose(browser: Any, element: Any, value: object) -> None:
+    browser.execute_script(
+        "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('change'))",
+        element, value,
+    )  # fmt: skip
+
+
+def test_click_shows_the_values_at_a_point(page):
+    """Of the deformed body, at the point under the cursor; they follow the states and the view."""
+    pyvista = pytest.importorskip("pyvista")
+    with open_page(page) as browser:
+        from selenium.webdriver import ActionChains
+        from selenium.webdriver.common.by import By
+
+        viewer, dot = (browser.find_element(By.ID, name) for name in ("viewer", "dot"))
+        wait_for(lambda: is_drawn(picture(viewer)))
+        assert not dot.is_displayed()
+        aim = ActionChains(browser, duration=10).move_to_element_with_offset(viewer, 11, -17)
+        aim.click().perform()
+        wait_for(dot.is_displayed)
+        found = picked_values(browser)
+        assert list(found) == ["J (volume ratio)", "displacement", "at rest", "now"]
+        *u, length = found["displacement"]
+        rest, now = np.array(found["at rest"]), np.array(found["now"])
+        assert now - rest == pytest.approx(u, abs=1e-4) and length == pytest.approx(
+            np.hypot(*u[:2])
+        )
+        reader = pyvista.get_reader(page.parent / "fields.pvd")
+        reader.set_active_time_value(1.0)
+        mesh = reader.read().combine()
+        there = pyvista.PolyData(rest[None]).sample(mesh)
+        # Faces are drawn as triangles, which differ from bilinear interpolation.
+        assert there["displacement"][0] == pytest.approx(u, abs=0.05)
+        assert there["J"][0] == pytest.approx(found["J (volume ratio)"][0], rel=1e-4)
+        box, frame = dot.rect, viewer.rect
+        middle = [frame["x"] + frame["width"] / 2 + 11, frame["y"] + frame["height"] / 2 - 17]
+        at = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+        assert at == pytest.approx(middle, abs=3)
+
+        choose(browser, browser.find_element(By.ID, "state"), 0)
+        wait_for(lambda: picked_values(browser)["displacement"] == [0, 0, 0, 0])
+        assert picked_values(browser)["at rest"] == pytest.approx(rest, abs=1e-4)
+        corner = ActionChains(browser, duration=10)
+        corner.move_to_element_with_offset(viewer, -200, -270).click().perform()
+        wait_for(lambda: not dot.is_displayed())
+        assert browser.find_element(By.ID, "picked").text.startswith("Click on the body")
+        assert not console_errors(browser) and not network_requests(browser)
+
+
+def test_curves_of_the_steps_are_beside_the_body(tmp_path):
+    """Any column over any other; the points of stored states choose them."""
+    folder = write_run(MPI.COMM_SELF, tmp_path, "Q1")
+    record = json.loads((folder / "run.json").read_text())
+    for number, step in enumerate(record["steps"]):
+        step["reactions"] = {"top": [0.0, 0.0, float(number) - 0.5]}
+        step["moments"] = {"top": [0.0, 0.0, 3.0 * number + 2]}
+    record["steps"].insert(1, {"load": 0.75, "converged": True, "min_J": None} | {"newton": 5})
+    record["units"] = "mm, N, MPa"
+    (folder / "run.json").write_text(json.dumps(record))
+    with open_page(view.main(folder)) as browser:
+        from selenium.webdriver.common.by import By
+
+        x, y, state = (browser.find_element(By.ID, name) for name in ("x", "y", "state"))
+
+        def shown() -> list[str]:
+            return [e.text for e in (y, x)], [
+                option.text
+                for axis in (y, x)
+                for option in axis.find_elements(By.TAG_NAME, "option")
+                if option.is_selected()
+            ]
+
+        names, selected = shown()
+        assert selected == ["top.moment.z [N mm]", "angle"]
+        assert all("newton" in name and "top.force.x [N]" in name for name in names)
+
+        def read() -> list[str]:
+            titles = browser.find_elements(By.CSS_SELECTOR, "#chart circle title")
+            return [title.get_attribute("textContent") for title in titles]
+
+        moment = "top.moment.z [N mm]"
+        assert read() == [f"angle 1.5708\n{moment} 2", f"angle 3.1416\n{moment} 5"]
+        option = next(o for o in y.find_elements(By.TAG_NAME, "option") if o.text == "newton")
+        choose(browser, y, option.get_attribute("value"))
+        assert [text.split("\n")[1] for text in read()] == ["newton 10", "newton 5", "newton 11"]
+        circles = browser.find_elements(By.CSS_SELECTOR, "#chart circle")
+        assert [c.get_attribute("class") for c in circles] == ["step stored", "step", "now"]
+        circles[0].click()
+        wait_for(lambda: state.get_property("value") == "1")
+        circles = browser.find_elements(By.CSS_SELECTOR, "#chart circle")
+        assert [c.get_attribute("class") for c in circles] == ["now", "step", "step stored"]
+        assert browser.find_element(By.ID, "label").text.startswith("angle π/2")
+        assert not console_errors(browser) and not network_requests(browser)
+
+
+def test_a_force_is_over_the_displacement_in_its_direction():
+    table = run_table(RECORD)
+    assert first_axes(RECORD, table) == ("far.z", "top.force.z")
+    named = RECORD | {"load_name": "stretch"}
+    assert first_axes(named, run_table(named)) == ("stretch", "top.force.z")
+    turned = json.loads(json.dumps(RECORD))
+    turned["steps"][0]["moments"] = {"top": [0, 0, 1.0]}
+    assert first_axes(turned, run_table(turned)) == ("load", "top.moment.z")
+    plain = RECORD | {"steps": [{"load": 1.0, "volume_ratio": 1.1}]}
+    assert first_axes(plain, run_table(plain)) == ("load", "volume_ratio")
+
+
+#: A run with a force, and two probes.
+RECORD: dict[str, Any] = {
+    "scene": "block", "load_name": "load", "steps": [{
+        "load": 1.0, "reactions": {"top": [0, 0, 2.0]},
+        "probes": {"near": [0, 0, 0.1], "far": [9, 0, 0.3]},
+    }],
+}  # fmt: skip

@@ -50,13 +50,16 @@ def list_columns(folder: Path) -> list[str]:
     """
     record = read_record(folder)
     rows = []
-    for name, values in run_table(record).items():
-        number = pd.to_numeric(values, errors="coerce").iloc[-1]
-        if pd.notna(number):
-            unit = column_label(str(name), [record]).removeprefix(str(name)).strip(" []")
-            rows.append((str(name), f"{number:.6g}", unit))
+    for name, number in numbers(run_table(record)).iloc[-1].dropna().items():
+        unit = column_label(str(name), [record]).removeprefix(str(name)).strip(" []")
+        rows.append((str(name), f"{number:.6g}", unit))
     wide, digits = (max(len(row[k]) for row in rows) for k in (0, 1))
     return [f"{name:{wide}}  {number:>{digits}}  {unit}".rstrip() for name, number, unit in rows]
+
+
+def numbers(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns that have numbers, as numbers."""
+    return table.apply(pd.to_numeric, errors="coerce").astype(float).dropna(axis=1, how="all")
 
 
 def column(table: pd.DataFrame, name: str) -> pd.Series:
@@ -72,8 +75,7 @@ def column(table: pd.DataFrame, name: str) -> pd.Series:
             above, below = name[:at], name[at + 1 :]
             if above in table and below in table:
                 return column(table, above) / column(table, below)
-    numbers = [c for c in table if pd.to_numeric(table[c], errors="coerce").notna().any()]
-    choose("column", name, numbers)
+    choose("column", name, list(numbers(table)))
     return pd.to_numeric(table[name], errors="coerce")
 
 

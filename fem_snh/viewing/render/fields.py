@@ -13,6 +13,8 @@ from fem_snh.units import Units
 _KNOWN = STANDARD | NAMED
 #: Arrays of VTK files that describe the mesh.
 _MESH = ("connectivity", "offsets", "types")
+#: The displacement of the drawn surface, also where the colours show its magnitude.
+VECTORS = "displacement vector"
 #: Labels that do not follow from label and unit.
 _LABELS = {
     "displacement": "|u|  (displacement)",

@@ -13,7 +13,7 @@ from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from fem_snh.errors import BadInput
 from fem_snh.output_fields import CELL_GROUP, SUMMED
-from fem_snh.viewing.render.fields import component_index, split_component
+from fem_snh.viewing.render.fields import VECTORS, component_index, split_component
 from fem_snh.viewing.render.options import ViewOptions
 
 #: Largest number of boundary faces with which element edges are drawn.
@@ -364,6 +364,7 @@ def body_of(
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
         lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
+    surface.point_data[VECTORS] = surface.point_data["displacement"]
     values = np.asarray(surface[field], dtype=float)
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)

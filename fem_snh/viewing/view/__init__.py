@@ -70,7 +70,7 @@ def main(
         )
         scenes = [(Path(scratch) / f"{k}.zip").read_bytes() for k in range(len(states))]
     make_folder_of(out)
-    replace_file(out, page(run.record, [state.label for state in states], scenes))
+    replace_file(out, page(run.record, field, states, scenes))
     return out
 
 

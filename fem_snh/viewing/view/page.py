@@ -8,14 +8,20 @@ from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
+from math import isfinite
 from string import Template
 from typing import Any
 
+import pandas as pd
 from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH
 
 from fem_snh.errors import BadInput
+from fem_snh.units import Units
+from fem_snh.viewing.plots.curves import numbers, principal_result, run_table, x_of
 from fem_snh.viewing.plots.runs import run_figure
-from fem_snh.viewing.render.records import column_label, material_name, poisson_ratio
+from fem_snh.viewing.render import Panel
+from fem_snh.viewing.render.fields import VECTORS, label
+from fem_snh.viewing.render.records import column_label, material_name, poisson_ratio, step_at
 
 #: Columns of the step table, in this order, as far as the steps have them.
 COLUMNS = (
@@ -27,41 +33,103 @@ COLUMNS = (
 _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 
 
-def page(record: dict[str, Any], labels: Sequence[str], scenes: Sequence[bytes]) -> str:
+def page(
+    record: dict[str, Any], field: str, states: Sequence[Panel], scenes: Sequence[bytes]
+) -> str:
     """Return the page.
 
     Parameters
     ----------
     record : dict
         The run's run.json.
-    labels : sequence of str
-        The states' labels.
+    field : str
+        The field that the colours show.
+    states : sequence of Panel
+        The states.
     scenes : sequence of bytes
         The states' scenes, from `fem_snh.viewing.view.scenes`.
     """
     title = f"{record['scene']}: {material_name(record)}, ν = {poisson_ratio(record)}"
-    states = [
-        {"label": label, "scene": b64encode(scene).decode()}
-        for label, scene in zip(labels, scenes, strict=True)
+    rows = [step for step in record["steps"] if step.get("converged", True)]
+    shown = [
+        {
+            "label": state.label,
+            "scene": b64encode(scene).decode(),
+            "row": row_of(rows, step_at(record, state.load)),
+        }
+        for state, scene in zip(states, scenes, strict=True)
     ]
+    units = Units.of(record)
+    about = _columns(record) | {
+        "states": shown,
+        "field": field,
+        "vectors": VECTORS,
+        "label": label(field, units),
+        "length": f" [{units.length}]" if units else "",
+    }
     viewer = HTML_VIEWER_PATH.read_text(encoding="utf-8").replace(_ICON, "data:,")
     if _ICON.split("${")[0] in viewer:
         raise BadInput(f"{HTML_VIEWER_PATH}: its icon has another address: install trame-vtk 2")
     elsewhere = ("scene", "status", "steps", "versions")
     settings = {key: value for key, value in record.items() if key not in elsewhere}
-    template = Template((files("fem_snh.viewing.view") / "page.html").read_text(encoding="utf-8"))
+    html, script = (
+        (files("fem_snh.viewing.view") / name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.js")
+    )
+    template = Template(html)
     return template.substitute(
         title=escape(title),
         status=escape(str(record.get("status", ""))),
-        last=len(states) - 1,
+        last=len(shown) - 1,
         curves=_curves(record),
         steps=_step_table(record),
         settings=_pairs(flatten(settings)),
         versions=_pairs(flatten(record.get("versions", {}))),
         # "</script" would end the script element, "<!--<script" the document.
-        states=json.dumps(states).replace("<", "\\u003c"),
+        states=json.dumps(about, allow_nan=False).replace("<", "\\u003c"),
+        script=script,
         viewer=b64encode(viewer.encode()).decode(),
     )
+
+
+def _columns(record: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of the steps that converged, and the numbers of those drawn first."""
+    try:
+        table = numbers(run_table(record))
+    except BadInput:
+        return {"columns": [], "x": 0, "y": 0}
+    columns = [
+        {"label": column_label(name, [record]), "values": finite_or_none(table[name])}
+        for name in table
+    ]
+    x, y = first_axes(record, table)
+    return {"columns": columns, "x": list(table).index(x), "y": list(table).index(y)}
+
+
+def row_of(rows: Sequence[dict[str, Any]], step: dict[str, Any] | None) -> int | None:
+    """Return the number of a step among the rows of a table."""
+    return next((number for number, row in enumerate(rows) if row is step), None)
+
+
+def finite_or_none(values: pd.Series) -> list[float | None]:
+    """Return numbers for JSON."""
+    return [float(value) if isfinite(value) else None for value in values]
+
+
+def first_axes(record: dict[str, Any], table: pd.DataFrame) -> tuple[str, str]:
+    """Return the columns of the first curve: the principal reaction, or else the volume.
+
+    It is over the load parameter; if that has no name of its own, a force is over the largest
+    displacement of a probe in its direction.
+    """
+    y, x = principal_result([record]) or "volume_ratio", x_of([record])
+    if y not in table:
+        y = x
+    along = [f"{name}{y[-2:]}" for name in record["steps"][-1].get("probes", {})]
+    along = [name for name in along if name in table and table[name].abs().max() > 0]
+    if ".force." in y and x == "load" and along:
+        x = max(along, key=lambda name: float(table[name].abs().max()))
+    return x, y
 
 
 def _curves(record: dict[str, Any]) -> str:

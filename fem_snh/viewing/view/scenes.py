@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,11 @@ from trame_vtk.modules.vtk.serializers import (
     reference_id,
     serialize,
 )
+from trame_vtk.modules.vtk.serializers.data import polydata_serializer
+from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
 
 from fem_snh.viewing.render.drawing import Drawing
-from fem_snh.viewing.render.fields import label
+from fem_snh.viewing.render.fields import VECTORS, label
 from fem_snh.viewing.render.obstacles import add_solid
 from fem_snh.viewing.render.worker import serve
 
@@ -35,10 +38,17 @@ def export(job: dict[str, Any]) -> None:
     drawing, bodies = Drawing.of(job)
     where = drawing.view
     initialize_serializers()
+    # The displacement, too, which is the surface's vectors.
+    fields = ["Normals", "TCoords", "Vectors"]
+    register_instance_serializer(
+        "vtkPolyData", partial(polydata_serializer, requested_fields=fields)
+    )
     title = label(drawing.field, drawing.units).replace("  ", " ")
     for number, (item, solids) in enumerate(zip(bodies, drawing.solids, strict=True)):
         plotter: Any = pv.Plotter(off_screen=True, window_size=list(_WINDOW), border=False)
         plotter.background_color = "white"
+        if VECTORS in item.surface.point_data:  # not of a revolved section
+            item.surface.set_active_vectors(VECTORS)
         drawing.add(
             plotter, item, {"opacity": 0.35, "line_width": 1}, 1, ambient=0.35, diffuse=0.75,
             scalar_bar_args={"title": title, "color": "black", "vertical": True},
