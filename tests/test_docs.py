@@ -123,16 +123,16 @@ def test_run_json_page_has_every_key(tmp_path: Path) -> None:
     """The tables of docs/reference/run_json.md are the keys of a run.json."""
     text = (ROOT / "docs/reference/run_json.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `(\w+)`", text, re.M))
-    asked = {"modes": {"count": 1}, "error": True, "stability": True}
+    asked = {"modes": {"count": 1}, "error": True, "stability": True, "units": "mm, N, MPa"}
     record = fem_snh.run("twist", cells=2, progress=False, **asked).record
     moved = fem_snh.run(in_time({"duration": 0.1, "steps": 1, "tolerance": 1.0}), progress=False)
     found = {*record, *record["steps"][-1], *record["seconds"], *record["modes"]}
     found |= {*moved.record, *moved.steps[0]}
     assert found <= listed
     assert listed - found <= {
-        "accuracy", "bones", "cavities", "contacts", "fields", "files", "lagged_change",
-        "linear_residual", "mixed_newton", "mixed_reason", "moments", "notes", "obstacles",
-        "resumed", "rigid", "self_contact", "solves", "static_condensation", "volumes",
+        "accuracy", "bones", "cavities", "cell_groups", "contacts", "fields", "files",
+        "lagged_change", "linear_residual", "mixed_newton", "mixed_reason", "moments", "notes",
+        "obstacles", "resumed", "rigid", "self_contact", "solves", "static_condensation", "volumes",
     }  # fmt: skip
 
 
