@@ -364,7 +364,8 @@ def body_of(
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
         lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
-    surface.point_data[VECTORS] = surface.point_data["displacement"]
+    if not (is_flat(grid.points) and np.any(grid["displacement"][:, 2])):  # no torsion
+        surface.point_data[VECTORS] = surface.point_data["displacement"]
     values = np.asarray(surface[field], dtype=float)
     if values.ndim == 2:
         values = np.linalg.norm(values, axis=1)
