@@ -92,8 +92,10 @@ class SurfaceSamples:
         self._triangles = order // len(weights)
         parts = np.outer(areas, weights)
         if revolved:
-            radii = surface.points[triangles, 0] @ _POINTS[corners][: len(weights)].T
-            parts *= 2 * np.pi * np.maximum(radii, 0.0)  # rounding errors on the axis
+            # The mean of r with the shape function of each sample as a weight: not 0 on the axis.
+            means = (1 + np.eye(2)) / 3 if fine else _POINTS[corners]
+            radii = np.maximum(surface.points[triangles, 0], 0.0)  # rounding errors
+            parts *= 2 * np.pi * (radii @ means.T)
         self._parts = parts.ravel()[order]
         self.areas = np.bincount(self._samples, self._parts)
         self._first = np.searchsorted(self._samples, np.arange(len(self.areas) + 1))
