@@ -22,6 +22,8 @@ from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
+from fem_snh.runs.first_level import first_scene
+from fem_snh.runs.progress import Progress
 
 mpi = pytest.mark.mpi
 _COOK = Path(__file__).parents[1] / "docs" / "results" / "tradeoff" / "cook.csv"
@@ -134,22 +136,27 @@ def test_decisions():
 
     levels = Levels(0.01, 1, {"max_dofs": 5000})
     levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
-    # At a corner the estimate of degree 1 may miss 40 % of what it finds.
-    assert not levels.reached and levels.worst == ("a", pytest.approx(0.14))
+    # The estimate of degree 1 may miss 40 % of what it finds: so much the corrected value is off.
+    assert not levels.reached and levels.worst == ("a", pytest.approx(0.04))
+    assert levels.rows[0].goals["a"].bound == pytest.approx(0.14)
     assert levels.refinement() == 2.0
     forecast = levels.forecast(2.0)
     assert (forecast.cells, forecast.dofs, forecast.memory) == (512, 4000, 8e6)
     assert not levels.exceeds(forecast, 0.0, 1e9)
     assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
     assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
-    # The corrected value changed by 0.002; the rate of the errors is 0.3: 2.5 * 0.002 * 0.3/0.7.
-    levels.add(LevelRow("Q1P0", 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.03))
-    assert levels.worst == ("a", pytest.approx(0.003))  # a tenth of the correction is more
-    assert levels.reached
-    assert levels.lines()[1] == "  a 0.998 +- 0.003 (0.3 %) (corrected)"
-    # The rate of the errors, 1/5, is the smallest that counts; the corrected one changed by 0.012.
-    levels.add(LevelRow("Q1P0", 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.98, 0.006))
-    assert levels.worst == ("a", pytest.approx(2.5 * 0.012 * 0.2 / 0.8))
+    levels.add(LevelRow("Q1P0", 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.02))
+    assert levels.reached and levels.worst == ("a", pytest.approx(0.008))
+    assert levels.lines()[1] == "  a 0.988 +- 0.008 (0.8 %) (corrected)"
+    # The next corrected value is further from that than both may be off: their difference counts.
+    levels.add(LevelRow("Q1P0", 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.97, 0.006))
+    assert levels.worst == ("a", pytest.approx(0.012)) and not levels.reached
+    # Parts that cancel are no small error.
+    levels = Levels(0.01, 1)
+    parts = {"mesh": 0.02, "time steps": -0.019}
+    goal = GoalError(1.0, 0.001, 1.0, parts=parts)
+    levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, steps=8), Estimate(goals={"a": goal}))
+    assert not levels.reached
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01, 1)
     row = LevelRow("Q1P0", 64, 500, 1.0, 1e6)
@@ -183,61 +190,66 @@ def reference(nu):
 
 
 @pytest.mark.parametrize(
-    ("element", "nu", "cells", "asked"),
-    [("Q1P0", 0.3, 8, 0.02), ("Q1", 0.4999, 8, 0.02), ("P1", 0.3, 4, 0.03)],
+    ("element", "nu", "cells", "asked", "keep", "used"),
+    [
+        ("Q1P0", 0.3, 8, 0.02, True, "Q1P0"),
+        ("Q1", 0.4999, 8, 0.02, True, "Q1P0"),
+        ("P1", 0.3, 4, 0.03, True, "P1"),
+        ("Q1P0", 0.3, 16, 0.005, False, "Q2"),
+        ("Q1", 0.4999, 16, 0.005, False, "Q2Q1"),
+        ("P1", 0.3, 16, 0.003, False, "P2"),
+    ],
 )
-def test_the_true_error_is_within_the_request(element, nu, cells, asked, tmp_path):
-    """Hexahedra by their number; tetrahedra where the error is; Q1 is replaced, as it locks."""
+def test_the_true_error_is_within_the_request(element, nu, cells, asked, keep, used, tmp_path):
+    """Hexahedra by their number; tetrahedra where the error is; degree 1 is raised."""
     keys = {"accuracy.goals": "corner.y", "accuracy.within": asked, "out": tmp_path / "run"}
-    keys["kinematics"] = "layer"
+    keys |= {"kinematics": "layer", "accuracy.keep_element": keep}
     result = solve("cook", element=element, nu=nu, cells=cells, **keys)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     accuracy = record["accuracy"]
     assert accuracy["reached"] and result.record["accuracy"] == accuracy
-    assert record["element"] == ("Q1P0" if element == "Q1" else element)
+    assert record["element"] == used
     levels = accuracy["levels"]
     assert len(levels) > 1
     assert [level["cells"] for level in levels] == sorted({level["cells"] for level in levels})
     # Only the first level follows the load steps.
     assert len(record["steps"]) == 1 and record["cells"] == levels[-1]["cells"]
     goal = levels[-1]["goals"]["corner.y"]
-    own = 1.4 * abs(goal["error"])
-    better = min((own, goal["value"]), (goal["uncertainty"], goal["corrected"]))
-    assert abs(better[1] - reference(nu)) <= min(asked * reference(nu), better[0])
+    error = abs(goal["best"] - reference(nu)) / reference(nu)
+    assert error <= min(asked, goal["relative"])
 
 
 @pytest.mark.parametrize("asked", [0.01, 0.003])
 def test_bounds_hold_at_a_corner_of_a_nearly_incompressible_body(asked):
-    """Cook's membrane: the estimate finds 0.8 to 0.6 of the error, less on finer meshes."""
+    """Cook's membrane: the estimate finds 1.0 to 0.7 of the error, less on finer meshes."""
     accuracy = {"within": asked, "goals": ["corner.y"]}
     found = fem_snh.run("cook", nu=0.4999, accuracy=accuracy).record["accuracy"]
     value, uncertain = exact("cook, nu 0.4999")
     assert found["reached"]
     for level in found["levels"]:
         goal = level["goals"]["corner.y"]
-        assert abs(goal["value"] - value) <= 1.8 * abs(goal["error"]) + uncertain * value
-        if goal["uncertainty"] is not None:
-            assert abs(goal["corrected"] - value) <= goal["uncertainty"] + uncertain * value
+        assert abs(goal["value"] - value) <= 1.5 * abs(goal["error"]) + uncertain * value
+        assert abs(goal["corrected"] - value) <= goal["uncertainty"] + uncertain * value
     assert goal["relative"] <= asked
 
 
 def test_round_bodies_have_curved_cells(capsys):
     """Each level is the same body, so the corrected values converge to that of the round one."""
-    accuracy = {"within": 0.02, "goals": ["right.force.x"]}
+    accuracy = {"within": 0.01, "goals": ["right.force.x"]}
     result = fem_snh.run("stretch", element="Q1P0", cells=6, steps=6, accuracy=accuracy)
     assert "order = 2 in place of 1: cells with curved faces" in capsys.readouterr().out
     found = result.record["accuracy"]
-    # Of 15 cells and 192 the estimates are alike: a third level tells that they can be trusted.
-    assert found["reached"] and len(found["levels"]) == 3
+    assert found["reached"] and len(found["levels"]) > 1
     goal = found["levels"][-1]["goals"]["right.force.x"]
     force, _ = exact("stretch")
-    assert goal["corrected"] == pytest.approx(force, rel=0.002)
+    assert goal["best"] == pytest.approx(force, rel=0.01)
     assert goal["corrected"] == pytest.approx(force, abs=goal["uncertainty"])
 
 
 def test_limits_end_the_levels(capsys):
     words = "run cook --element Q1P0 --cells 8 --nu 0.3 --accuracy 0.1% --max-dofs 1300"
-    assert main([*words.split(), "--set", "kinematics=layer"]) == 1
+    keep = ["--set", "kinematics=layer", "--set", "accuracy.keep_element=true"]
+    assert main([*words.split(), *keep]) == 1
     output = capsys.readouterr().out.splitlines()
     assert output[-1].startswith("not within 0.1 %: ")
     assert "max_dofs = 1,300: the next level has about" in output[-1]
@@ -277,7 +289,30 @@ def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
     monkeypatch.setattr("fem_snh.runs.levels.transfer_state", tear)
     found = fem_snh.run(
         "cook", kinematics="layer", element="Q1P0", cells=4, steps=1, petsc={"snes_max_it": 12},
-        accuracy={"within": 0.05, "goals": ["corner.y"]},
+        accuracy={"within": 0.05, "goals": ["corner.y"], "keep_element": True},
     )  # fmt: skip
     assert "the path is followed again" in capsys.readouterr().out
     assert found.record["accuracy"]["reached"] and len(found.record["accuracy"]["levels"]) > 1
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "element"),
+    [
+        ("twist", {"element": "Q1P0", "nu": 0.3}, "Q2"),
+        ("twist", {"element": "P1", "nu": 0.49}, "P2P0"),
+        ("cook", {"element": "P1", "nu": 0.49}, "P2P1"),  # triangles
+        ("cook", {"element": "Q1P0", "nu": 0.3, "accuracy.keep_element": True}, "Q1P0"),
+        ("press", {"element": "Q1", "nu": 0.3}, "Q1"),  # contact
+        ("bounce", {"element": "P1", "nu": 0.3}, "P1"),  # in time
+        # a stress without an energy
+        (
+            "twist",
+            {"material": "filtered_neo_hookean", "element": "Q1", "nu": 0.49},
+            "Q2",
+        ),  # no energy
+    ],
+)
+def test_the_element_of_the_levels(name, keys, element):
+    """Degree 2 where larger cells are the same body, and what the features and materials have."""
+    scene = scenes.load(name, **{"accuracy.within": 0.01, **keys})
+    assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == element

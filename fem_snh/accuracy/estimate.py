@@ -231,7 +231,7 @@ def estimate_error(
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
     mesh: Mesh | None = None,
-    locate: str = "all",
+    locate: str = "exactly",
 ) -> Estimate:
     """Return the errors of goals of a problem at its solution. Collective.
 
@@ -247,8 +247,10 @@ def estimate_error(
         Called before the lifted problem is created, with its unknowns and memory.
     mesh : Mesh, optional
         The mesh, whose groups describe where the error is.
-    locate : {"all", "largest"}
-        The goals whose errors are distributed to the cells; each costs a linear solve.
+    locate : {"exactly", "all", "largest"}
+        The goals whose errors are distributed to the cells; each costs a linear solve. The sum over
+        the cells is exactly the linearised error only with the Hessian at the lifted solution,
+        which is assembled for "exactly"; otherwise that of the last Newton iteration serves.
     """
     start, found = perf_counter(), Estimate()
     vectors = [goal.bind(problem)() for goal in goals]
@@ -289,8 +291,10 @@ def _find_errors(
     lift = Lift(problem, lifted)
     try:
         errors, unsettled = _differences(lift, goals, found)
-        # Locking is no part of what the lifted solution leaves.
-        found.saturation = factor = 1.0 if may_lock(problem) else saturation(lifted)
+        # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks.
+        triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
+        locks = may_lock(problem) and not triangles
+        found.saturation = factor = 1.0 if locks else saturation(lifted)
         for (name, goal), error, change in zip(
             list(found.goals.items()), errors, unsettled, strict=True
         ):
@@ -305,7 +309,7 @@ def _find_errors(
         if sizes and locate == "largest":
             largest = max(sizes, key=sizes.__getitem__)
             sizes = {largest: sizes[largest]}
-        cells = cell_indicators(lift, goals, sizes.__contains__, accurate=locate == "all")
+        cells = cell_indicators(lift, goals, sizes.__contains__, accurate=locate == "exactly")
         found.indicators = {name: factor * values for name, values in cells.items()}
         found.linear = lift.linear
     finally:

@@ -1,8 +1,8 @@
 """Decide on the levels of a run to a required accuracy: when it ends, and how fine the next is.
 
 The value of a goal is within the request if a bound of its error is: the estimate, times what it
-misses at a corner. From the second level on the corrected value may serve instead, as its own error
-is known then: from the change of the corrected value, and the rate at which the estimates decrease.
+misses at a corner. The corrected value serves instead if what the estimate misses is within the
+request. Where the corrected values of two levels contradict their bounds, their difference counts.
 """
 
 from __future__ import annotations
@@ -19,25 +19,17 @@ from fem_snh.accuracy.estimate import Estimate, GoalError
 
 Array = npt.NDArray[Any]
 
-#: The error of a corrected value is at least this part of the correction: in docs/results/error.md
-#: the effectivity is 0.9 to 1.1 at best where the solution is singular.
-_LEAST = 0.1
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
 #: part of it by time steps that are at most so many times shorter.
 _SMALL_PART, _PART_AIM, _MOST_SHORTER = 0.25, 0.15, 4.0
-#: Bound of an error over its estimate, by the degree of the displacement. At a corner, where the
-#: solution is r^a, one degree more on the same cells finds 1 - (p/(p + 1))^(4a) of the error: 0.78
-#: and 0.59 at a = 0.55, and 0.59 is measured (docs/theory/error.md).
-_SAFETY = {1: 1.4, 2: 1.8}
+#: Bound of an error over its estimate, by the degree of the displacement: 1.25 is measured with
+#: degree 1 and 1.35 with degree 2, 1.7 in components that are small (docs/results/error.md). What
+#: the corrected value misses is the estimate times this, less one.
+_SAFETY = {1: 1.4, 2: 1.5}
 #: The same of P2P0 on triangles, of which the estimate is a quarter to two thirds at a corner
 #: (docs/results/error.md).
 _SAFETY_OF_P2P0 = 4.0
-#: Bound of the error of a corrected value over its change times r/(1 - r), with the ratio r of the
-#: two levels' estimates: that would be left if the estimate found the same part of the error on
-#: both. At the corner of Cook's membrane it finds less on the finer one, and 2.0 to 2.3 are
-#: measured (docs/theory/error.md). r is taken as one of this range.
-_CORRECTED, _RATES = 2.5, (0.2, 0.8)
-#: A corrected value serves if the error of the value is at most so many times the request.
+#: A corrected value serves if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
 #: Relative errors are of the largest component of the same vector, or of this part of the largest
 #: displacement or force, if that is more.
@@ -65,8 +57,8 @@ class GoalLevel:
         The value, and the estimate of what is to be added to it.
     scale : float
         What the errors are relative to.
-    uncertainty : float or None
-        Bound of the error of the corrected value; None on the first level.
+    bound, uncertainty : float
+        Bounds of the errors of the value and of the corrected value.
     parts : dict of float
         The parts of the error by their source, in time.
     safety : float
@@ -76,9 +68,10 @@ class GoalLevel:
     value: float
     error: float
     scale: float
-    uncertainty: float | None = None
-    parts: dict[str, float] = field(default_factory=dict)
-    safety: float = 1.0
+    bound: float
+    uncertainty: float
+    parts: dict[str, float]
+    safety: float
 
     @property
     def corrected(self) -> float:
@@ -91,10 +84,10 @@ class GoalLevel:
 
     def best(self, asked: float) -> tuple[float, float]:
         """Return the value that is known better, or the corrected one, and a bound of its error."""
-        own = self.safety * abs(self.error)
-        if self.uncertainty is None or own > _LARGEST_CORRECTION * asked * self.scale:
-            return self.value, own
-        return min((self.value, own), (self.corrected, self.uncertainty), key=lambda b: b[1])
+        known = [(self.value, self.bound)]
+        if abs(self.error) <= _LARGEST_CORRECTION * asked * self.scale:
+            known.append((self.corrected, self.uncertainty))
+        return min(known, key=lambda pair: pair[1])
 
     @property
     def is_zero(self) -> bool:
@@ -227,18 +220,17 @@ class Levels:
         error = goal.error or 0.0
         corrected = goal.value + error
         scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
-        uncertainty = None
         singular = self.dim == 2 and row.element == "P2P0"
         safety = _SAFETY_OF_P2P0 if singular else self._safety
+        size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel
+        steps = abs(goal.parts.get("time steps", 0.0))
+        bound, uncertainty = safety * size, (safety - 1) * size + steps
         if before is not None and name in before.goals and row.fineness > before.fineness:
             last = before.goals[name]
             change = abs(corrected - last.corrected)
-            rate = abs(error / last.error) if last.error else inf
-            rate = min(max(rate, _RATES[0]), _RATES[1])
-            least = (safety if singular else _LEAST) * abs(error)
-            uncertainty = max(_CORRECTED * change * rate / (1 - rate), least)
-            uncertainty += abs(goal.parts.get("time steps", 0.0))
-        return GoalLevel(goal.value, error, scale, uncertainty, goal.parts, safety)
+            if change > uncertainty + last.uncertainty:
+                bound, uncertainty = size + change, change
+        return GoalLevel(goal.value, error, scale, bound, uncertainty, goal.parts, safety)
 
     @property
     def worst(self) -> tuple[str, float] | None:

@@ -42,6 +42,9 @@ def estimate_errors(
         from fem_snh.runs.time_errors import estimate_in_time
 
         return estimate_in_time(comm, scene, setup, goals, announce)
-    named = fields or bool(scene.accuracy and scene.accuracy.goals)
-    located = "all" if named or scene.within else "largest"
+    located = "exactly" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
+    if scene.within and not fields:
+        from fem_snh.runs.levels import is_bisected
+
+        located = "all" if is_bisected(scene) else "largest"
     return estimate_error(setup.problem, setup.make, goals, announce, setup.mesh, located)

@@ -22,7 +22,6 @@ import numpy.typing as npt
 from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
-from fem_snh.accuracy.state_notes import REPLACEMENTS
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import BadInput
@@ -30,6 +29,7 @@ from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
+from fem_snh.runs.first_level import first_scene, has_exact_cells
 from fem_snh.runs.result import Result
 
 if TYPE_CHECKING:
@@ -39,20 +39,6 @@ if TYPE_CHECKING:
     from fem_snh.runs.progress import Progress
     from fem_snh.runs.setup import Setup
 
-#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
-#: (docs/results/locking.md).
-_LOCKING = 0.4
-#: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
-#: So do triangles those whose half plane is a rectangle.
-_PLANE_FACES = ("bar", "block", "bracket", "cook", "cube", "two_blocks")
-_RECTANGLES = ("bushing", "cylinder", "tube")
-#: Built-in bodies with round faces: cells with straight edges would change their volume from level
-#: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
-_ROUND = ("ball", "cylinder", "indenter")
-#: Cells of the first level over those of the scene, along an edge; likewise time steps.
-_FIRST = 0.5
-#: Fewest cells along an edge of a first level, and fewest time steps.
-_FEWEST, _FEWEST_STEPS = 3, 16
 #: Bisection makes more cells than were wanted, as it leaves no hanging nodes: the wanted number is
 #: then reduced, down to this factor, until at most so many times as many are made.
 _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
@@ -159,7 +145,7 @@ def run_levels(
     wanted = scene.accuracy
     assert wanted is not None and wanted.within is not None
     limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}
-    scene = _first_scene(scene, printed)
+    scene = first_scene(scene, printed)
     refine = _refinement(scene)
     dim = kinematics_of(scene.kinematics).dim
     levels = Levels(wanted.within, ELEMENTS[scene.element].degree, limits, dim)
@@ -218,28 +204,6 @@ def _path(scene: scenes.Scene) -> dict[str, Any]:
     return {key: getattr(scene, key) for key in _ONE_STEP}
 
 
-def _first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
-    """Return the scene of the first level: a coarse mesh, and an element that does not lock."""
-    update: dict[str, Any] = {}
-    sheet = kinematics_of(scene.kinematics).plane_stress
-    locks = not sheet and max(material.nu for material in scene.materials) > _LOCKING
-    if locks and (other := REPLACEMENTS.get(scene.element)):
-        printed.line(f"element = '{other}' in place of '{scene.element}', which locks")
-        update["element"] = other
-    mesh = scene.mesh
-    if isinstance(mesh, scenes.Geometry) and scene.kinematics is None and mesh.source in _ROUND:
-        if mesh.parameters.get("order", 1) == 1:
-            printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
-            parameters = {**mesh.parameters, "order": 2}
-            update["mesh"] = mesh.model_copy(update={"parameters": parameters})
-    if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
-        update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST * scene.cells))
-    if scene.time:
-        steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST * scene.time.steps))
-        update["time"] = scene.time.model_copy(update={"steps": steps})
-    return scene.model_copy(update=update)
-
-
 Refine = Callable[
     [MPI.Comm, scenes.Scene, Level, "Estimate | None", float], tuple[scenes.Scene, Mesh | None]
 ]
@@ -250,20 +214,22 @@ def _refinement(scene: scenes.Scene) -> Refine:
     simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, scenes.Lattice):
         return _smaller_lattice
-    kinematics = kinematics_of(scene.kinematics)
-    exact = _PLANE_FACES + (_RECTANGLES if kinematics.revolved else ())
-    plane = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in exact
-    if scene.cells is not None and not (simplices and plane):
+    if scene.cells is not None and not (simplices and has_exact_cells(scene)):
         return _more_cells
     if simplices:
         return _bisected
     simplex, others = "tetrahedra", "hexahedra"
-    if kinematics.dim == 2:
+    if kinematics_of(scene.kinematics).dim == 2:
         simplex, others = "triangles", "quadrilaterals"
     raise BadInput(
         f"accuracy.within: mesh = {scene.mesh}: expected {simplex}, a lattice or a built-in "
         f"geometry with 'cells', as {others} of a file cannot be refined"
     )
+
+
+def is_bisected(scene: scenes.Scene) -> bool:
+    """Return whether a scene's mesh is refined where the errors are."""
+    return _refinement(scene) is _bisected
 
 
 def _more_cells(

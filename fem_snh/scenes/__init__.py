@@ -11,7 +11,7 @@ materials, never the solver.
 
 from __future__ import annotations
 
-from fem_snh.scenes._consistency import group_references, why_condensed
+from fem_snh.scenes._consistency import check_consistency, group_references, why_condensed
 from fem_snh.scenes._features import FEATURES, register_feature
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
@@ -51,8 +51,7 @@ __all__ = [
     "FEATURES", "GROUP", "Accuracy", "Amplitude", "BoneChoice", "Cavity",
     "Contact", "Damping", "Geometry", "Gravity", "Hold", "Lattice", "MaterialChoice", "Modes",
     "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
-    "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction", "describe",
-    "function",
-    "group_references", "load", "names", "own_parameters", "read_goal",
-    "read_toml", "register_feature", "validate", "why_condensed",
+    "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",
+    "check_consistency", "describe", "function", "group_references", "load", "names",
+    "own_parameters", "read_goal", "read_toml", "register_feature", "validate", "why_condensed",
 ]  # fmt: skip

@@ -217,6 +217,11 @@ class Accuracy(Table):
         default=None, description="Nor one whose estimate needs more memory [MB]."
     )
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
+    keep_element: bool = Field(
+        default=False,
+        description="Whether every level has the degree of the scene's element; otherwise one of "
+        "degree 1 is replaced where larger cells of degree 2 reach the accuracy sooner.",
+    )
 
 
 def read_goal(text: str, probes: Sequence[Probe], kinematics: Kinematics = SOLID) -> GoalName:

@@ -1,0 +1,122 @@
+"""The scene of the first level of a run to an accuracy: its element, mesh and time steps."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Any
+
+from fem_snh import scenes
+from fem_snh.accuracy.state_notes import REPLACEMENTS
+from fem_snh.assembly.elements import ELEMENTS
+from fem_snh.assembly.kinematics import kinematics_of
+from fem_snh.errors import BadInput
+from fem_snh.kernels.material import material
+from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.volume_split import split
+from fem_snh.runs.progress import Progress
+
+#: Poisson's ratio above which elements with a pointwise volume term are replaced: they lock
+#: (docs/results/locking.md).
+_LOCKING = 0.4
+#: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
+#: less time (docs/results/time_to_accuracy.md).
+_DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
+#: In place of P2P0 on triangles, whose error is estimated badly (docs/results/error.md).
+_PLANE = {"P2P0": "P2P1"}
+#: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
+#: So do triangles those whose half plane is a rectangle.
+_PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
+_RECTANGLES = ("bushing", "cylinder", "tube")
+#: Built-in bodies with round faces: cells with straight edges would change their volume from level
+#: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
+_ROUND = ("ball", "cylinder", "indenter")
+#: Built-in geometries whose cells have curved sides by default.
+_CURVED = ("bushing", "cord", "shell", "tube")
+#: Cells of the first level over those of the scene, along an edge, by the degree by which the
+#: element is raised; likewise time steps.
+_FIRST = (0.5, 0.25)
+#: Fewest cells along an edge of a first level, and fewest time steps.
+_FEWEST, _FEWEST_STEPS = 3, 16
+
+
+def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
+    """Return the scene of the first level: a coarse mesh of an element that does not lock.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, whose ``accuracy.within`` is set.
+    printed : Progress
+        Prints a line for each choice that is not the scene's.
+    """
+    update: dict[str, Any] = {}
+    mesh = scene.mesh
+    if isinstance(mesh, scenes.Geometry) and scene.kinematics is None and mesh.source in _ROUND:
+        if mesh.parameters.get("order", 1) == 1:
+            printed.line("order = 2 in place of 1: cells with curved faces, as the body is round")
+            parameters = {**mesh.parameters, "order": 2}
+            update["mesh"] = mesh.model_copy(update={"parameters": parameters})
+    scene = scene.model_copy(update=update)
+    element, reason = _element(scene)
+    if reason:
+        printed.line(f"element = '{element}' in place of '{scene.element}', {reason}")
+    raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
+    update = {"element": element}
+    if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
+        update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST[raised] * scene.cells))
+    if scene.time:
+        steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST[0] * scene.time.steps))
+        update["time"] = scene.time.model_copy(update={"steps": steps})
+    return scene.model_copy(update=update)
+
+
+def has_exact_cells(scene: scenes.Scene) -> bool:
+    """Return whether simplices with straight edges fill the scene's body exactly."""
+    exact = _PLANE_FACES + (_RECTANGLES if kinematics_of(scene.kinematics).revolved else ())
+    return isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in exact
+
+
+def _element(scene: scenes.Scene) -> tuple[str, str]:
+    """Return the element of the levels, and why it is not the scene's; empty if it is."""
+    sheet = kinematics_of(scene.kinematics).plane_stress
+    locks = not sheet and max(material.nu for material in scene.materials) > _LOCKING
+    own = scene.element
+    other = _DEGREE_2.get(own, own) if _may_raise(scene) else own
+    candidates = [other]
+    if locks and (without := REPLACEMENTS.get(other)):
+        plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
+        candidates = [plane.get(without, without), without, other]
+    fitting = next((name for name in candidates if _fits(scene, name)), own)
+    if fitting == own:
+        return own, ""
+    pointwise = ELEMENTS[own].volume == "pointwise"
+    return fitting, "which locks" if locks and pointwise else "which needs more unknowns"
+
+
+def _may_raise(scene: scenes.Scene) -> bool:
+    """Return whether larger cells of degree 2 are the same body.
+
+    In time, and with contact, the solution is less smooth than cells of degree 2 need.
+    """
+    assert scene.accuracy
+    if scene.accuracy.keep_element or scene.cells is None or scene.time:
+        return False
+    if not isinstance(scene.mesh, scenes.Geometry):
+        return False
+    if scene.obstacle or scene.contact or scene.self_contact:
+        return False
+    default = 2 if scene.mesh.source in _CURVED else 1
+    return has_exact_cells(scene) or scene.mesh.parameters.get("order", default) == 2
+
+
+def _fits(scene: scenes.Scene, element: str) -> bool:
+    """Return whether the scene's features and materials have an element."""
+    try:
+        scenes.check_consistency(scene.model_copy(update={"element": element}))
+        if ELEMENTS[element].volume != "pointwise":
+            for chosen in scene.materials:
+                energy = material(chosen.name, chosen.E, chosen.nu, **chosen.parameters).expression
+                split(energy, BOUNDS[ELEMENTS[element].volume])
+    except BadInput:
+        return False
+    return True
