@@ -138,6 +138,16 @@ def test_sweep_of_something_else_than_nu(tmp_path):
     assert figure.axes[0].get_xlabel() == "cells"
 
 
+@pytest.mark.parametrize("cells, label", [("10", "cells"), ("5", r"Poisson's ratio $\nu$")])
+def test_sweep_of_incompressible_bodies(tmp_path, cells, label):
+    """The axis of nu has no place for 1/2 beside other values."""
+    rows = "a,twist,yeoh,0.5,clamp,5,True,10,100,1,1\nb,twist,gent,0.5,clamp,%s,True,9,90,1,1\n"
+    (tmp_path / "sweep.csv").write_text(HEAD + rows % cells)
+    figure = sweep_figure(read_sweep(tmp_path / "sweep.csv"))
+    assert figure.axes[0].get_xlabel() == label
+    assert lines(figure, 0)["yeoh"].get_ydata().tolist() == [10]
+
+
 @pytest.mark.parametrize(
     "content", ["", "nu,material\n0.3,x\n", HEAD, HEAD + ROWS.replace("900", "many"), '\0\n"a']
 )

@@ -69,7 +69,8 @@ def read_sweep(path: Path) -> pd.DataFrame:
     table["volume_ratio"] = 100 * (table["volume_ratio"] - 1)
     nothing_done = ~table["converged"] & (table["newton"] == 0)
     table.loc[nothing_done, ["newton", "linear"]] = float("nan")
-    table = table[table["nu"] < 0.5].copy()  # nu = 1/2 is not on the logarithmic axis
+    if table["nu"].nunique() > 1:
+        table = table[table["nu"] < 0.5].copy()  # nu = 1/2 is not on the logarithmic axis
     if table[list(MEASURES)].isna().all(axis=None):
         raise BadInput(f"{path}: holds no result yet")
     return table
@@ -85,7 +86,8 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
     numbers = [c for c in varied if pd.api.types.is_numeric_dtype(table[c])]
     axis = numbers[0] if numbers and table["nu"].nunique() == 1 else "nu"
     # The axis is log(1/2 - nu), with the incompressible limit to the right.
-    position = (0.5 - table["nu"]) if axis == "nu" else table[axis].astype(float)
+    towards_half = axis == "nu" and bool((table["nu"] < 0.5).all())
+    position = (0.5 - table["nu"]) if towards_half else table[axis].astype(float)
     table = table.assign(position=position).sort_values(axis)
     figure, axes = subplots(len(MEASURES))
     lost = False
@@ -101,7 +103,7 @@ def sweep_figure(table: pd.DataFrame) -> Figure:
         ax.set_ylabel(label)
         ax.set_xlabel(r"Poisson's ratio $\nu$" if axis == "nu" else plain(axis))
         _place_ticks(
-            ax, ticks["position"].tolist(), [f"{v:.6g}" for v in ticks[axis]], axis == "nu"
+            ax, ticks["position"].tolist(), [f"{v:.6g}" for v in ticks[axis]], towards_half
         )
         _scale(ax, measure, table[measure])
     if not table["converged"].all():

@@ -363,6 +363,8 @@ def body_of(
         origin = options.clip_point or tuple(grid.center)
         surface, edges = clip(surface, edges, deformed, options.clip, origin)
         ghost = ghost.clip(normal=options.clip, origin=origin, invert=True)
+        behind = rest.clip(normal=options.clip, origin=origin, invert=True)
+        rest = behind if behind.n_cells else rest
         lowest = _lowest(deformed, np.array(options.clip), np.array(origin))
     if not (is_flat(grid.points) and np.any(grid["displacement"][:, 2])):  # no torsion
         surface.point_data[VECTORS] = surface.point_data["displacement"]
