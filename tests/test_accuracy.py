@@ -264,6 +264,7 @@ def test_limits_end_the_levels(capsys):
         ("cook --accuracy 200%", "expected per cent or a fraction, e.g. '1%' or 0.01"),
         ("cook --accuracy fine", "accuracy.within = 'fine': expected per cent"),
         ("cook --max-dofs 100", "accuracy.max_dofs = 100: expected with accuracy.within"),
+        ("cook --set accuracy.path=true", "accuracy.path = true: expected with accuracy.within"),
     ],
 )
 def test_bad_input(words, message, capsys):
@@ -277,6 +278,22 @@ def test_hexahedra_of_a_file_are_refused(tmp_path):
     scene = loaded.model_copy(update={"mesh": tmp_path / "cube.msh", "cells": None})
     with pytest.raises(BadInput, match="expected tetrahedra, a lattice or a built-in geometry"):
         solve(scene, **{"accuracy.within": 0.01})
+
+
+def test_the_load_steps_are_followed_on_the_last_mesh(capsys):
+    """Its rows are those of a run on that mesh; the goal is that of the level."""
+    scene = {"kinematics": "layer", "element": "Q1P0", "cells": 4, "nu": 0.3, "steps": 3}
+    asked = {"within": 0.05, "goals": ["corner.y"]}
+    short = fem_snh.run("cook", **scene, accuracy=asked, progress=False)
+    whole = fem_snh.run("cook", **scene, accuracy=asked | {"path": True})
+    assert "the load steps are followed on the last mesh" in capsys.readouterr().out
+    assert [row["load"] for row in short.steps] == [1.0]
+    assert [row["load"] for row in whole.steps] == pytest.approx([1 / 3, 2 / 3, 1.0])
+    assert whole.record["cells"] == short.record["cells"]
+    one, other = (found.record["accuracy"] for found in (short, whole))
+    assert len(one["levels"]) == len(other["levels"]) > 1 and other["reached"]
+    values = [found["levels"][-1]["goals"]["corner.y"]["value"] for found in (one, other)]
+    assert values[1] == pytest.approx(values[0], rel=1e-5)
 
 
 def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):

@@ -1,7 +1,8 @@
 """Run a scene to a required accuracy: levels of finer and finer meshes, each a run of the driver.
 
 The load steps are followed on the first mesh. A finer one starts from the end state of the level
-before it, interpolated, in one step to the full load. A motion is followed again on each level,
+before it, interpolated, in one step to the full load; on the last one they are followed again if
+the scene asks for the path. A motion is followed again on each level,
 with shorter time steps where their error is not small. `fem_snh.accuracy.levels` decides when the
 levels end and how fine the next is.
 """
@@ -155,16 +156,19 @@ def run_levels(
     def next_level(mesh: Mesh | None = None, before: Problem | None = None) -> Level:
         return Level(levels, start, mesh, before, float(current.cells or 0) if by_cells else 0.0)
 
+    def follow_path() -> tuple[scenes.Scene, Level, Result]:
+        """Solve the last level again, by the scene's own load steps."""
+        levels.rows.pop()
+        again, same = current.model_copy(update=_path(scene)), next_level(level.mesh)
+        return again, same, solve(again, folder=folder, level=same)
+
     level = next_level()
     while True:
         started = level.before is not None
         result = solve(current, folder=folder, level=level)
         if not result.converged and started:
             printed.line("the path is followed again: no equilibrium was found near the last state")
-            levels.rows.pop()
-            current = current.model_copy(update=_path(scene))
-            level = next_level(level.mesh)
-            result = solve(current, folder=folder, level=level)
+            current, level, result = follow_path()
         printed.level(levels.lines())
         if not result.converged or levels.reached:
             break
@@ -191,6 +195,10 @@ def run_levels(
             known = bool(levels.rows[-1].goals)
             current = current.model_copy(update=_ONE_STEP if known else _path(scene))
         level = next_level(mesh, result.problem if known else None)
+    if wanted.path and levels.reached and current.steps < scene.steps:
+        printed.line("the load steps are followed on the last mesh")
+        current, level, result = follow_path()
+        printed.level(levels.lines())
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
     return result

@@ -69,8 +69,9 @@ def _check_accuracy(accuracy: Accuracy, probes: Sequence[Probe], kinematics: Kin
         limit = getattr(accuracy, key)
         if limit is not None and accuracy.within is None:
             raise BadInput(f"accuracy.{key} = {limit:g}: expected with accuracy.within")
-    if accuracy.keep_element and accuracy.within is None:
-        raise BadInput("accuracy.keep_element = true: expected with accuracy.within")
+    for key in ("keep_element", "path"):
+        if getattr(accuracy, key) and accuracy.within is None:
+            raise BadInput(f"accuracy.{key} = true: expected with accuracy.within")
 
 
 def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:

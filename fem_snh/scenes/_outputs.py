@@ -210,6 +210,11 @@ class Accuracy(Table):
         description="Relative error that every goal may have: the scene is solved on finer and "
         "finer meshes until it has.",
     )
+    path: Annotated[bool, Expect("true or false")] = Field(
+        default=False,
+        description="Whether the load steps are followed on the last mesh too: steps.csv then has "
+        "the whole curve.",
+    )
     max_time: Positive | None = Field(
         default=None, description="No further level is begun that ends later [s]."
     )
