@@ -283,7 +283,7 @@ def test_hexahedra_of_a_file_are_refused(tmp_path):
 def test_the_load_steps_are_followed_on_the_last_mesh(capsys):
     """Its rows are those of a run on that mesh; the goal is that of the level."""
     scene = {"kinematics": "layer", "element": "Q1P0", "cells": 4, "nu": 0.3, "steps": 3}
-    asked = {"within": 0.05, "goals": ["corner.y"]}
+    asked = {"within": 0.01, "goals": ["corner.y"], "keep_element": True}
     short = fem_snh.run("cook", **scene, accuracy=asked, progress=False)
     whole = fem_snh.run("cook", **scene, accuracy=asked | {"path": True})
     assert "the load steps are followed on the last mesh" in capsys.readouterr().out
@@ -293,7 +293,7 @@ def test_the_load_steps_are_followed_on_the_last_mesh(capsys):
     one, other = (found.record["accuracy"] for found in (short, whole))
     assert len(one["levels"]) == len(other["levels"]) > 1 and other["reached"]
     values = [found["levels"][-1]["goals"]["corner.y"]["value"] for found in (one, other)]
-    assert values[1] == pytest.approx(values[0], rel=1e-5)
+    assert values[1] == pytest.approx(values[0], rel=1e-4)
 
 
 def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
