@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from running import rows, solve
+from test_cavity import SYMMETRIC, shell
 
 import fem_snh
 from benchmarks.accuracy_cases import exact as exact_value
@@ -27,7 +28,9 @@ from fem_snh.scenes.schema import (
     Hold,
     MaterialChoice,
     Move,
+    Obstacle,
     Probe,
+    Reaction,
     Scene,
     Traction,
 )
@@ -383,13 +386,48 @@ def test_an_estimate_that_is_mostly_unsettled_is_a_bound():
     assert text == "g 2, error below 0.010 %"
 
 
-def test_the_penalty_of_contact_is_not_in_the_estimate():
-    """A note says so: here it is 1.2 % of the force, more than the error of the mesh."""
-    found = solve("hertz", **{"accuracy.goals": "z = 0.force.z", "error": True})
-    (note,) = [note for note in found.notes if note["kind"] == "penalty"]
-    assert note["name"] == "obstacle 'plane'"
-    assert note["penetration"] == found.steps[-1]["obstacles"]["plane"]["penetration"]
+def test_the_penalty_of_contact_is_a_part_of_the_error():
+    """Of the ball's force it is more than what the mesh changes; both together are right."""
+    found = solve("hertz", cells=4, **{"accuracy.goals": "z = 0.force.z", "error": True})
     value, _ = exact_value("hertz")
     goal = found.goals["z = 0.force.z"]
-    assert abs(goal["error"]) < 0.005 * abs(value) < abs(goal["corrected"] - value)
-    assert solve("hertz").notes == []
+    parts = goal["parts"]
+    assert goal["error"] == pytest.approx(parts["mesh"] + parts["penalty"])
+    assert abs(parts["penalty"]) > 2 * abs(parts["mesh"])
+    assert abs(goal["corrected"] - value) < 0.2 * abs(goal["value"] - value)
+    assert [note["kind"] for note in found.notes] == []
+    # The state and the stiffness are those of before.
+    assert found.steps[-1]["obstacles"] == solve("hertz", cells=4).steps[-1]["obstacles"]
+
+
+@mpi
+def test_the_penalty_of_a_homogeneous_state():
+    """A plate compresses a cube: the penetration alone is wrong, and most of it is found."""
+    plate = Obstacle.model_validate(
+        {
+            "name": "plate",
+            "shape": {"plane": {"point": [0, 0, 1], "normal": [0, 0, -1]}},
+            "translate": [0, 0, -0.2],
+        }
+    )
+    update = {"move": [], "obstacle": [plate], "reactions": [Reaction(group="bottom")]}
+    pressed = stretched("Q1", nu=0.3).model_copy(update=update)
+    goal = solve(pressed).goals["bottom.force.z"]
+    assert abs(goal["parts"]["mesh"]) < 1e-5 * abs(goal["value"])
+    stiff = plate.model_copy(update={"stiffness": 1e6})
+    exact = solve(pressed.model_copy(update={"obstacle": [stiff]})).goals["bottom.force.z"]["value"]
+    assert abs(exact - goal["value"]) > 0.01 * abs(exact)
+    assert abs(exact - goal["corrected"]) < 0.1 * abs(exact - goal["value"])
+
+
+def test_an_incompressible_fluid_is_a_penalty():
+    """Its default stiffness stands for an infinite one; a given stiffness is the fluid's own."""
+    scene = shell(SYMMETRIC)
+    (fluid,) = scene.cavity
+    little = fluid.model_copy(update={"volume": fluid.volume / 8})  # before the limit point
+    scene = scene.model_copy(update={"error": True, "steps": 2, "cavity": [little]})
+    goal = solve(scene).goals["pole.x"]
+    other = little.model_copy(update={"stiffness": 1e5})
+    stiff = solve(scene.model_copy(update={"cavity": [other]})).goals["pole.x"]
+    assert goal["parts"]["penalty"] == pytest.approx(stiff["value"] - goal["value"], rel=0.05)
+    assert "parts" not in stiff

@@ -23,11 +23,13 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
+from fem_snh.accuracy.penalty import penalty_errors
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
+from fem_snh.solver import StepOutcome
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +68,8 @@ class GoalError:
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source; empty if there is one source, the mesh.
+        The parts of the estimate by their source: mesh, penalty, time steps; empty if there is one
+        source, the mesh.
     """
 
     value: float
@@ -154,6 +157,8 @@ class Estimate:
         The factor by which the difference of the two solutions was multiplied.
     newton, linear : int
         Its Newton and linear iterations.
+    penalty_newton : int
+        The Newton iterations with stiffer penalties.
     again : int
         The time steps in which a motion is followed again; 0 of a static problem.
     seconds, jit : float
@@ -172,6 +177,7 @@ class Estimate:
     saturation: float = 1.0
     newton: int = 0
     linear: int = 0
+    penalty_newton: int = 0
     again: int = 0
     seconds: float = 0.0
     jit: float = 0.0
@@ -219,6 +225,7 @@ class Estimate:
             "saturation": self.saturation,
             "newton": self.newton,
             "linear": self.linear,
+            "penalty_newton": self.penalty_newton,
             "seconds": self.seconds,
             "jit": self.jit,
             "places": {name: asdict(place) for name, place in self.places.items()},
@@ -288,6 +295,7 @@ def _find_errors(
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
+    penalties = _penalty_errors(problem, goals, found)
     lift = Lift(problem, lifted)
     try:
         errors, unsettled = _differences(lift, goals, found)
@@ -295,12 +303,7 @@ def _find_errors(
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
         locks = may_lock(problem) and not triangles
         found.saturation = factor = 1.0 if locks else saturation(lifted)
-        for (name, goal), error, change in zip(
-            list(found.goals.items()), errors, unsettled, strict=True
-        ):
-            found.goals[name] = replace(
-                goal, error=float(factor * error), unsettled=float(factor * change)
-            )
+        _add(found, factor * errors, factor * unsettled, penalties)
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
             for name, goal in found.goals.items()
@@ -314,6 +317,29 @@ def _find_errors(
         found.linear = lift.linear
     finally:
         lift.destroy()
+
+
+def _penalty_errors(problem: Problem, goals: Sequence[Goal], found: Estimate) -> Array | None:
+    """Return what penalties change, and count the iterations; None without penalties."""
+    outcome = StepOutcome()
+    values = [goal.value for goal in found.goals.values()]
+    penalties = penalty_errors(problem, goals, values, outcome)
+    found.penalty_newton = outcome.newton
+    return penalties
+
+
+def _add(found: Estimate, errors: Array, unsettled: Array, penalties: Array | None) -> None:
+    """Add the errors of the mesh, and those of penalties, to the goals."""
+    for i, (name, goal) in enumerate(list(found.goals.items())):
+        parts = {"mesh": float(errors[i])}
+        if penalties is not None:
+            parts["penalty"] = float(penalties[i])
+        found.goals[name] = replace(
+            goal,
+            error=sum(parts.values()),
+            unsettled=float(unsettled[i]),
+            parts=parts if len(parts) > 1 else {},
+        )
 
 
 def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Array, Array]:

@@ -20,8 +20,9 @@ from fem_snh.accuracy.estimate import Estimate, GoalError
 Array = npt.NDArray[Any]
 
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
-#: part of it by time steps that are at most so many times shorter.
-_SMALL_PART, _PART_AIM, _MOST_SHORTER = 0.25, 0.15, 4.0
+#: part of it by time steps that are at most so many times shorter, and by penalties that are at
+#: most so many times stiffer: with more, a level finds no equilibrium from the state of the last.
+_SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER = 0.25, 0.15, 4.0, 10.0
 #: Bound of an error over its estimate, by the degree of the displacement: 1.25 is measured with
 #: degree 1 and 1.35 with degree 2, 1.7 in components that are small (docs/results/error.md). What
 #: the corrected value misses is the estimate times this, less one.
@@ -256,16 +257,25 @@ class Levels:
 
     def shorter_steps(self) -> float:
         """Return the factor by which the time steps of the next level are to be shorter."""
-        part = self._largest_part("time steps")
+        return self._factor("time steps", 0.5, _MOST_SHORTER)
+
+    def stiffer_penalties(self) -> float:
+        """Return the factor by which the penalties of the next level are to be stiffer."""
+        return self._factor("penalty", 1.0, _MOST_STIFFER)
+
+    def _factor(self, source: str, power: float, most: float) -> float:
+        """Return the factor that reduces a part of the errors; 1 if it is small."""
+        part = self._largest_part(source)
         if part <= _SMALL_PART * self.asked:
             return 1.0
         ratio = part / (_PART_AIM * self.asked)
-        return float(min(max(ratio**0.5, _LEAST_REFINEMENT), _MOST_SHORTER))
+        return float(min(max(ratio**power, _LEAST_REFINEMENT), most))
 
     @property
     def mesh_suffices(self) -> bool:
-        """Whether the error of the mesh is small beside that of the time steps, or the request."""
-        part, other = (self._largest_part(source) for source in ("mesh", "time steps"))
+        """Whether the error of the mesh is small beside the other parts, or the request."""
+        part = self._largest_part("mesh")
+        other = max(self._largest_part(source) for source in ("time steps", "penalty"))
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 
     def _largest_part(self, source: str) -> float:

@@ -102,6 +102,10 @@ class BodyContact:
         """Search again at the next evaluation, if nothing calls `begin_step`."""
         self._stale |= not self._stepped
 
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply the stiffness of penalties; return whether there are any."""
+        return any([pair.law.scale_penalty(factor) for pair in self.pairs])
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of contact [J]. Collective."""
         x = self._positions(u)

@@ -122,6 +122,14 @@ class ContactLaw:
             self._set(factor, rows, taken)
         self.kept[:], self.kept_factor = self.multipliers, factor
 
+    def scale_penalty(self, factor: float) -> bool:
+        """Multiply the given stiffness; return whether it is a penalty's, without multipliers."""
+        if self.augmented:
+            return False
+        self._given = factor * self._given
+        self._set(self._factor, slice(None), self.kept)
+        return True
+
     def trial(self, rows: Array, gap: Array) -> Array:
         """Return l - k g, whose positive part is the pressure."""
         return np.asarray(self.multipliers[rows] - self.stiffness[rows] * gap)

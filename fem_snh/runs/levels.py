@@ -177,7 +177,7 @@ def run_levels(
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
-        shorter = levels.shorter_steps()
+        shorter, stiffer = levels.shorter_steps(), levels.stiffer_penalties()
         forecast = levels.forecast(refinement, shorter)
         elapsed = comm.bcast(perf_counter() - start)
         if limit := levels.exceeds(forecast, elapsed, available_memory(comm)):
@@ -187,6 +187,9 @@ def run_levels(
         mesh = level.mesh
         if refinement > 1:
             current, mesh = refine(comm, current, level, result.estimate, refinement)
+        if stiffer > 1:
+            printed.line(f"penalties are {stiffer:.2g} times stiffer")
+            current = _with_stiffer_penalties(current, result.steps[-1], stiffer)
         if current.time:
             steps = ceil(current.time.steps * shorter)
             time = current.time.model_copy(update={"steps": steps})
@@ -202,6 +205,21 @@ def run_levels(
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
     return result
+
+
+def _with_stiffer_penalties(
+    scene: scenes.Scene, row: dict[str, Any], factor: float
+) -> scenes.Scene:
+    """Return the scene with the penalties of the last step's row, so many times stiffer."""
+    update: dict[str, Any] = {}
+    for key, rows in (("obstacle", "obstacles"), ("contact", "contacts")):
+        tables = list(getattr(scene, key))
+        for i, about in enumerate(row.get(rows, {}).values()):
+            if not tables[i].augmented:
+                stiffness = factor * about["stiffness"]
+                tables[i] = tables[i].model_copy(update={"stiffness": stiffness})
+        update[key] = tables
+    return scene.model_copy(update=update)
 
 
 #: What a level that starts from the state before has in place of the scene's own.

@@ -79,7 +79,7 @@ def final_notes(
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
         penetration_note({number: steps[number] for number in good}),
-        penalty_note(estimated, steps) if estimated else None,
+        penalty_note(estimated, steps) if estimated and estimated.time else None,
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},
             len(good),
@@ -90,9 +90,9 @@ def final_notes(
 
 
 def penalty_note(scene: Scene, steps: Sequence[Mapping[str, Any]]) -> Note | None:
-    """Return a note if surfaces are in contact by a penalty, which no estimate of errors has in it.
+    """Return a note if surfaces are in contact by a penalty, which errors in time leave out.
 
-    The second solution has the same penalty.
+    The motion that is followed again has the same penalty.
     """
     row = steps[-1]
     obstacles = zip(scene.obstacle, row.get("obstacles", {}).items(), strict=False)

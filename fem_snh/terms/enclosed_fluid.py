@@ -64,6 +64,7 @@ class EnclosedFluid:
         ds = body.surface("cavity.group", fluid.group)
         self.group, self._added, self._target = surface_name(fluid.group), fluid.volume, 0.0
         self._amplitude = body.amplitudes.motion(fluid.table)
+        self._is_default = fluid.stiffness is None
         self._stiffness = fluid.stiffness or _STIFFNESS * body.modulus / body.volume
         self._pressure = body.constant(0.0)
         self._volume = SweptVolume(body.V, ds, body.kinematics)
@@ -89,6 +90,12 @@ class EnclosedFluid:
     def set_load(self, load: float) -> None:
         """Set the volume of a load."""
         self._target = self._amplitude(load) * self._added
+
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply a default stiffness; a given one is a property of the fluid: return False."""
+        if self._is_default:
+            self._stiffness *= factor
+        return self._is_default
 
     def state(self, u: PETSc.Vec) -> dict[str, float]:
         """Return the cavity's added "volume" [m^3] and the fluid's "pressure" [Pa]. Collective."""

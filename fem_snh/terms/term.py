@@ -62,3 +62,11 @@ class Term(Protocol):
         int
             How many quadrature points or cells of this rank were filtered.
         """
+
+
+@runtime_checkable
+class PenaltyTerm(Protocol):
+    """A term with penalties, which leave an error that is inverse to their stiffness."""
+
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply the stiffness of penalties; return whether there are any."""
