@@ -61,7 +61,7 @@ _UNITS = {
     "numerical_dissipation": "J",
     "moment": "N m",
     "rotation": "rad",
-    "pressure": "Pa",
+    **dict.fromkeys(("pressure", "E"), "Pa"),
     "stiffness": "Pa/m",
     "momentum": "kg m/s",
     "angular_momentum": "kg m^2/s",

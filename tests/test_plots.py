@@ -138,6 +138,16 @@ def test_sweep_of_something_else_than_nu(tmp_path):
     assert figure.axes[0].get_xlabel() == "cells"
 
 
+def test_axes_of_a_sweep_have_the_units_of_its_points(tmp_path):
+    (tmp_path / "sweep.csv").write_text(HEAD.replace("cells", "E") + ROWS)
+    assert plots.main([tmp_path], x="E", y=["newton"]).name == "curves.png"
+    write_record(tmp_path / "a", record(units="mm, N, MPa"))
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "run.json").write_text("{")
+    figure = plots._table_figure(tmp_path / "sweep.csv", "E", ["newton"])
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("E [MPa]", "newton")
+
+
 @pytest.mark.parametrize("cells, label", [("10", "cells"), ("5", r"Poisson's ratio $\nu$")])
 def test_sweep_of_incompressible_bodies(tmp_path, cells, label):
     """The axis of nu has no place for 1/2 beside other values."""

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
@@ -93,12 +95,21 @@ def _table_figure(path: Path, x: str | None, y: Sequence[str]) -> Figure:
     if y:
         if x is None:
             raise BadInput("--y: expected with --x, a column of the table")
-        return curve_figure(by_material(table, x), x, y)
+        label_of = partial(column_label, records=_first_record(path.parent))
+        return curve_figure(by_material(table, x), x, y, label_of)
     if "passed" in table:
         return newton_figure(table, path)
     if "error_displacement" in table:
         return tradeoff_figure(table, path)
     return sweep_figure(read_sweep(path))
+
+
+def _first_record(folder: Path) -> list[dict[str, Any]]:
+    """Return the run.json of one point of a study, whose points have the same units."""
+    for path in sorted(folder.glob("*/run.json")):
+        with suppress(BadInput):  # of a point that was killed
+            return [read_record(path.parent)]
+    return []
 
 
 def save(figure: Figure, out: Path) -> Path:

@@ -62,7 +62,7 @@ def load_unit(record: dict[str, Any]) -> str:
 
 def common_units(records: Sequence[dict[str, Any]]) -> Units | None:
     """Return the units that the scenes of all runs state; None if one states none or others."""
-    found = {Units.of(record) for record in records}
+    found = {Units.of(record) for record in records} or {None}
     return found.pop() if len(found) == 1 else None
 
 

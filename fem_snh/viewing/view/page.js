@@ -75,12 +75,13 @@ const unit = a => a.map(x => x / Math.hypot(...a));
 // What is picked: the number of a triangle of the surface, its cell, and weights of its corners.
 let picked = null;
 // The surface whose colours are the field, as points, triangles [a, b, c, cell], and its arrays.
-const surface = page => {
+const surface = page => page.drawnBody ??= findSurface(page);
+const findSurface = page => {
   for (const actor of renderer(page).getActors()) {
     const body = actor.getMapper().getInputData();
     const [points, cells] = [body.getPointData(), body.getCellData()];
     const values = points.getArrayByName(data.field) ?? cells.getArrayByName(data.field);
-    if (!values) continue;
+    if (!values?.getData().length) continue;
     const triangles = [], list = body.getPolys().getData();
     for (let i = 0, cell = 0; i < list.length; i += list[i] + 1, cell++)
       for (let k = 2; k < list[i]; k++) triangles.push([list[i + 1], list[i + k], list[i + k + 1], cell]);
