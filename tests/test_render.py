@@ -97,6 +97,14 @@ def test_two_dimensions_are_drawn_in_their_plane(section):
     assert render.main(section, section / "flat.png").is_file()
 
 
+def test_a_section_has_the_colours_of_the_bar(section):
+    """At rest J is 1, in grey: neither light nor the outline at rest changes it."""
+    image = matplotlib.image.imread(render.main(section, section / "rest.png", loads=[0.0]))
+    colours, counts = np.unique(image[..., :3].reshape(-1, 3), axis=0, return_counts=True)
+    grey = matplotlib.colormaps["coolwarm"](0.5)[:3]
+    assert colours[np.argsort(counts)[-2]] == pytest.approx(grey, abs=4 / 255)  # white has most
+
+
 def test_a_revolved_section_is_three_quarters_of_the_body(section):
     """Closed, with the volume of run.json's ratio; the axis is upright."""
     files = render.stored_loads(section / "fields.pvd")[1.0]

@@ -47,6 +47,8 @@ DPI = 200
 TOWARDS, TOWARDS_LONG = (0.62, -1.0, 0.55), ((0.32, -1.0, 0.15), (1.0, 0.32, 0.15))
 #: Position (right, up) and intensity of the key light and the fill light at the camera.
 LIGHTS = ((-0.6, 0.8, 0.4), (0.5, 0.1, 0.3))
+#: A section has the colours of the bar, which no light changes.
+_UNLIT: dict[str, Any] = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0}
 
 
 def colours(field: str, values: np.ndarray) -> tuple[str, Normalize, str]:
@@ -218,6 +220,8 @@ class Drawing:
         The edges are moved by ``shift``; the ``options`` are of the surface.
         """
         limits = (self.norm.vmin, self.norm.vmax)
+        if is_flat(item.surface.points):
+            options |= _UNLIT
         plotter.add_mesh(item.surface, scalars=self.field, cmap=self.cmap, clim=limits, **options)
         if item.edges is not None:
             moved = item.edges.translate(list(shift))
@@ -247,13 +251,15 @@ class Drawing:
             plotter.add_light(light)
         plotter.enable_anti_aliasing("msaa", multi_samples=4)
         # Moved towards the viewer, in front of the faces; the projection is parallel.
-        shift = list(2e-3 * where.width * where.towards)
+        shift = 2e-3 * where.width * where.towards
         self.add(
-            plotter, item, {"opacity": 0.3, "line_width": pixels / 350}, pixels / 300, shift,
+            plotter, item, {"opacity": 0.3, "line_width": pixels / 350}, pixels / 300, list(shift),
             opacity=opacity, show_scalar_bar=False, smooth_shading=True, split_sharp_edges=True,
             feature_angle=35, ambient=0.5, diffuse=0.8, specular=0.08, specular_power=15,
         )  # fmt: skip
-        plotter.add_mesh(item.rest, color="#b0b0b0", opacity=0.15, culling="front", lighting=False)
+        rest = item.rest.translate(list(-shift))  # behind a section in the same plane
+        faces = None if is_flat(item.rest.points) else "front"
+        plotter.add_mesh(rest, color="#b0b0b0", opacity=0.15, culling=faces, lighting=False)
         for solid in solids:
             add_solid(plotter, solid, smooth_shading=True, split_sharp_edges=True)
         plotter.camera.SetParallelProjection(True)
