@@ -95,18 +95,18 @@ def rows(
 
 
 def _compared(scene: str, nu: float, element: str, cells: int) -> Iterator[Row]:
-    result = fem_snh.run(_scene(scene, nu, element, cells, estimate=True), progress=False)
+    result = fem_snh.run(scene_of(scene, nu, element, cells, estimate=True), progress=False)
     about = {"scene": scene, "nu": nu, "element": element, "cells": cells}
     reason = result.record.get("estimate", {}).get("reason") or ""
     if not result.converged or reason:
         yield about | {"reason": reason or result.status}
         return
-    exact = _exact(scene, nu)
+    exact_goals = exact(scene, nu)
     seconds, estimate = result.record["seconds"], result.record["estimate"]
     run = seconds["assemble"] + seconds["solve"]
     for name in _GOALS[scene]:
         goal: Row = result.goals[name]
-        true = exact[name]
+        true = exact_goals[name]
         error = true - goal["value"]
         if isnan(true) or abs(error) < _LEAST * abs(true):
             continue
@@ -143,12 +143,12 @@ def _summary(rows: list[Row]) -> Row:
 
 
 @cache
-def _exact(scene: str, nu: float) -> Mapping[str, float]:
+def exact(scene: str, nu: float) -> Mapping[str, float]:
     """Return the goals, extrapolated from three meshes by their observed order."""
     meshes, element = _REFERENCES[scene]
     found = []
     for cells in meshes:
-        result = fem_snh.run(_scene(scene, nu, element, cells, estimate=False), progress=False)
+        result = fem_snh.run(scene_of(scene, nu, element, cells, estimate=False), progress=False)
         found.append(_goals(result) if result.converged else {})
     return {name: _extrapolated([goals.get(name, nan) for goals in found]) for name in found[0]}
 
@@ -173,7 +173,8 @@ def _goals(result: Any) -> dict[str, float]:
     return found
 
 
-def _scene(name: str, nu: float, element: str, cells: int, estimate: bool) -> Scene:
+def scene_of(name: str, nu: float, element: str, cells: int, estimate: bool) -> Scene:
+    """Return a scene, with goals whose errors are estimated if asked for."""
     goals = {"goals": list(_GOALS[name])} if estimate else None
     common: Row = {"element": element, "cells": cells, "accuracy": goals}
     if name in _SECTIONS:

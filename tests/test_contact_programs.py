@@ -76,18 +76,28 @@ def test_two_blocks(comm, method):
             "hold": [{"group": "bottom"}],
             "move": [{"group": "top", "translate": [0, 0, -0.1]}],
             "contact": [{"groups": groups, "method": method}],
+            "accuracy": {"goals": "energy"},
             "petsc": TIGHT,
         },
         "blocks",
     )
-    expected = solve(scene, comm=comm).steps[-1]["contacts"]["lower_top/upper_bottom"]
+    result = solve(scene, comm=comm)
+    expected = result.steps[-1]["contacts"]["lower_top/upper_bottom"]
     body = mesh.generate(comm, "two_blocks", "hexahedron", cells=2, upper_cells=3)
     contact = fem_snh.Contact(groups=surface(body, *groups), method=method)
-    (row,) = program(body, {"bottom": 0.0, "top": -0.1}, contact).steps(1)
+    problem = program(body, {"bottom": 0.0, "top": -0.1}, contact)
+    (row,) = problem.steps(1)
     found = row["contacts"]["ds(1)/ds(2)"]
     assert found["force"][2] < -0.05
     np.testing.assert_allclose(found["force"], expected["force"], rtol=1e-5, atol=1e-8)
     assert found["penetration"] == pytest.approx(expected["penetration"], rel=1e-5)
+    estimate = problem.estimate_error(["energy"])
+    if method == "penalty":
+        parts = result.goals["energy"]["parts"]
+        assert estimate.goals["energy"].parts == pytest.approx(parts, rel=1e-3)
+        assert 0.002 < parts["penalty"] / row["energy"] < 0.2
+    else:
+        assert "keeps friction or multipliers" in estimate.reason
 
 
 def test_mistakes(comm):

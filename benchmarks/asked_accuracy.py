@@ -1,0 +1,105 @@
+"""Is what was asked for true? Runs to an accuracy of scenes, loads, materials and elements.
+
+Each is compared with a value that is extrapolated from three uniform meshes, as in
+`error_estimates`, or is exact (the stretch, the quarter turn, the bracket and Hertz's contact of
+`accuracy_cases`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isnan, nan
+
+import fem_snh
+from benchmarks import Row, accuracy_cases, error_estimates, split_list
+from fem_snh.errors import choose
+from fem_snh.scenes import Scene
+
+#: Scenes of `error_estimates`, with the ratio, the element that is asked with, cells and the goal.
+_ASKED = (
+    ("cook", 0.3, "Q1", 16, "corner.y"),
+    ("cook", 0.4999, "P1", 16, "corner.y"),
+    ("plane", 0.3, "P1", 8, "tip.x"),
+    ("plane", 0.4999, "P1", 8, "corner.y"),
+    ("plane", 0.49, "Q1P0", 16, "energy"),
+    ("sheet", 0.49, "Q1", 8, "tip.x"),
+    ("sheet", 0.3, "P2", 4, "corner.y"),
+    ("twist", 0.3, "Q1", 12, "energy"),
+    ("twist", 0.49, "Q1P0", 12, "top.force.z"),
+    ("twist", 0.4999, "P2P0", 4, "top.force.z"),
+    ("shear", 0.3, "P1", 8, "corner.x"),
+    ("shear", 0.4999, "Q1", 8, "corner.z"),
+    ("block", 0.4999, "Q2", 4, "middle.z"),
+    ("bar", 0.3, "Q1", 4, "end.z"),
+    ("tube", 0.4999, "Q1P0", 16, "inner.x"),
+    ("rod", 0.49, "Q1", 16, "energy"),
+    ("bushing", 0.4999, "Q2Q1", 8, "energy"),
+)
+#: Cases of `accuracy_cases`.
+_EXACT = ("stretch", "quarter turn", "bracket", "hertz")
+
+
+def rows(
+    share: float = 0.01, scenes: str = "", max_time: float = 300.0, exact: bool = True
+) -> Iterator[Row]:
+    """Yield one row for each scene; then a summary.
+
+    Parameters
+    ----------
+    share : float
+        The accuracy that is asked for.
+    scenes : str
+        Names of scenes; default: all.
+    max_time : float
+        Longest run [s].
+    exact : bool
+        Whether the cases with exact values are run, too.
+
+    Yields
+    ------
+    dict
+        ``true_error`` of the value that the last level reports, ``reached``, whether the run says
+        that it is within the accuracy, and ``element``, ``levels``, ``dofs`` of the last one.
+    """
+    known = list(dict.fromkeys(name for name, *_ in _ASKED))
+    chosen = [choose("scenes", name, known) for name in split_list(scenes)] if scenes else known
+    found: list[Row] = []
+    for name, nu, element, cells, goal in _ASKED:
+        if name in chosen:
+            scene = error_estimates.scene_of(name, nu, element, cells, estimate=False)
+            row = _asked(scene, goal, share, max_time, error_estimates.exact(name, nu)[goal])
+            found.append({"scene": name, "nu": nu, "asked_with": element, "goal": goal} | row)
+            yield found[-1]
+    for name in _EXACT if exact else ():
+        case = accuracy_cases.CASES[name]
+        row = _asked(case.scene(), case.goal, share, max_time, accuracy_cases.exact(name)[0])
+        found.append({"scene": name, "goal": case.goal} | row)
+        yield found[-1]
+    errors = [
+        row["true_error"] for row in found if row["reached"] and row["true_error"] is not None
+    ]
+    yield {
+        "summary": len(found),
+        "reached": sum(row["reached"] for row in found),
+        "compared": len(errors),
+        "within": sum(error <= share for error in errors),
+        "within_twice": sum(error <= 2 * share for error in errors),
+        "largest": max(errors, default=None),
+    }
+
+
+def _asked(scene: Scene, goal: str, share: float, max_time: float, true: float) -> Row:
+    accuracy = {"goals": [goal], "within": share, "max_time": max_time}
+    record = fem_snh.run(scene, accuracy=accuracy, progress=False).record["accuracy"]
+    last = record["levels"][-1]
+    best = last["goals"][goal]["best"] if last["goals"] else nan
+    error = abs(best / true - 1)
+    return {
+        "reached": bool(record["reached"]),
+        "bound": record["relative"],
+        "true_error": None if isnan(error) else error,
+        "element": last["element"],
+        "levels": len(record["levels"]),
+        "dofs": last["dofs"],
+        "ok": not record["reached"] or isnan(error) or error <= 2 * share,
+    }
