@@ -145,3 +145,17 @@ def test_too_few_points_and_too_far() -> None:
 def test_weights_of_files(tmp_path: Path) -> None:
     path = written(tmp_path, HEAD + "1.5, 1\n")
     assert [t.weight[0] for t in read_all([path, path], weights=[1, 5])] == [1, 5]
+
+
+def test_moduli_in_the_unit_of_a_scene(tmp_path):
+    path = tmp_path / "pull.csv"
+    path.write_text("# test = uniaxial\nstretch, stress [kPa]\n1.5, 500\n2, 900\n")
+    (found,) = read(path, modulus_unit="MPa")
+    assert found.stress == pytest.approx([0.5, 0.9])
+    pascal, mega = (fem_snh.fit("neo_hookean", path, modulus_unit=u).E for u in (None, "N/mm²"))
+    assert mega == pytest.approx(1e-6 * pascal)
+    with pytest.raises(BadInput, match="modulus_unit = 'lb': expected one of Pa, "):
+        read(path, modulus_unit="lb")
+    path.write_text("# test = uniaxial\nstretch, stress\n1.5, 500\n2, 900\n")
+    with pytest.raises(BadInput, match="modulus_unit = 'MPa': expected data whose stresses have"):
+        read(path, modulus_unit="MPa")

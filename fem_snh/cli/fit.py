@@ -62,6 +62,8 @@ def fit_parser() -> Parser:
         --test KIND,..  kind of each file's test
         --columns NAME,..  names of the columns; those with other names are not used
         --unit UNIT  unit of the stresses: MPa, psi, ...
+        --modulus-unit UNIT  unit of E and of the constants, e.g. MPa for a scene in mm; default:
+            Pa, or that of the stresses if none is stated
         --range LOW,HIGH  stretches between which stability is evaluated
         --report  also print stability at inverted and collapsed states: it compiles a kernel
         --out DIR  folder of fit.json, fit.png and material.toml; default: out/fit
@@ -94,6 +96,7 @@ def fit(argv: list[str]) -> int:
         "test": _words("test", args.test),
         "columns": _words("columns", args.columns),
         "unit": args.unit,
+        "modulus_unit": args.modulus_unit,
         "weights": _words("weights", args.weights),
     }
     keywords["held"] = {  # material.alpha=2, as for run
@@ -126,7 +129,7 @@ def _fit_scene(args: Namespace, petsc: dict[str, str | None]) -> int:
     from fem_snh.runs.inverse import fit_scene
 
     given = (args.all, args.incompressible, args.bounds, args.relative, args.weights, args.test,
-             args.columns, args.unit, args.range, args.report)  # fmt: skip
+             args.columns, args.unit, args.modulus_unit, args.range, args.report)  # fmt: skip
     if any(given):
         raise BadInput(
             "fit --to: expected with --parameters, --solves, --nu, --set and --out alone"

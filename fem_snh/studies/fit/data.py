@@ -98,6 +98,7 @@ def read(
     columns: Sequence[str] | None = None,
     unit: str | None = None,
     weight: float | None = None,
+    modulus_unit: str | None = None,
 ) -> list[TestData]:
     """Return the tests in a file, in the order of their first lines.
 
@@ -108,6 +109,8 @@ def read(
     test, columns, unit, weight : optional
         Kind of test, names of the columns, unit of the stress and weight of the residuals; they
         replace those that the file states. Columns with other names are not used.
+    modulus_unit : str, optional
+        Unit in which the stresses are returned; default: Pa, or that of the file if none is stated.
 
     Raises
     ------
@@ -130,7 +133,7 @@ def read(
             f"{path}: no line of column names above the numbers: expected one, e.g. "
             "'stretch, stress [MPa]', or --columns stretch,stress"
         )
-    return _tests(path, stated, _columns(path, names), rows)
+    return _tests(path, stated, _columns(path, names), rows, modulus_unit)
 
 
 def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
@@ -210,12 +213,18 @@ def _tests(
     stated: dict[str, str],
     columns: dict[str, tuple[int, str]],
     rows: list[tuple[int, list[str]]],
+    modulus_unit: str | None,
 ) -> list[TestData]:
     """Return the tests of a file's lines."""
     deformation = next(c for c in _DEFORMATIONS if c in columns)
     measure = next(c for c in _STRESSES if c in columns)
     unit = stated.get("unit") or columns[measure][1]
     size = stress_unit(f"{path}: unit", unit) if unit not in _NO_UNIT else 1.0
+    if modulus_unit is not None:
+        size /= stress_unit("modulus_unit", modulus_unit)
+        if unit in _NO_UNIT:
+            accepted = "data whose stresses have a unit: stress [MPa], or --unit"
+            raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
     percent = columns[deformation][1] == "%"
     if not percent and columns[deformation][1] not in _NO_UNIT:
         raise bad_value(f"{path}: unit of {deformation}", columns[deformation][1], "none or %")

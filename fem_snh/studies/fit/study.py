@@ -36,6 +36,7 @@ def fit(
     test: Sequence[str] | str | None = None,
     columns: Sequence[str] | None = None,
     unit: str | None = None,
+    modulus_unit: str | None = None,
     weights: Sequence[float] | None = None,
 ) -> Fit:
     """Fit a material to test data by bounded least squares.
@@ -65,6 +66,9 @@ def fit(
     test, columns, unit, weights : optional
         Kind of each file's test, names of the columns, unit of the stresses and weight of each
         file, where the files do not state them.
+    modulus_unit : str, optional
+        Unit of E and of the constants, as MPa for a scene in mm; by default Pa, or that of the data
+        if they state none.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def fit(
     Stresses of an incompressible material do not depend on its volume term. The parameters E and
     shape parameters determine the constants in the literature: mu_lame = E/3 there.
     """
-    tests = read_all(data, test, columns, unit, weights)
+    tests = read_all(data, test, columns, unit, modulus_unit, weights)
     incompressible, fit_nu, nu = _compressibility(tests, nu, incompressible)
     searched = _searched(tests, stable_range)
     keywords = (held or {}, parameters, bounds)
@@ -111,8 +115,8 @@ def rank(*data: str | Path | TestData, **keywords: Any) -> Iterator[Fit | tuple[
     BadInput
         For everything that is wrong in the files.
     """
-    given = {k: keywords.pop(k, None) for k in ("test", "columns", "unit", "weights")}
-    tests = read_all(data, **given)
+    of_files = ("test", "columns", "unit", "modulus_unit", "weights")
+    tests = read_all(data, **{key: keywords.pop(key, None) for key in of_files})
     for name in materials.names():
         try:
             yield fit(name, *tests, **keywords)
@@ -130,6 +134,7 @@ def read_all(
     test: Sequence[str] | str | None = None,
     columns: Sequence[str] | None = None,
     unit: str | None = None,
+    modulus_unit: str | None = None,
     weights: Sequence[float] | None = None,
 ) -> list[TestData]:
     """Return the tests of all files.
@@ -151,7 +156,7 @@ def read_all(
         if isinstance(given, TestData):
             found.append(given)
         else:
-            found += read(given, kind, columns, unit, weight)
+            found += read(given, kind, columns, unit, weight, modulus_unit)
     return found
 
 
