@@ -18,7 +18,6 @@ from fem_snh import _dolfinx, scenes
 from fem_snh.accuracy.estimate import Estimate, GoalError
 from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.cli import main
-from fem_snh.errors import BadInput
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
@@ -134,8 +133,8 @@ def test_decisions():
     def estimate(value, error, scale=1.0, unit=0.0):
         return Estimate(goals={"a": GoalError(value, error, scale, unit)})
 
-    levels = Levels(0.01, 1, {"max_dofs": 5000})
-    levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
+    levels = Levels(0.01, {"max_dofs": 5000})
+    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
     # The estimate of degree 1 may miss 40 % of what it finds: so much the corrected value is off.
     assert not levels.reached and levels.worst == ("a", pytest.approx(0.04))
     assert levels.rows[0].goals["a"].bound == pytest.approx(0.14)
@@ -145,24 +144,24 @@ def test_decisions():
     assert not levels.exceeds(forecast, 0.0, 1e9)
     assert levels.exceeds(levels.forecast(2.5), 0.0, 1e9).startswith("max_dofs = 5,000: ")
     assert levels.exceeds(forecast, 0.0, 1e6).startswith("1 MB are available")
-    levels.add(LevelRow("Q1P0", 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.02))
+    levels.add(LevelRow("Q1P0", 1, 512, 4000, 8.0, 8e6, fineness=8), estimate(0.968, 0.02))
     assert levels.reached and levels.worst == ("a", pytest.approx(0.008))
     assert levels.lines()[1] == "  a 0.988 +- 0.008 (0.8 %) (corrected)"
     # The next corrected value is further from that than both may be off: their difference counts.
-    levels.add(LevelRow("Q1P0", 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.97, 0.006))
+    levels.add(LevelRow("Q1P0", 1, 4096, 32000, 64.0, 64e6, fineness=16), estimate(0.97, 0.006))
     assert levels.worst == ("a", pytest.approx(0.012)) and not levels.reached
     # Parts that cancel are no small error.
-    levels = Levels(0.01, 1)
+    levels = Levels(0.01)
     parts = {"mesh": 0.02, "time steps": -0.019}
     goal = GoalError(1.0, 0.001, 1.0, parts=parts)
-    levels.add(LevelRow("Q1P0", 64, 500, 1.0, 1e6, steps=8), Estimate(goals={"a": goal}))
+    levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, steps=8), Estimate(goals={"a": goal}))
     assert not levels.reached
     # A component that is small beside the largest displacement is judged by that.
-    levels = Levels(0.01, 1)
-    row = LevelRow("Q1P0", 64, 500, 1.0, 1e6)
+    levels = Levels(0.01)
+    row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)
     levels.add(row, estimate(1e-9, 1e-9, scale=1e-9, unit=1.0))
     assert levels.reached
-    levels.add(LevelRow("Q1P0", 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
+    levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
     assert not levels.reached and levels.lines() == [
         "level 2: 512 Q1P0 cells, 4,000 dofs: no estimate: far away"
     ]
@@ -172,9 +171,9 @@ def test_each_level_in_time_differs_from_the_last():
     """What is left as it is adds up to less than the request, also of P2P0 on triangles."""
     parts = {"mesh": 0.0024, "time steps": 0.0024}
     for element, degree, dim in (("P2P0", 2, 2), ("Q2", 2, 3), ("Q1", 1, 3)):
-        levels = Levels(0.01, degree, dim=dim)
+        levels = Levels(0.01, dim=dim)
         goal = GoalError(1.0, 0.0048, 1.0, parts=parts)
-        row = LevelRow(element, 64, 500, 1.0, 1e6, steps=10)
+        row = LevelRow(element, degree, 64, 500, 1.0, 1e6, steps=10)
         levels.add(row, Estimate(goals={"a": goal}))
         assert levels.reached == (element != "P2P0")
         assert levels.reached or levels.shorter_steps() > 1 or not levels.mesh_suffices
@@ -273,11 +272,21 @@ def test_bad_input(words, message, capsys):
     assert message in output and output.count("\n") == 1
 
 
-def test_hexahedra_of_a_file_are_refused(tmp_path):
-    loaded = scenes.load("twist", cells=2)
-    scene = loaded.model_copy(update={"mesh": tmp_path / "cube.msh", "cells": None})
-    with pytest.raises(BadInput, match="expected tetrahedra, a lattice or a built-in geometry"):
-        solve(scene, **{"accuracy.within": 0.01})
+@pytest.mark.parametrize(("nu", "asked", "element"), [(0.3, 0.02, "Q2"), (0.49, 1e-4, "Q2Q1")])
+def test_hexahedra_of_a_file_get_a_higher_degree(nu, asked, element, tmp_path):
+    """Their second level is the element that the estimate of the first stands for."""
+    path = tmp_path / "cube.xdmf"
+    meshes.write_xdmf(meshes.generate(MPI.COMM_SELF, "cube", "hexahedron", cells=3), path)
+    loaded = scenes.load("twist", nu=nu, angle=0.5, element="Q1P0")
+    scene = loaded.model_copy(update={"mesh": path, "cells": None})
+    keys = {"accuracy.within": asked, "accuracy.goals": "energy"}
+    found = solve(scene, **keys).record["accuracy"]
+    first, last = (level["goals"]["energy"] for level in found["levels"])
+    assert [level["element"] for level in found["levels"]] == ["Q1P0", element]
+    assert last["value"] == pytest.approx(first["corrected"], abs=0.1 * abs(first["error"]))
+    assert found["reached"] == (asked > 1e-3)
+    if not found["reached"]:
+        assert found["limit"] == "cells of a file have element = 'Q2Q1' at most"
 
 
 def test_the_load_steps_are_followed_on_the_last_mesh(capsys):

@@ -142,8 +142,8 @@ class LevelRow:
 
     Attributes
     ----------
-    element, cells, dofs : str, int, int
-        The discretisation.
+    element, degree, cells, dofs : str, int, int, int
+        The discretisation: the element and the degree of its displacement.
     seconds : float
         Elapsed seconds of the last load step and of the estimate, without compilation.
     memory : float
@@ -163,6 +163,7 @@ class LevelRow:
     """
 
     element: str
+    degree: int
     cells: int
     dofs: int
     seconds: float
@@ -182,8 +183,6 @@ class Levels:
     ----------
     asked : float
         The relative error that is asked for.
-    degree : int
-        Degree of the displacement.
     limits : mapping, optional
         ``max_time`` [s], ``max_memory`` [MB], ``max_dofs``; None or missing: none.
     dim : int, optional
@@ -193,12 +192,10 @@ class Levels:
     def __init__(
         self,
         asked: float,
-        degree: int,
         limits: Mapping[str, float | None] | None = None,
         dim: int = 3,
     ) -> None:
-        self.asked, self._order, self.dim = asked, _ORDER[degree], dim
-        self._safety = _SAFETY[degree]
+        self.asked, self.dim = asked, dim
         self.rows: list[LevelRow] = []
         self._limits = {key: inf if v is None else v for key, v in (limits or {}).items()}
         #: Why the levels end before the request is met.
@@ -222,7 +219,7 @@ class Levels:
         corrected = goal.value + error
         scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
         singular = self.dim == 2 and row.element == "P2P0"
-        safety = _SAFETY_OF_P2P0 if singular else self._safety
+        safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
         size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel
         steps = abs(goal.parts.get("time steps", 0.0))
         bound, uncertainty = safety * size, (safety - 1) * size + steps
@@ -253,7 +250,8 @@ class Levels:
             return _MOST_REFINEMENT
         goals, asked = self.rows[-1].goals, self.asked
         ratio = max(goal.relative(asked) for goal in goals.values()) / (_AIM * asked)
-        return min(max(ratio ** (1 / self._order), _LEAST_REFINEMENT), _MOST_REFINEMENT)
+        factor = ratio ** (1 / _ORDER[self.rows[-1].degree])
+        return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
 
     def shorter_steps(self) -> float:
         """Return the factor by which the time steps of the next level are to be shorter."""
@@ -293,6 +291,13 @@ class Levels:
         seconds = last.seconds * growth**_TIME_POWER * shorter
         cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
         return Forecast(cells, dofs, seconds, last.memory * growth, ceil(last.steps * shorter))
+
+    def forecast_of_degree(self, dofs: int) -> Forecast:
+        """Return what the same cells with an element of a higher degree will cost."""
+        last = self.rows[-1]
+        growth = max(1.0, dofs / last.dofs)
+        seconds = last.seconds * growth**_TIME_POWER
+        return Forecast(last.cells, dofs, seconds, last.memory * growth)
 
     def exceeds(self, forecast: Forecast, elapsed: float, available: float) -> str:
         """Return why the next level is not solved; empty if it is.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil
 from typing import Any
 
@@ -76,21 +77,35 @@ def has_exact_cells(scene: scenes.Scene) -> bool:
     return isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in exact
 
 
+def raised_element(scene: scenes.Scene) -> str:
+    """Return the element of degree 2 on the cells of a scene that does not lock; else its own."""
+    return next(name for name in _candidates(scene, _DEGREE_2) if _fits(scene, name))
+
+
 def _element(scene: scenes.Scene) -> tuple[str, str]:
     """Return the element of the levels, and why it is not the scene's; empty if it is."""
-    sheet = kinematics_of(scene.kinematics).plane_stress
-    locks = not sheet and max(material.nu for material in scene.materials) > _LOCKING
+    raised = _DEGREE_2 if _may_raise(scene) else {}
     own = scene.element
-    other = _DEGREE_2.get(own, own) if _may_raise(scene) else own
-    candidates = [other]
-    if locks and (without := REPLACEMENTS.get(other)):
-        plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
-        candidates = [plane.get(without, without), without, other]
-    fitting = next((name for name in candidates if _fits(scene, name)), own)
+    fitting = next(name for name in _candidates(scene, raised) if _fits(scene, name))
     if fitting == own:
         return own, ""
     pointwise = ELEMENTS[own].volume == "pointwise"
-    return fitting, "which locks" if locks and pointwise else "which needs more unknowns"
+    return fitting, "which locks" if _locks(scene) and pointwise else "which needs more unknowns"
+
+
+def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
+    """Return elements of a scene, the best first, the last its own."""
+    other = raised.get(scene.element, scene.element)
+    if _locks(scene) and (without := REPLACEMENTS.get(other)):
+        plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
+        return [plane.get(without, without), without, other, scene.element]
+    return [other, scene.element]
+
+
+def _locks(scene: scenes.Scene) -> bool:
+    """Return whether an element with a pointwise volume term locks."""
+    sheet = kinematics_of(scene.kinematics).plane_stress
+    return not sheet and max(material.nu for material in scene.materials) > _LOCKING
 
 
 def _may_raise(scene: scenes.Scene) -> bool:

@@ -30,7 +30,7 @@ from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.first_level import first_scene, has_exact_cells
+from fem_snh.runs.first_level import first_scene, has_exact_cells, raised_element
 from fem_snh.runs.result import Result
 
 if TYPE_CHECKING:
@@ -95,7 +95,9 @@ class Level:
         if estimate:
             seconds += estimate.seconds - estimate.jit
             memory = estimate.memory
-        row = LevelRow(record["element"], record["cells"], record["dofs"], seconds, memory)
+        element = record["element"]
+        sizes = ELEMENTS[element].degree, record["cells"], record["dofs"]
+        row = LevelRow(element, *sizes, seconds, memory)
         row.elapsed, row.steps = perf_counter() - self.start, len(rows) if in_time else 0
         row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
@@ -139,7 +141,7 @@ def run_levels(
     Raises
     ------
     BadInput
-        On every rank, for a mesh that cannot be refined, and a run to resume.
+        On every rank, for a run to resume.
     """
     if stored is not None:
         raise BadInput("--resume: expected without --accuracy, whose levels start again")
@@ -149,7 +151,7 @@ def run_levels(
     scene = first_scene(scene, printed)
     refine = _refinement(scene)
     dim = kinematics_of(scene.kinematics).dim
-    levels = Levels(wanted.within, ELEMENTS[scene.element].degree, limits, dim)
+    levels = Levels(wanted.within, limits, dim)
     start, current = perf_counter(), scene
     by_cells = refine is _more_cells
 
@@ -178,7 +180,13 @@ def run_levels(
             break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
         shorter, stiffer = levels.shorter_steps(), levels.stiffer_penalties()
-        forecast = levels.forecast(refinement, shorter)
+        if refine is _higher_degree:
+            if raised_element(current) == current.element:
+                levels.limit = f"cells of a file have element = '{current.element}' at most"
+                break
+            forecast = levels.forecast_of_degree(result.estimate.dofs if result.estimate else 0)
+        else:
+            forecast = levels.forecast(refinement, shorter)
         elapsed = comm.bcast(perf_counter() - start)
         if limit := levels.exceeds(forecast, elapsed, available_memory(comm)):
             levels.limit = limit
@@ -236,7 +244,7 @@ Refine = Callable[
 
 
 def _refinement(scene: scenes.Scene) -> Refine:
-    """Return how the mesh of a scene is refined; raise BadInput if it cannot be."""
+    """Return how the mesh of a scene is refined; hexahedra of a file get a higher degree."""
     simplices = ELEMENTS[scene.element].cell == "tetrahedron"
     if isinstance(scene.mesh, scenes.Lattice):
         return _smaller_lattice
@@ -244,13 +252,7 @@ def _refinement(scene: scenes.Scene) -> Refine:
         return _more_cells
     if simplices:
         return _bisected
-    simplex, others = "tetrahedra", "hexahedra"
-    if kinematics_of(scene.kinematics).dim == 2:
-        simplex, others = "triangles", "quadrilaterals"
-    raise BadInput(
-        f"accuracy.within: mesh = {scene.mesh}: expected {simplex}, a lattice or a built-in "
-        f"geometry with 'cells', as {others} of a file cannot be refined"
-    )
+    return _higher_degree
 
 
 def is_bisected(scene: scenes.Scene) -> bool:
@@ -272,6 +274,12 @@ def _smaller_lattice(
     assert isinstance(scene.mesh, scenes.Lattice)
     cell = scene.mesh.cell / finer
     return scene.model_copy(update={"mesh": scene.mesh.model_copy(update={"cell": cell})}), None
+
+
+def _higher_degree(
+    comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
+) -> tuple[scenes.Scene, Mesh | None]:
+    return scene.model_copy(update={"element": raised_element(scene)}), level.mesh
 
 
 def _bisected(
