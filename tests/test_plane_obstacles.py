@@ -13,11 +13,12 @@ from derivatives import check_derivatives
 from gmsh_files import section
 from plane_programs import COMPONENTS, displacement, prescribe, rectangle, zero
 from test_plane_motion import motion
-from test_plane_scenes import own_scene, solve
+from test_plane_scenes import own_scene, solve, write_mesh
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.geometry.shapes import Polygon
+from fem_snh.geometry.shapes import Polygon, Revolved, Sphere
+from fem_snh.viewing.render.records import obstacle_poses
 
 mpi = pytest.mark.mpi
 FLAT = ("plane_strain", "axisymmetric")
@@ -251,6 +252,90 @@ def test_polygon_is_its_distance():
     assert np.allclose(np.linalg.norm(found.gradient, axis=1), 1)
 
 
+def test_revolved_shape_is_its_distance():
+    """Of a circle beside the axis, a torus, by differences."""
+    torus = Revolved(Sphere((2.0, 0.5, 0.0), 0.7))
+    x, h = np.random.default_rng(0).uniform(-3, 3, (50, 3)), 1e-6
+    found = torus.evaluate(x)
+    ring = np.hypot(np.hypot(x[:, 0], x[:, 2]) - 2, x[:, 1] - 0.5) - 0.7
+    assert found.distance == pytest.approx(ring) and torus.distance(x) == pytest.approx(ring)
+    for i, step in enumerate(h * np.eye(3)):
+        high, low = (torus.evaluate(x + sign * step) for sign in (1, -1))
+        slope, change = (high.distance - low.distance), (high.gradient - low.gradient)
+        assert found.gradient[:, i] == pytest.approx(slope / (2 * h), abs=1e-8)
+        assert found.hessian[:, i] == pytest.approx(change / (2 * h), abs=1e-7)
+    assert torus.bounds == pytest.approx(np.array([[-2.7, -0.2, -2.7], [2.7, 1.2, 2.7]]))
+
+
+TWISTED = """
+steps = 8
+reactions = [{ group = "bottom", about = [0, 0, 0] }]
+[material]
+name = "stable_neo_hookean"
+E = 1.0
+nu = 0.0
+[[hold]]
+group = "bottom"
+[[obstacle]]
+name = "plate"
+shape = { plane = { point = [0, 1, 0], normal = [0, -1, 0] } }
+translate = [0, -0.1, 0]
+rotate = { axis = [0, 1, 0], angle = 2.0 }
+friction = 0.2
+"""
+
+
+def twisted(folder, **keys):
+    """A cylinder of radius 1/2 and length 1 below a rough plate that presses and turns."""
+    write_mesh(folder / "mesh.msh", False, 1)
+    text = 'mesh = "mesh.msh"\nelement = "Q2"\nkinematics = "axisymmetric_torsion"\n' + TWISTED
+    (folder / "own.toml").write_text(text)
+    return solve(folder / "own.toml", **keys)
+
+
+def test_a_plate_turns_a_cylinder_by_friction(tmp_path):
+    """It slides everywhere: the torque of a uniform pressure is 2/3 mu F R."""
+    result = twisted(tmp_path, out=tmp_path / "out")
+    row = result.steps[-1]
+    force, plate = row["reactions"]["bottom"][1], row["obstacles"]["plate"]
+    material = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.0)
+    stretch = 0.9 + plate["penetration"]
+    P = material.pk1(np.diag([1.0, stretch, 1.0]))[1, 1]
+    assert force == pytest.approx(-P * pi / 4, rel=0.02)
+    assert plate["force"][1] == pytest.approx(-force, rel=1e-6)
+    assert row["moments"]["bottom"][1] == pytest.approx(-2 / 3 * 0.2 * force / 2, rel=0.02)
+    assert (tmp_path / "out" / "obstacles.pvd").is_file()
+    drawn = obstacle_poses(result.record, tmp_path)[0]["poses"][-1]
+    assert np.allclose(drawn, [[1, 0, 0, 0], [0, 1, 0, -0.1], [0, 0, 1, 0]])
+
+
+def test_profile_under_torsion(tmp_path):
+    """run.json has its corners."""
+    (tmp_path / "ring.csv").write_text("0.6,-1\n1,-1\n1,2\n0.6,2\n0.45,0.5\n")
+    path = own_scene(tmp_path, "Q1", "axisymmetric_torsion", '[[obstacle]]\nprofile = "ring.csv"\n')
+    shape = solve(path).record["obstacles"]["obstacle_0"]["shape"]
+    assert shape["polygon"]["points"][-1] == [0.45, 0.5]
+
+
+def test_derivatives_under_torsion(tmp_path):
+    """At a twisted state in a ring with friction, by central differences."""
+    keys = """
+[[obstacle]]
+shape = { sphere = { center = [0.9, 0.5, 0], radius = 0.45 } }
+rotate = { axis = [0, 1, 0], angle = 0.3 }
+friction = 0.3
+"""
+    path = own_scene(tmp_path, "Q2", "axisymmetric_torsion", keys)
+    problem = solve(path).problem
+    term = next(t for t in problem.terms if t.name == "obstacle")
+    rng = np.random.default_rng(0)
+    problem.x.array[:] += rng.uniform(-1e-3, 1e-3, problem.x.getLocalSize())
+    assert term.record(problem.split(problem.x)[0])["obstacles"]["obstacle_0"]["contacts"]
+    near = (problem.coordinates[:, 0] > 0.49) & (abs(problem.coordinates[:, 1] - 0.5) < 0.3)
+    dofs = (3 * np.flatnonzero(near)[:, None] + [0, 1, 2]).ravel()
+    check_derivatives(problem, dofs, 1e-7, 5e-6, 1e-4, constrained=False)
+
+
 @pytest.mark.parametrize(
     "points", [[[0, 0], [1, 0]], [[0, 0], [1, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [2, 0]]]
 )
@@ -293,7 +378,11 @@ def test_polygon_of_a_file(tmp_path):
             "shape = { plane = { normal = [0, 1, 0] } }\nrotate = { axis = [0, 0, 1], angle = 1 }",
             "expected a translation, on a body of revolution",
         ),
-        ("axisymmetric_torsion", "shape = { plane = { normal = [0, 1, 0] } }", "no obstacle, with"),
+        (
+            "axisymmetric_torsion",
+            "shape = { sphere = { center = [2, 0, 0], radius = 0.5 } }\ntranslate = [-1, 0, 0]",
+            "expected a motion along the axis or about it, with kinematics = 'axisymmetric_to",
+        ),
     ],
 )
 def test_what_is_refused(tmp_path, kinematics, keys, message):

@@ -13,7 +13,7 @@ from fem_snh.contact.contact import ContactTable
 from fem_snh.errors import BadInput, bad_value, on_every
 from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
-from fem_snh.geometry.shapes import Box, ClosedSurface, Shape, read_polygon
+from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
 from fem_snh.output_fields import AT_OBSTACLES, OutputField
 from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
@@ -140,8 +140,10 @@ class Obstacle(Feature, ContactTable):
         for i, (name, obstacle) in enumerate(zip(names(features), features, strict=True)):
             shape = obstacle.shape.record() if obstacle.shape else {"surface": file_name(i)}
             if obstacle.profile:
-                corners = terms[0].contacts[i].obstacle.shape.points
-                shape = {"polygon": {"points": [list(corner) for corner in corners]}}
+                section: Any = terms[0].contacts[i].obstacle.shape
+                if isinstance(section, Revolved):
+                    section = section.section
+                shape = {"polygon": {"points": [list(corner) for corner in section.points]}}
             found[name] = {
                 "shape": shape,
                 "friction": obstacle.friction,
@@ -160,16 +162,14 @@ _LOADS = np.linspace(0.0, 1.0, 9)
 def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> MovingShape:
     """Return an obstacle of a body in two dimensions, where z = 0.
 
-    A box is as wide along z as no distance sees.
+    A box is as wide along z as no distance sees. Under torsion the shape is revolved.
 
     Raises
     ------
     BadInput
         For a shape or a motion that is not symmetric to the plane; on a body of revolution, for a
-        rotation in the half plane.
+        rotation in the half plane; under torsion, for a motion that is none of the axis.
     """
-    if kinematics.components == 3:
-        raise bad_value("obstacle", name, f"no obstacle, with kinematics = '{kinematics.name}'")
     accepted = "a shape and a motion in the plane z = 0"
     shape = _widened(obstacle.shape)
     finite = shape.bounds[:, :2][np.isfinite(shape.bounds[:, :2])]
@@ -180,10 +180,17 @@ def _in_plane(kinematics: Kinematics, name: str, obstacle: MovingShape) -> Movin
         raise bad_value("obstacle", name, accepted)
     for load in _LOADS:
         R, c = obstacle.pose(float(load))
+        if kinematics.components == 3:
+            if np.abs([*(R[1] - (0, 1, 0)), *R[[0, 2], 1], *c[[0, 2]] / reach]).max() > _FLAT:
+                wanted = f"along the axis or about it, with kinematics = '{kinematics.name}'"
+                raise bad_value("obstacle", name, f"a motion {wanted}")
+            continue
         if np.abs([*R[:2, 2], *R[2, :2], c[2] / reach]).max() > _FLAT:
             raise bad_value("obstacle", name, accepted)
         if kinematics.revolved and np.abs(R - np.eye(3)).max() > _FLAT:
             raise bad_value("obstacle", name, "a translation, on a body of revolution")
+    if kinematics.components == 3:
+        shape = Revolved(shape)
     return MovingShape(shape, obstacle.motion)
 
 

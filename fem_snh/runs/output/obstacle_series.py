@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.errors import on_root
-from fem_snh.geometry.motions import MovingShape
-from fem_snh.geometry.shapes import Shape, SmoothUnion, Union
+from fem_snh.geometry.motions import MovingShape, Pose
+from fem_snh.geometry.shapes import Revolved, Shape, SmoothUnion, Union
 from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.problem.initial_state import bounding_box
 from fem_snh.problem.problem import Problem
@@ -80,6 +80,8 @@ class ObstacleSeries(Collection):
         parts = []
         for i, obstacle in enumerate(self._obstacles):
             pose = obstacle.pose(load)
+            if isinstance(obstacle.shape, Revolved):  # it turns about its own axis
+                pose = Pose(np.eye(3), pose.translation)
             X, triangles = self._triangles(
                 i, pose.invert(box.mean(axis=0)[None])[0], np.ptp(box, 0)
             )
@@ -108,8 +110,11 @@ def _joined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
 def _surface(shape: Shape, centre: Array, radius: float) -> tuple[Array, Array]:
     """Return the triangles of a shape, those of a smooth union on the cubes of a grid.
 
-    The seams of a smooth union without an end are left sharp.
+    The seams of a smooth union without an end are left sharp. Of a revolved shape they are those
+    of the section.
     """
+    if isinstance(shape, Revolved):
+        return _surface(shape.section, centre, radius)
     bounded = np.isfinite(shape.bounds).all()
     if isinstance(shape, Union) or (isinstance(shape, SmoothUnion) and not bounded):
         return _joined([_surface(part, centre, radius) for part in shape.shapes])

@@ -142,5 +142,10 @@ def obstacle_poses(
         if "surface" in shape:
             shape["surface"] = str(folder / shape["surface"])
         at_loads = [poses[load] for load in loads]
+        if record.get("kinematics") == "axisymmetric_torsion":  # it turns about its own axis
+            at_loads = [
+                [[*(float(i == j) for j in range(3)), pose[i][3]] for i in range(3)]
+                for pose in at_loads
+            ]
         found.append({"kind": kind, "shape": shape, "loads": loads, "poses": at_loads})
     return found
