@@ -84,10 +84,11 @@ class Material:
         return self.numbers.lame
 
     @cached_property
-    def _kernel(self) -> tuple[Any, Any]:
-        """Return the compiled kernels; raise BadInput at nu = 0.5."""
-        path = compile_kernel(self, after=POINTWISE).path
-        return build.load(path, header("pointwise_api.h"))
+    def _kernel(self) -> tuple[Any, Any, Array]:
+        """Return the compiled kernels and their parameters; raise BadInput at nu = 0.5."""
+        compiled = compile_kernel(self, after=POINTWISE)
+        parameters = compiled.constants.values[len(self.numbers.values) :]
+        return *build.load(compiled.path, header("pointwise_api.h")), np.array(parameters)
 
     def _call(self, name: str, F: npt.ArrayLike, *arguments: Any, sizes: tuple[int, ...]) -> Any:
         """Call the C function ``name`` at every F; return an array (..., size) for each size."""
@@ -97,14 +98,15 @@ class Material:
         shape, n = F.shape[:-2], int(np.prod(F.shape[:-2]))
         columns = stored_by_columns(F)
         out = [np.empty((n, size)) for size in sizes]
-        ffi, lib = self._kernel
+        ffi, lib, parameters = self._kernel
+        scalars = np.append(self.constants, parameters)
 
         def pointer(a: Array) -> Any:
             return ffi.cast("double *", a.ctypes.data)
 
         if n:
             getattr(lib, name)(
-                pointer(self.constants), n, pointer(columns), *arguments, *map(pointer, out)
+                pointer(scalars), n, pointer(columns), *arguments, *map(pointer, out)
             )
         return [a.reshape(*shape, a.shape[1]) for a in out]
 

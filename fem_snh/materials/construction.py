@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import sympy
@@ -17,9 +18,10 @@ from fem_snh.materials.bounds import why_unbounded
 from fem_snh.materials.energy import LAME, Energy, principal_stresses
 from fem_snh.materials.functions import PrincipalStress, positive, where
 from fem_snh.materials.invariants import INVARIANTS, MEASURES
-from fem_snh.materials.keywords import MAX_EXPONENT, check
+from fem_snh.materials.keywords import MAX_EXPONENT, TUNING, check
 from fem_snh.materials.parameters import check_constants
-from fem_snh.materials.signature import Function, constants_of, measures_of
+from fem_snh.materials.signature import Function, constants_of, measures_of, shape_parameters
+from fem_snh.materials.symbols import parameters_in
 
 #: The measures at rest, F = I.
 REST = {m: 3.0 if str(m) in ("I1", "I_C", "II_C") else 1.0 for m in MEASURES.values()}
@@ -62,7 +64,6 @@ def construct(
         If the function does not return an energy, or it cannot be fitted or tuned.
     """
     E, nu = check_constants(E, nu)
-    given = {k: v for k, v in tuned.items() if v is not None}
     form = _symbolic(function, name, nu, shape)
     known = {str(c): c for c in form.constants}
     fit = normalise.Normalisation(
@@ -72,6 +73,7 @@ def construct(
         {known[k]: v for k, v in pins.items()},
         form.moduli,
     )
+    given = {k: v for k, v in tuned.items() if v is not None}
     energy = Energy(
         name=name,
         E=E,
@@ -85,10 +87,43 @@ def construct(
         barriers=form.barriers,
         fit=fit,
     )
-    if given:
-        energy = tuning.tune(energy, check(given), lambda_part)
-        for term in energy.slopes if energy.psi is None else [energy.psi]:
-            _check_exponents(term, name)
+
+    def with_symbols(symbols: Mapping[str, Any]) -> Energy:
+        own = dict(shape) | {k: v for k, v in symbols.items() if k in shape}
+        form = _symbolic(function, name, nu, own)
+        made = replace(
+            energy,
+            psi=form.psi,
+            stress=form.stress,
+            barriers=form.barriers,
+            fit=normalise.Normalisation(name, fit.symbols, fit.defaults, fit.pins, form.moduli),
+        )
+        return _tuned(made, given, symbols, lambda_part)
+
+    defaults = shape_parameters(function) | TUNING
+    return replace(
+        _tuned(energy, given, {}, lambda_part),
+        adjusted={k: v for k, v in energy.shape.items() if v != defaults[k]},
+        with_symbols=with_symbols,
+    )
+
+
+def _tuned(
+    energy: Energy,
+    given: Mapping[str, Any],
+    symbols: Mapping[str, Any],
+    lambda_part: Energy | None,
+) -> Energy:
+    """Return a tuned energy, with symbols for some numbers of the tuning."""
+    if not given:
+        return energy
+    values = check(dict(given))
+    for key in values:
+        part = key in ("alpha_mu", "alpha_lambda") and key not in given
+        values[key] = symbols.get("alpha" if part else key, values[key])
+    energy = tuning.tune(energy, values, lambda_part)
+    for term in energy.slopes if energy.psi is None else [energy.psi]:
+        _check_exponents(term, energy.name)
     return energy
 
 
@@ -180,7 +215,7 @@ def _evaluate(
                 f"material '{name}': its function returns {_short(term)}: expected a sympy "
                 f"expression in {wanted}"
             )
-        if unknown := term.free_symbols - set(arguments):
+        if unknown := term.free_symbols - set(arguments) - parameters_in(keywords.values()):
             raise BadInput(
                 f"material '{name}': unknown symbol {min(map(str, unknown))}: expected an "
                 "expression in the function's arguments"
@@ -214,8 +249,13 @@ def _check_functions(term: sympy.Expr, name: str) -> None:
 
 
 def _check_exponents(term: sympy.Expr, name: str) -> None:
-    """Raise BadInput for a power whose exponent is no number, or too large for generated code."""
+    """Raise BadInput for a power whose exponent is no number, or too large for generated code.
+
+    A shape parameter with a symbol has been checked with its number.
+    """
     for power in term.atoms(sympy.Pow):
+        if parameters_in([power.exp]):
+            continue
         if not power.exp.is_number:
             raise BadInput(f"material '{name}': exponent {power.exp} in {power}: expected a number")
         if abs(power.exp) > MAX_EXPONENT:

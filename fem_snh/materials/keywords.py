@@ -58,6 +58,8 @@ class Accepted:
         The ends.
     above, below : bool
         Whether a value has to be above the lower and below the upper end.
+    nonzero : bool
+        Whether 0 is not accepted.
     """
 
     accepted: str
@@ -65,11 +67,22 @@ class Accepted:
     high: float = LARGEST_PARAMETER
     above: bool = False
     below: bool = False
+    nonzero: bool = False
 
     def __contains__(self, value: float) -> bool:
         """Return whether a value is accepted."""
         low = value > self.low if self.above else value >= self.low
-        return low and (value < self.high if self.below else value <= self.high)
+        high = value < self.high if self.below else value <= self.high
+        return low and high and not (self.nonzero and value == 0)
+
+
+#: Accepted exponents of the power strains.
+EXPONENTS = Accepted(
+    f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'",
+    -MAX_EXPONENT,
+    MAX_EXPONENT,
+    nonzero=True,
+)
 
 
 def check(tuning: dict[str, Any]) -> dict[str, Any]:

@@ -25,9 +25,9 @@ class Functions(Derivatives):
     """Generator of the C functions of one energy. Every method returns C source."""
 
     def constants(self) -> str:
-        """Return the declarations of the material's constants and of the pressure."""
+        """Return the declarations of the scalars and of the pressure."""
         lines = [
-            f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.constants)
+            f"  const double {c} = p.constants[{i}];" for i, c in enumerate(self.energy.scalars)
         ]
         if self.energy.pressure is not None:
             lines.append(f"  const real {self.energy.pressure} = p.pressure;")
@@ -64,7 +64,7 @@ class Functions(Derivatives):
         domain : iterable of sympy.Expr
             Expressions that are positive inside the domain.
         """
-        printer = Printer()
+        printer = Printer(self.energy.scalars)
         tests = [f"({printer.doprint(x)} > 0)" for x in domain]
         size = " + ".join(f"absolute({r})" for r in results)
         return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"
@@ -95,8 +95,8 @@ class Functions(Derivatives):
         needed = {f"const real {s}": self.derivatives[s] for s in derivatives}
         body = [self.constants(), self.measures(argument)]
         if needed:
-            body.append(statements(needed, self.energy.constants, "d_"))
-        body.append(statements(results, self.energy.constants, "r_"))
+            body.append(statements(needed, self.energy.scalars, "d_"))
+        body.append(statements(results, self.energy.scalars, "r_"))
         body.append(f"  {self.inside(results, self.energy.domain)}")
         body += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
         return f"INLINE void {signature} {{\n" + "\n".join(body) + "\n}\n"
@@ -164,7 +164,7 @@ class Functions(Derivatives):
             The same expressions in a form with smaller rounding errors; written instead.
         """
         results = {f"{out}[{i}]": expression for i, expression in enumerate(forms or curve)}
-        lines = [self.constants(), statements(results, self.energy.constants, "c_")]
+        lines = [self.constants(), statements(results, self.energy.scalars, "c_")]
         lines.append("  " + self.inside(results, domain(curve, [variable])))
         outside = ("INFINITY", "0", "0")
         lines += [

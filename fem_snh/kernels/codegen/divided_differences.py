@@ -88,7 +88,7 @@ class DividedDifference:
             n = abs(int(f.exp))
             total = divided * sum(inner**m * exchanged ** (n - 1 - m) for m in range(n))
             return total if f.exp > 0 else -total / (inner * exchanged) ** n
-        if f.is_Pow and f.exp.is_number:
+        if f.is_Pow and not f.exp.free_symbols & set(self._exchange):
             return divided * exchanged ** (f.exp - 1) * powm1_over_x(d / exchanged, f.exp)
         if isinstance(f, sympy.log):
             return divided / exchanged * log1p_over_x(d / exchanged)

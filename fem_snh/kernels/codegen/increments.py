@@ -65,7 +65,7 @@ class Increments:
         if f.is_Pow and f.exp.is_Integer and (f.exp > 0 or nonzero):
             power = _power(f0, df, abs(int(f.exp)))
             return power if f.exp > 0 else _inverse(*power)
-        if f.is_Pow and f.exp.is_number and nonzero:
+        if f.is_Pow and nonzero and not f.exp.free_symbols & set(self._rest):
             return f0**f.exp, f0**f.exp * expm1(f.exp * log1p(df / f0))
         if isinstance(f, sympy.log) and nonzero:
             return sympy.log(f0), log1p(df / f0)

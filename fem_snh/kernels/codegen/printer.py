@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import sympy
+from sympy.codegen.cfunctions import expm1, log1p
 from sympy.printing.c import C99CodePrinter
 
 #: Largest int of C.
@@ -17,8 +18,29 @@ class power(sympy.Function):
     nargs = (2,)
 
 
+#: Functions that the C library has for scalars, under the same names.
+_SCALAR_FUNCTIONS = (sympy.log, sympy.exp, log1p, expm1, power)
+
+
 class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
-    """Printer of lane expressions: integer powers as products, functions as ``lane_name``."""
+    """Printer of lane expressions: integer powers as products, functions as ``lane_name``.
+
+    Parameters
+    ----------
+    scalars : iterable of sympy.Symbol
+        Symbols that are scalars: functions of these alone are evaluated once, not in each lane.
+    """
+
+    def __init__(self, scalars: Iterable[sympy.Symbol] = ()) -> None:
+        super().__init__()
+        self.scalars = set(scalars)
+
+    def is_scalar(self, expr: sympy.Expr) -> bool:
+        """Return whether the C expression is a double."""
+        functions = (f for f in expr.atoms(sympy.Function) if f.free_symbols)
+        return expr.free_symbols <= self.scalars and all(
+            isinstance(f, _SCALAR_FUNCTIONS) for f in functions
+        )
 
     def _print_Pow(self, expr: sympy.Pow) -> str:
         if expr.is_number:  # a scalar, which no function of lanes takes
@@ -37,21 +59,28 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
 
     def _print_power(self, expr: sympy.Function) -> str:
         base, exponent = expr.args
+        if self.is_scalar(expr):
+            return f"pow({self._print(base)}, {self._exponent(exponent)})"
         lanes = f"splat(0) + {self._print(base)}"
         if exponent == sympy.Rational(1, 2):
             return f"lane_sqrt({lanes})"
-        return f"lane_pow({lanes}, {float(exponent)!r})"
+        return f"lane_pow({lanes}, {self._exponent(exponent)})"
 
     def _print_Function(self, expr: sympy.Function) -> str:
         if expr.is_number:
             return repr(float(expr))
+        if self.is_scalar(expr):
+            return f"{expr.func.__name__}({self._print(expr.args[0])})"
         # An argument may be a scalar; splat(0) + scalar is a lane.
         arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
         return f"lane_{expr.func.__name__}({', '.join(arguments)})"
 
     def _print_powm1_over_x(self, expr: sympy.Function) -> str:
         x, exponent = expr.args
-        return f"lane_powm1_over_x(splat(0) + {self._print(x)}, {float(exponent)!r})"
+        return f"lane_powm1_over_x(splat(0) + {self._print(x)}, {self._exponent(exponent)})"
+
+    def _exponent(self, exponent: sympy.Expr) -> str:
+        return repr(float(exponent)) if exponent.is_number else str(self._print(exponent))
 
     _print_log1p = _print_expm1 = _print_Function
     _print_log = _print_exp = _print_sqrt = _print_cbrt = _print_Function
@@ -68,11 +97,23 @@ def share_fractional_powers(expression: sympy.Expr) -> sympy.Expr:
     """Return the expression with real powers b^e written b^n power(b, e - n), n = floor(e).
 
     An energy in s^e has derivatives in s^(e-1) and s^(e-2); all three then share one call of pow.
+    With symbols in the exponents, b^(n x + m) share that of b^x.
     """
     return expression.replace(
-        lambda e: e.is_Pow and e.exp.is_number and not e.exp.is_integer and not e.is_number,
-        lambda e: e.base ** sympy.floor(e.exp) * power(e.base, e.exp - sympy.floor(e.exp)),
+        lambda e: e.is_Pow and not e.exp.is_integer and not e.is_number, _with_shared_power
     )
+
+
+def _with_shared_power(expression: sympy.Pow) -> sympy.Expr:
+    base = expression.base
+    number, rest = sympy.expand(expression.exp).as_coeff_Add()
+    whole = sympy.floor(number)
+    product = base**whole * (power(base, number - whole) if number != whole else 1)
+    for term in sympy.Add.make_args(rest):
+        if term != 0:
+            factor, symbols = term.as_coeff_Mul()
+            product *= power(base, symbols) ** factor if factor.is_Integer else power(base, term)
+    return product
 
 
 def statements(
@@ -85,24 +126,21 @@ def statements(
     results : mapping
         C variables (lanes) and the expressions assigned to them.
     scalars : iterable of sympy.Symbol
-        Symbols that are scalars (the material's constants): subexpressions of these alone are
-        computed once, as doubles.
+        Symbols that are scalars (the constants and shape parameters): subexpressions of these alone
+        are computed once, as doubles.
     temporary : str
         Prefix of the names of the subexpressions.
     """
-    printer = Printer()
+    printer = Printer(scalars)
     temporaries, expressions = sympy.cse(
         [share_fractional_powers(sympy.sympify(e)) for e in results.values()],
         symbols=sympy.numbered_symbols(temporary),
     )
-    known, lines = set(scalars), []
+    lines = []
     for symbol, expression in temporaries:
-        calls = any(
-            f.free_symbols for f in expression.atoms(sympy.Function)
-        )  # the lane functions take lanes only
-        scalar = expression.free_symbols <= known and not calls
+        scalar = printer.is_scalar(expression)
         if scalar:
-            known.add(symbol)
+            printer.scalars.add(symbol)
         kind = "double" if scalar else "real"
         lines.append(f"const {kind} {symbol} = {printer.doprint(expression)};")
     for target, expression in zip(results, expressions, strict=True):

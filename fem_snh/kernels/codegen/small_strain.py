@@ -99,7 +99,7 @@ class SmallStrainFunctions:
             lines.append(f"  const real {m} = {rest} + {change};")
         if self.energy.needs_stretches:
             lines.append(self._c.invariants())
-        lines.append(statements(results, self.energy.constants, "n_"))
+        lines.append(statements(results, self.energy.scalars, "n_"))
         lines.append("  " + self._c.inside(results, self.energy.domain))
         lines += [f"  {r} = select(inside, {r}, splat({outside}));" for r in results]
         signature = f"INLINE void {name}(Parameters p, const real *change, real *{out})"

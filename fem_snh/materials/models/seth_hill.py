@@ -1,12 +1,13 @@
 """The material ``seth_hill``."""
 
-from fem_snh.errors import bad_value
+from typing import Annotated
+
 from fem_snh.materials.functions import exact, positive
-from fem_snh.materials.keywords import MAX_EXPONENT
+from fem_snh.materials.keywords import EXPONENTS
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 
-def seth_hill(s0, s1, s2, mu, lam, *, n: float = 0.5):
+def seth_hill(s0, s1, s2, mu, lam, *, n: Annotated[float, EXPONENTS] = 0.5):
     """Seth-Hill family: quadratic in a power strain (Chen & Barbic, Table 1).
 
     ::
@@ -28,9 +29,6 @@ def seth_hill(s0, s1, s2, mu, lam, *, n: float = 0.5):
     ----------
     Seth 1964.
     """
-    if n == 0 or not abs(n) <= MAX_EXPONENT:
-        accepted = f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'"
-        raise bad_value("n", n, accepted)
     power = exact(n)
     bases = (s0, s1, s2) if n > 0 else map(positive, (s0, s1, s2))
     strains = [(s**power - 1) / power for s in bases]

@@ -1,12 +1,13 @@
 """The material ``symmetric_seth_hill``."""
 
-from fem_snh.errors import bad_value
+from typing import Annotated
+
 from fem_snh.materials.functions import exact, positive
-from fem_snh.materials.keywords import MAX_EXPONENT
+from fem_snh.materials.keywords import EXPONENTS
 from fem_snh.materials.models._quadratic_strain import quadratic
 
 
-def symmetric_seth_hill(s0, s1, s2, mu, lam, *, n: float = 1.0):
+def symmetric_seth_hill(s0, s1, s2, mu, lam, *, n: Annotated[float, EXPONENTS] = 1.0):
     """Symmetric Seth-Hill family (Chen & Barbic, Table 1).
 
     ::
@@ -28,9 +29,6 @@ def symmetric_seth_hill(s0, s1, s2, mu, lam, *, n: float = 1.0):
     ----------
     Bazant 1998.
     """
-    if n == 0 or not abs(n) <= MAX_EXPONENT:
-        accepted = f"a number from {-MAX_EXPONENT} to {MAX_EXPONENT}, not 0: that limit is 'hencky'"
-        raise bad_value("n", n, accepted)
     power = exact(n)
     strains = [(positive(s) ** power - positive(s) ** -power) / (2 * power) for s in (s0, s1, s2)]
     return quadratic(strains, mu, lam)
