@@ -137,8 +137,9 @@ def _print_source(name: str, numbers: dict[str, Any]) -> None:
     """Print the generated C of a material's kernels."""
     from fem_snh.kernels.codegen.source import material_source
     from fem_snh.materials import make_energy
+    from fem_snh.materials.runtime import with_arguments
 
-    print(material_source(make_energy(name, **numbers)))
+    print(material_source(with_arguments(make_energy(name, **numbers))))
 
 
 def _report(name: str, args: Namespace, numbers: dict[str, Any]) -> None:

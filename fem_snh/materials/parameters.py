@@ -76,7 +76,7 @@ def check_keywords(function: Callable[..., Any], given: Mapping[str, Any]) -> di
     found = {key: check_value(key, value, kinds.get(key, Any)) for key, value in given.items()}
     for key, value in found.items():
         if key in limits and value not in limits[key]:
-            raise bad_value(key, value, limits[key].accepted)
+            raise bad_value(key, given[key], limits[key].accepted)
     return found
 
 

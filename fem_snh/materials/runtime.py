@@ -26,7 +26,7 @@ from fem_snh.errors import BadInput
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.functions import exact, where
 from fem_snh.materials.invariants import INVARIANTS, SIGMA
-from fem_snh.materials.symbols import Parameter
+from fem_snh.materials.symbols import Parameter, parameters_in
 
 #: Stretches at which both forms of an energy are compared, the last ones only if the energy is
 #: finite there.
@@ -39,7 +39,7 @@ class _Number(NamedTuple):
     """A number among the shape parameters."""
 
     key: str
-    index: int | None
+    position: int | None
     symbol: sympy.Symbol
     value: float
 
@@ -71,13 +71,14 @@ def _numbers(energy: Energy) -> list[_Number]:
     found = []
     for key, value in energy.adjusted.items():
         values = value if isinstance(value, tuple) else (value,)
-        for index, number in enumerate(values):
-            if isinstance(number, int | float) and not isinstance(number, bool) and number != 0:
-                entry = index if isinstance(value, tuple) else None
-                name = f"shape_{key}" if entry is None else f"shape_{key}_{entry}"
-                # The sign is known: functions may compare with 0, and powers may be combined.
-                symbol = Parameter(name, **{"positive" if number > 0 else "negative": True})
-                found.append(_Number(key, entry, symbol, float(number)))
+        for k, number in enumerate(values):
+            if isinstance(number, bool) or not isinstance(number, int | float) or number == 0:
+                continue
+            position = k if isinstance(value, tuple) else None
+            name = f"shape_{key}" if position is None else f"shape_{key}_{position}"
+            # The sign is known: functions may compare with 0, and powers may be combined.
+            symbol = Parameter(name, **{"positive" if number > 0 else "negative": True})
+            found.append(_Number(key, position, symbol, float(number)))
     return found
 
 
@@ -85,16 +86,18 @@ def _with_symbols(energy: Energy, numbers: list[_Number]) -> Energy | None:
     """Return the energy with symbols for some numbers, or None if it is not the same energy."""
     assert energy.with_symbols is not None
     symbols = dict(energy.adjusted)
-    for key, index, symbol, _ in numbers:
-        if index is None:
+    for key, position, symbol, _ in numbers:
+        if position is None:
             symbols[key] = symbol
         else:
-            symbols[key] = (*symbols[key][:index], symbol, *symbols[key][index + 1 :])
+            values = list(symbols[key])
+            values[position] = symbol
+            symbols[key] = tuple(values)
     try:
         made = energy.with_symbols(symbols)
     except BadInput:  # the function's code needs a number
         return None
-    present = made.slopes[0].free_symbols.union(*(b.free_symbols for b in made.barriers))
+    present = parameters_in([made.psi, *made.slopes, *made.barriers])
     used = [n for n in numbers if n.symbol in present]
     if not used:
         return None
@@ -134,7 +137,7 @@ def _values(energy: Energy) -> list[Any]:
     found = []
     for s in _STRETCHES if energy.inversion_safe else _STRETCHES[:-1]:
         values, restrictions = call(*map(mpmath.mpf, s), *constants, *parameters)
-        found += [*values, *sorted(restrictions)]
+        found += [*values, *sorted(restrictions, key=lambda x: (mpmath.re(x), mpmath.im(x)))]
     return found
 
 
