@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 from points import STATES, compare, deformations, every_name
 
 import fem_snh
@@ -183,6 +184,15 @@ def test_a_function_that_treats_a_value_differently() -> None:
     energies = [fem_snh.material(special_at_two, k=k).energy(F) for k in (1.0, 2.0, 3.0)]
     assert energies[1] == pytest.approx(energies[2], rel=1e-14)
     assert energies[0] < energies[1]
+
+
+def test_an_exponent_that_is_no_scalar_of_the_code() -> None:
+    def own(s0: Any, s1: Any, s2: Any, mu: Any, lam: Any, *, k: float = 3.0) -> Any:
+        a, J = sympy.exp(k), s0 * s1 * s2
+        powers = sum((s**a - 1) / a for s in (s0, s1, s2)) - sympy.log(J)
+        return mu * powers + lam * (J - 1) ** 2
+
+    assert not with_arguments(materials.make_energy(own, k=0.7)).parameters
 
 
 def test_a_sweep_compiles_once(folder: Path, tmp_path: Path) -> None:

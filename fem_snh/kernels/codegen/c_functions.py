@@ -64,7 +64,7 @@ class Functions(Derivatives):
         domain : iterable of sympy.Expr
             Expressions that are positive inside the domain.
         """
-        printer = Printer(self.energy.scalars)
+        printer = Printer()
         tests = [f"({printer.doprint(x)} > 0)" for x in domain]
         size = " + ".join(f"absolute({r})" for r in results)
         return f"const mask inside = {' & '.join([*tests, f'({size} < INFINITY)'])};"

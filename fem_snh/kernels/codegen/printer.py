@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import sympy
-from sympy.codegen.cfunctions import expm1, log1p
 from sympy.printing.c import C99CodePrinter
 
 #: Largest int of C.
@@ -18,29 +17,8 @@ class power(sympy.Function):
     nargs = (2,)
 
 
-#: Functions that the C library has for scalars, under the same names.
-_SCALAR_FUNCTIONS = (sympy.log, sympy.exp, log1p, expm1, power)
-
-
 class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
-    """Printer of lane expressions: integer powers as products, functions as ``lane_name``.
-
-    Parameters
-    ----------
-    scalars : iterable of sympy.Symbol
-        Symbols that are scalars: functions of these alone are evaluated once, not in each lane.
-    """
-
-    def __init__(self, scalars: Iterable[sympy.Symbol] = ()) -> None:
-        super().__init__()
-        self.scalars = set(scalars)
-
-    def is_scalar(self, expr: sympy.Expr) -> bool:
-        """Return whether the C expression is a double."""
-        functions = (f for f in expr.atoms(sympy.Function) if f.free_symbols)
-        return expr.free_symbols <= self.scalars and all(
-            isinstance(f, _SCALAR_FUNCTIONS) for f in functions
-        )
+    """Printer of lane expressions: integer powers as products, functions as ``lane_name``."""
 
     def _print_Pow(self, expr: sympy.Pow) -> str:
         if expr.is_number:  # a scalar, which no function of lanes takes
@@ -59,8 +37,6 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
 
     def _print_power(self, expr: sympy.Function) -> str:
         base, exponent = expr.args
-        if self.is_scalar(expr):
-            return f"pow({self._print(base)}, {self._exponent(exponent)})"
         lanes = f"splat(0) + {self._print(base)}"
         if exponent == sympy.Rational(1, 2):
             return f"lane_sqrt({lanes})"
@@ -69,8 +45,6 @@ class Printer(C99CodePrinter):  # type: ignore[misc]  # sympy has no annotations
     def _print_Function(self, expr: sympy.Function) -> str:
         if expr.is_number:
             return repr(float(expr))
-        if self.is_scalar(expr):
-            return f"{expr.func.__name__}({self._print(expr.args[0])})"
         # An argument may be a scalar; splat(0) + scalar is a lane.
         arguments = (f"splat(0) + {self._print(a)}" for a in expr.args)
         return f"lane_{expr.func.__name__}({', '.join(arguments)})"
@@ -131,16 +105,19 @@ def statements(
     temporary : str
         Prefix of the names of the subexpressions.
     """
-    printer = Printer(scalars)
+    printer = Printer()
     temporaries, expressions = sympy.cse(
         [share_fractional_powers(sympy.sympify(e)) for e in results.values()],
         symbols=sympy.numbered_symbols(temporary),
     )
-    lines = []
+    known, lines = set(scalars), []
     for symbol, expression in temporaries:
-        scalar = printer.is_scalar(expression)
+        calls = any(
+            f.free_symbols for f in expression.atoms(sympy.Function)
+        )  # the lane functions take lanes only
+        scalar = expression.free_symbols <= known and not calls
         if scalar:
-            printer.scalars.add(symbol)
+            known.add(symbol)
         kind = "double" if scalar else "real"
         lines.append(f"const {kind} {symbol} = {printer.doprint(expression)};")
     for target, expression in zip(results, expressions, strict=True):
