@@ -342,3 +342,23 @@ def test_the_element_of_the_levels(name, keys, element):
     """Degree 2 where larger cells are the same body, and what the features and materials have."""
     scene = scenes.load(name, **{"accuracy.within": 0.01, **keys})
     assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == element
+
+
+@pytest.mark.parametrize(("element", "used"), [("Q1", "Q1P0"), ("P1", "P2P0"), ("Q1P0", "Q1P0")])
+def test_the_element_of_the_levels_of_several_materials(element, used):
+    """No continuous pressure, which is wrong at their interface."""
+    scene = scenes.load("twist", nu=0.49, element=element, **{"accuracy.within": 0.01})
+    one = scene.materials[0]
+    both = [one.model_copy(update={"group": group}) for group in ("left", "right")]
+    scene = scene.model_copy(update={"material": both})
+    assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == used
+
+
+def test_levels_end_where_no_mesh_has_an_estimate():
+    """The contact's multipliers: the next level would cost more and say as little."""
+    scene = scenes.load("hertz", cells=2, **{"accuracy.within": 0.01})
+    (plane,) = scene.obstacle
+    plane = plane.model_copy(update={"method": "augmented_lagrangian"})
+    found = solve(scene.model_copy(update={"obstacle": [plane]})).record["accuracy"]
+    assert len(found["levels"]) == 1 and not found["reached"]
+    assert found["limit"].startswith("no estimate of the error: 'obstacle' keeps friction")

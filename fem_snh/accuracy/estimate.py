@@ -16,6 +16,7 @@ from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
     NoEstimate,
+    NoEstimateOnAnyMesh,
     check_memory,
     check_problem,
     create_lifted,
@@ -149,6 +150,8 @@ class Estimate:
         The goals by name.
     reason : str
         Why there is no estimate; empty if there is one.
+    on_no_mesh : bool
+        Whether a finer mesh would not have one either.
     element : str
         The lifted element.
     dofs, memory : int, float
@@ -171,6 +174,7 @@ class Estimate:
 
     goals: dict[str, GoalError] = field(default_factory=dict)
     reason: str = ""
+    on_no_mesh: bool = False
     element: str = ""
     dofs: int = 0
     memory: float = 0.0
@@ -273,6 +277,7 @@ def estimate_error(
                 found.places[name] = where
     except NoEstimate as reason:
         found.reason = str(reason)
+        found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
     problem.split(problem.x)
     found.seconds = perf_counter() - start
     return found

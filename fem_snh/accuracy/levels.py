@@ -8,7 +8,7 @@ request. Where the corrected values of two levels contradict their bounds, their
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, inf, log
 from typing import Any
 
@@ -35,6 +35,8 @@ _LARGEST_CORRECTION = 20.0
 #: Relative errors are of the largest component of the same vector, or of this part of the largest
 #: displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
+#: Least bound of a component, over the largest one of the same vector.
+_LEAST_OF_VECTOR = 0.1
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
 #: degree 1 decreases as h to h^2.
 _ORDER = {1: 1.2, 2: 1.5}
@@ -176,6 +178,23 @@ class LevelRow:
     steps: int = 0
 
 
+def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
+    """Return goals whose bounds are at least a part of the largest one of the same vector.
+
+    The estimate of a component may be small by chance, where it changes its sign.
+    """
+    largest: dict[str, float] = {}
+    for name, goal in goals.items():
+        vector = name.rpartition(".")[0] or name
+        largest[vector] = max(largest.get(vector, 0.0), goal.uncertainty)
+    found = {}
+    for name, goal in goals.items():
+        least = _LEAST_OF_VECTOR * largest[name.rpartition(".")[0] or name]
+        bounds = max(goal.bound, least), max(goal.uncertainty, least)
+        found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
+    return found
+
+
 class Levels:
     """The levels so far, and the decisions that follow from them.
 
@@ -207,8 +226,10 @@ class Levels:
             row.reason = estimate.reason if estimate else "the load steps did not converge"
         else:
             before = self.rows[-1] if self.rows else None
-            for name, goal in estimate.goals.items():
-                row.goals[name] = self._goal(name, goal, row, before)
+            goals = {
+                name: self._goal(name, goal, row, before) for name, goal in estimate.goals.items()
+            }
+            row.goals = _with_least_bounds(goals)
             row.where = estimate.where
         self.rows.append(row)
 

@@ -70,6 +70,10 @@ class NoEstimate(Exception):
     """There is no estimate of the error; the text says why in one line."""
 
 
+class NoEstimateOnAnyMesh(NoEstimate):
+    """There is none for a reason that a finer mesh does not change."""
+
+
 def lifted_elements(problem: Problem) -> Iterator[Element]:
     """Return the elements to which a problem is lifted, the best first.
 
@@ -108,7 +112,7 @@ def check_problem(problem: Problem) -> None:
     """Raise NoEstimate for a problem whose state depends on its path. Collective."""
     for name, term in problem.history.by_name.items():
         if problem.comm.allreduce(term.history()[1].size):
-            raise NoEstimate(
+            raise NoEstimateOnAnyMesh(
                 f"'{name}' keeps friction or multipliers from step to step, which another element "
                 "does not have"
             )

@@ -94,12 +94,19 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
-    """Return elements of a scene, the best first, the last its own."""
-    other = raised.get(scene.element, scene.element)
-    if _locks(scene) and (without := REPLACEMENTS.get(other)):
-        plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
-        return [plane.get(without, without), without, other, scene.element]
-    return [other, scene.element]
+    """Return elements of a scene, the best first, the last its own.
+
+    A continuous pressure is wrong at the interface of several materials: none is chosen there.
+    """
+    own, several = scene.element, len(scene.materials) > 1
+    other = raised.get(own, own)
+    if not _locks(scene):
+        return [other, own]
+    plane = _PLANE if kinematics_of(scene.kinematics).dim == 2 else {}
+    without = REPLACEMENTS.get(other, other)
+    names = [plane.get(without, without), without, other, REPLACEMENTS.get(own, own)]
+    chosen = [n for n in names if not several or ELEMENTS[n].volume == "mean"]
+    return [*chosen, own]
 
 
 def _locks(scene: scenes.Scene) -> bool:

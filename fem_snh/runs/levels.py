@@ -175,7 +175,8 @@ def run_levels(
         if not result.converged or levels.reached:
             break
         without = [not row.goals for row in levels.rows[-_MOST_WITHOUT:]]
-        if len(without) == _MOST_WITHOUT and all(without):
+        hopeless = result.estimate is not None and result.estimate.on_no_mesh
+        if hopeless or (len(without) == _MOST_WITHOUT and all(without)):
             levels.limit = f"no estimate of the error: {levels.rows[-1].reason}"
             break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
