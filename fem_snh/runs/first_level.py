@@ -89,8 +89,9 @@ def _element(scene: scenes.Scene) -> tuple[str, str]:
     fitting = next(name for name in _candidates(scene, raised) if _fits(scene, name))
     if fitting == own:
         return own, ""
-    pointwise = ELEMENTS[own].volume == "pointwise"
-    return fitting, "which locks" if _locks(scene) and pointwise else "which needs more unknowns"
+    if _locks(scene) and ELEMENTS[own].volume == "pointwise":
+        return fitting, "which locks"
+    return fitting, "whose error is hard to estimate" if own in _PLANE else "which needs more dofs"
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
