@@ -21,7 +21,7 @@ from fem_snh.cli import main
 from fem_snh.mesh import mesh as meshes
 from fem_snh.mesh.bisection import bisect
 from fem_snh.problem.transfer import evaluate
-from fem_snh.runs.first_level import first_scene
+from fem_snh.runs.first_level import cells_of, first_scene
 from fem_snh.runs.progress import Progress
 
 mpi = pytest.mark.mpi
@@ -352,6 +352,14 @@ def test_the_element_of_the_levels_of_several_materials(element, used):
     both = [one.model_copy(update={"group": group}) for group in ("left", "right")]
     scene = scene.model_copy(update={"material": both})
     assert first_scene(scene, Progress(MPI.COMM_SELF, False)).element == used
+
+
+@pytest.mark.parametrize(("name", "wanted", "cells"), [("block", 3, 4), ("twist", 3, 3)])
+def test_cells_are_even_where_a_geometry_needs_it(name, wanted, cells):
+    scene = scenes.load(name, cells=4, **{"accuracy.within": 0.01})
+    assert cells_of(scene, wanted) == cells
+    first = first_scene(scene, Progress(MPI.COMM_SELF, False))
+    assert meshes.generate(MPI.COMM_SELF, scene.mesh.source, "hexahedron", cells=first.cells)
 
 
 def test_levels_end_where_no_mesh_has_an_estimate():

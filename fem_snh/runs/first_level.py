@@ -33,6 +33,8 @@ _RECTANGLES = ("bushing", "cylinder", "tube")
 _ROUND = ("ball", "cylinder", "indenter")
 #: Built-in geometries whose cells have curved sides by default.
 _CURVED = ("bushing", "cord", "shell", "tube")
+#: Built-in geometries that have an even number of cells along an edge.
+_EVEN = ("block", "shell")
 #: Cells of the first level over those of the scene, along an edge, by the degree by which the
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
@@ -64,11 +66,18 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
     update = {"element": element}
     if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
-        update["cells"] = max(min(scene.cells, _FEWEST), ceil(_FIRST[raised] * scene.cells))
+        fewest = max(min(scene.cells, _FEWEST), _FIRST[raised] * scene.cells)
+        update["cells"] = cells_of(scene, fewest)
     if scene.time:
         steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST[0] * scene.time.steps))
         update["time"] = scene.time.model_copy(update={"steps": steps})
     return scene.model_copy(update=update)
+
+
+def cells_of(scene: scenes.Scene, least: float) -> int:
+    """Return the fewest cells along an edge that the geometry accepts, at least so many."""
+    even = isinstance(scene.mesh, scenes.Geometry) and scene.mesh.source in _EVEN
+    return 2 * ceil(least / 2) if even else ceil(least)
 
 
 def has_exact_cells(scene: scenes.Scene) -> bool:

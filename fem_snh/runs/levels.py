@@ -30,7 +30,7 @@ from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
-from fem_snh.runs.first_level import first_scene, has_exact_cells, raised_element
+from fem_snh.runs.first_level import cells_of, first_scene, has_exact_cells, raised_element
 from fem_snh.runs.result import Result
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _more_cells(
     comm: MPI.Comm, scene: scenes.Scene, level: Level, estimate: Estimate | None, finer: float
 ) -> tuple[scenes.Scene, Mesh | None]:
     assert scene.cells is not None
-    cells = max(scene.cells + 1, ceil(scene.cells * finer))
+    cells = cells_of(scene, max(scene.cells + 1, scene.cells * finer))
     return scene.model_copy(update={"cells": cells}), None
 
 
