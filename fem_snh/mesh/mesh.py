@@ -91,6 +91,11 @@ class Mesh:
         """Dimension of the cells, 2 or 3."""
         return _dolfinx.mesh_dimension(self.domain)[0]
 
+    @property
+    def has_parts(self) -> bool:
+        """Whether there is a physical group of some of the cells."""
+        return any(g.dim == self.dim and 0 < g.count < self.num_cells for g in self.groups)
+
     def group(self, key: str | int) -> Group:
         """Return the physical group with this name, number or label.
 

@@ -12,7 +12,6 @@ from fem_snh.errors import BadInput, on_root
 from fem_snh.notes import Note
 from fem_snh.runs.checkpoint import Writer
 from fem_snh.runs.folder import Folder
-from fem_snh.runs.output.cell_groups import cell_groups
 from fem_snh.runs.output.fields import Fields, write_modes
 from fem_snh.scenes import Scene
 from fem_snh.steps.jump import jump_note
@@ -75,7 +74,11 @@ class Recorder:
         elif folder:
             folder.clear()
         if folder:
-            groups = cell_groups(setup.mesh, self._problem.regions)
+            groups = None
+            if setup.mesh.has_parts or len(self._problem.regions) > 1:
+                from fem_snh.runs.output.cell_groups import cell_groups
+
+                groups = cell_groups(setup.mesh, self._problem.regions)
             if groups:
                 record["cell_groups"] = groups.names
             self._fields = Fields(

@@ -21,7 +21,6 @@ from fem_snh.tables.types import (
     split_text,
 )
 from fem_snh.tables.validation import Bounded, Expect, Table
-from fem_snh.units import Units
 
 
 class Geometry(Table):
@@ -97,6 +96,13 @@ def _check_fields(names: list[str]) -> list[str]:
     return list(dict.fromkeys(choose("fields", name, NAMED) for name in names))
 
 
+def _check_units(text: str) -> str:
+    from fem_snh.units import Units
+
+    Units.read(text)
+    return text
+
+
 #: Names of output fields.
 OutputFields = Annotated[
     list[str],
@@ -108,7 +114,7 @@ OutputFields = Annotated[
 UnitNames = Annotated[
     str,
     Expect('units of length, force and stress, "mm, N, MPa"'),
-    AfterValidator(lambda text: Units.read(text) and text),
+    AfterValidator(_check_units),
 ]
 #: Where output fields are written.
 Location = Annotated[

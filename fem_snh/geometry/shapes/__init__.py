@@ -4,8 +4,7 @@ from fem_snh.geometry.shapes.box import Box, Plane
 from fem_snh.geometry.shapes.closed_surface import ClosedSurface
 from fem_snh.geometry.shapes.polygon import Polygon, read_polygon
 from fem_snh.geometry.shapes.records import from_record
-from fem_snh.geometry.shapes.revolved import Revolved
-from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Sphere
+from fem_snh.geometry.shapes.round_shapes import Capsule, Cylinder, Revolved, Sphere
 from fem_snh.geometry.shapes.shape import Evaluation, Shape
 from fem_snh.geometry.shapes.unions import SmoothUnion, Union
 

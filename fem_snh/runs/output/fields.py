@@ -15,11 +15,11 @@ from fem_snh import _dolfinx
 from fem_snh.output_fields import CELL_GROUP, ERRORS, SUMMED
 from fem_snh.problem.problem import Problem
 from fem_snh.run_files import RunFiles
-from fem_snh.runs.output.cell_groups import CellGroups
 from fem_snh.terms.history import SurfaceTerm
 
 if TYPE_CHECKING:
     from fem_snh.problem.modes import VibrationModes
+    from fem_snh.runs.output.cell_groups import CellGroups
     from fem_snh.runs.output.field_values import RequestedFields
     from fem_snh.runs.output.obstacle_series import ObstacleSeries
     from fem_snh.runs.output.skin_series import SkinSeries
