@@ -29,7 +29,7 @@ _ASKED = (
     ("twist", 0.4999, "P2P0", 4, "top.force.z"),
     ("shear", 0.3, "P1", 8, "corner.x"),
     ("shear", 0.4999, "Q1", 8, "corner.z"),
-    ("block", 0.4999, "Q2", 4, "middle.z"),
+    ("block", 0.4999, "Q2", 4, "energy"),
     ("bar", 0.3, "Q1", 4, "end.z"),
     ("tube", 0.4999, "Q1P0", 16, "inner.x"),
     ("rod", 0.49, "Q1", 16, "energy"),
