@@ -6,12 +6,14 @@ arrays in Fortran order, its distances are squared.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csgraph, csr_matrix
 
+from fem_snh.child_process import call
 from fem_snh.errors import BadInput
 from fem_snh.terms.settling import relative
 
@@ -34,17 +36,41 @@ _LARGEST = 1e140
 _MARGIN = 1.0
 
 
+@cache
 def import_ipctk() -> Any:
-    """Return the module ipctk, which works on one thread; raise BadInput if it is missing."""
+    """Return the module ipctk, which works on one thread.
+
+    Raises
+    ------
+    BadInput
+        If it is missing, or crashes: some of its wheels need instructions that not every processor
+        has.
+    """
     try:
         import ipctk
     except ImportError:
         raise BadInput(
             "self_contact.method = 'ipc' needs the package ipctk: pip install 'fem_snh[contact]'"
         ) from None
+    try:
+        call("ipctk", enclose_one_triangle)
+    except BadInput as error:
+        crash = str(error).partition(":")[0]
+        raise BadInput(
+            f"self_contact.method = 'ipc': {crash} on one triangle: expected a processor for which "
+            "the package is compiled, or method = 'reference'"
+        ) from None
     # One thread adds in one order: all ranks get the same bits, and MPI uses the other cores.
     ipctk.set_num_threads(1)
     return ipctk
+
+
+def enclose_one_triangle() -> int:
+    """Return the number of points of ipctk's mesh of one triangle."""
+    import ipctk
+
+    triangle = np.asfortranarray([[0, 1, 2]], dtype=np.int32)
+    return int(ipctk.CollisionMesh(_rows(np.eye(3)), ipctk.edges(triangle), triangle).num_vertices)
 
 
 class CollisionSurface:
