@@ -480,8 +480,12 @@ def test_what_three_dimensions_or_two_refuse():
         rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2)), "Q1", "plane_strain"
     )
     both = {"kinematics": "plane_strain"}
-    with pytest.raises(BadInput, match="self_contact = 'reference': expected no value but"):
-        fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, terms=[fem_snh.SelfContact()], **both)
+    turning = displacement(
+        rectangle(MPI.COMM_SELF, "Q1", (0.0, 0.0), (1.0, 1.0), (2, 2)), "Q1", "axisymmetric_torsion"
+    )
+    torsion = {"kinematics": "axisymmetric_torsion", "terms": [fem_snh.SelfContact()]}
+    with pytest.raises(BadInput, match="self_contact = 'reference': expected no self-contact"):
+        fem_snh.NonlinearProblem(turning, {SNH: ufl.dx}, **torsion)
     with pytest.raises(BadInput, match="snes_linear_solver = 'iterative'"):
         options = {"snes_linear_solver": "iterative"}
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, petsc_options=options, **both)

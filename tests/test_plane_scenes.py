@@ -196,7 +196,10 @@ def test_a_run_resumes(tmp_path):
     [
         ("", "missing key 'kinematics': expected one of plane_strain, plane_stress, axis"),
         ('kinematics = "plain"', "kinematics = 'plain': expected one of plane_strain"),
-        ('kinematics = "plane_strain"\nself_contact = {}', "self_contact = 'reference': expec"),
+        (
+            'kinematics = "axisymmetric_torsion"\nself_contact = {}',
+            "'reference': expected no self-",
+        ),
         (
             'kinematics = "plane_strain"\naccuracy.goals = ["top.force.z"]',
             "accuracy.goals = 'top.force.z': expected a component x or y, with kinematics = 'plane",
