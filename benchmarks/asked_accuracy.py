@@ -8,12 +8,10 @@ Each is compared with a value that is extrapolated from three uniform meshes, as
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isnan, nan
 
-import fem_snh
 from benchmarks import Row, accuracy_cases, error_estimates, split_list
+from benchmarks.time_to_accuracy import adaptive
 from fem_snh.errors import choose
-from fem_snh.scenes import Scene
 
 #: Scenes of `error_estimates`, with the ratio, the element that is asked with, cells and the goal.
 _ASKED = (
@@ -58,8 +56,8 @@ def rows(
     Yields
     ------
     dict
-        ``true_error`` of the value that the last level reports, ``reached``, whether the run says
-        that it is within the accuracy, and ``element``, ``levels``, ``dofs`` of the last one.
+        What `time_to_accuracy.adaptive` returns: ``true_error`` of the value that the last level
+        reports, ``reached``, whether the run says that it is within the accuracy, and its cost.
     """
     known = list(dict.fromkeys(name for name, *_ in _ASKED))
     chosen = [choose("scenes", name, known) for name in split_list(scenes)] if scenes else known
@@ -67,13 +65,14 @@ def rows(
     for name, nu, element, cells, goal in _ASKED:
         if name in chosen:
             scene = error_estimates.scene_of(name, nu, element, cells, estimate=False)
-            row = _asked(scene, goal, share, max_time, error_estimates.exact(name, nu)[goal])
-            found.append({"scene": name, "nu": nu, "asked_with": element, "goal": goal} | row)
+            row = adaptive(scene, goal, share, error_estimates.exact(name, nu)[goal], max_time)
+            about = {"scene": name, "nu": nu, "asked_with": element, "goal": goal}
+            found.append(_judged(about | row, share))
             yield found[-1]
     for name in _EXACT if exact else ():
         case = accuracy_cases.CASES[name]
-        row = _asked(case.scene(), case.goal, share, max_time, accuracy_cases.exact(name)[0])
-        found.append({"scene": name, "goal": case.goal} | row)
+        row = adaptive(case.scene(), case.goal, share, accuracy_cases.exact(name)[0], max_time)
+        found.append(_judged({"scene": name, "goal": case.goal} | row, share))
         yield found[-1]
     errors = [
         row["true_error"] for row in found if row["reached"] and row["true_error"] is not None
@@ -88,18 +87,7 @@ def rows(
     }
 
 
-def _asked(scene: Scene, goal: str, share: float, max_time: float, true: float) -> Row:
-    accuracy = {"goals": [goal], "within": share, "max_time": max_time}
-    record = fem_snh.run(scene, accuracy=accuracy, progress=False).record["accuracy"]
-    last = record["levels"][-1]
-    best = last["goals"][goal]["best"] if last["goals"] else nan
-    error = abs(best / true - 1)
-    return {
-        "reached": bool(record["reached"]),
-        "bound": record["relative"],
-        "true_error": None if isnan(error) else error,
-        "element": last["element"],
-        "levels": len(record["levels"]),
-        "dofs": last["dofs"],
-        "ok": not record["reached"] or isnan(error) or error <= 2 * share,
-    }
+def _judged(row: Row, share: float) -> Row:
+    """Return the row with whether the run kept its word, within twice the accuracy."""
+    error = row["true_error"]
+    return row | {"ok": not row["reached"] or error is None or error <= 2 * share}

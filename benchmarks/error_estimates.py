@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cache
 from math import isnan, nan
-from typing import Any
 
 import fem_snh
 from benchmarks import Row, split_list
+from benchmarks.accuracy_cases import goals_of
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction, load
 
@@ -149,7 +149,7 @@ def exact(scene: str, nu: float) -> Mapping[str, float]:
     found = []
     for cells in meshes:
         result = fem_snh.run(scene_of(scene, nu, element, cells, estimate=False), progress=False)
-        found.append(_goals(result) if result.converged else {})
+        found.append(goals_of(result.steps[-1]) if result.converged else {})
     return {name: _extrapolated([goals.get(name, nan) for goals in found]) for name in found[0]}
 
 
@@ -158,19 +158,6 @@ def _extrapolated(values: list[float]) -> float:
     coarse, middle, fine = values
     ratio = (fine - middle) / (middle - coarse) if middle != coarse else nan
     return fine + (fine - middle) * ratio / (1 - ratio) if 0 < ratio < 0.7 else nan
-
-
-def _goals(result: Any) -> dict[str, float]:
-    """Return the goals of a run from its last step."""
-    step = result.steps[-1]
-    found = {"energy": step["energy"]}
-    for name, u in step.get("probes", {}).items():
-        found |= {f"{name}.{axis}": value for axis, value in zip("xyz", u, strict=True)}
-    for name, force in step.get("reactions", {}).items():
-        found |= {f"{name}.force.{axis}": value for axis, value in zip("xyz", force, strict=True)}
-    for name, moment in step.get("moments", {}).items():
-        found |= {f"{name}.moment.{axis}": value for axis, value in zip("xyz", moment, strict=True)}
-    return found
 
 
 def scene_of(name: str, nu: float, element: str, cells: int, estimate: bool) -> Scene:

@@ -38,7 +38,8 @@ def _reason() -> str:
     return ""
 
 
-needs_ipctk = pytest.mark.skipif(bool(_reason()), reason=_reason() or "ipctk works")
+_REASON = _reason()
+needs_ipctk = pytest.mark.skipif(bool(_REASON), reason=_REASON or "ipctk works")
 #: The gap between two blocks at the start.
 GAP = 0.05
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from running import solve
+from test_cavity import SYMMETRIC, shell
 
 import fem_snh
 from benchmarks.accuracy_cases import exact
@@ -360,6 +361,21 @@ def test_cells_are_even_where_a_geometry_needs_it(name, wanted, cells):
     assert cells_of(scene, wanted) == cells
     first = first_scene(scene, Progress(MPI.COMM_SELF, False))
     assert meshes.generate(MPI.COMM_SELF, scene.mesh.source, "hexahedron", cells=first.cells)
+
+
+def test_the_penalty_of_a_fluid_is_raised():
+    """The mesh suffices: a second level of the same cells differs by the stiffness alone."""
+    scene = shell(SYMMETRIC)
+    (fluid,) = scene.cavity
+    asked = scenes.Accuracy(goals=["pole.x"], within=0.0004, max_time=60)
+    little = fluid.model_copy(update={"volume": fluid.volume / 8})
+    scene = scene.model_copy(update={"steps": 2, "cavity": [little], "accuracy": asked})
+    found = solve(scene).record["accuracy"]
+    first, last = (level["goals"]["pole.x"] for level in found["levels"])
+    assert found["reached"]
+    assert last["parts"]["penalty"] == pytest.approx(first["parts"]["penalty"] / 10, rel=0.02)
+    assert last["parts"]["mesh"] == pytest.approx(first["parts"]["mesh"], rel=0.2)
+    assert last["corrected"] == pytest.approx(first["corrected"], abs=first["uncertainty"])
 
 
 def test_levels_end_where_no_mesh_has_an_estimate():

@@ -23,8 +23,8 @@ Array = npt.NDArray[Any]
 #: part of it by time steps that are at most so many times shorter, and by penalties that are at
 #: most so many times stiffer: with more, a level finds no equilibrium from the state of the last.
 _SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER = 0.25, 0.15, 4.0, 10.0
-#: Bound of an error over its estimate, by the degree of the displacement: 1.25 is measured with
-#: degree 1 and 1.35 with degree 2, 1.7 in components that are small (docs/results/error.md). What
+#: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
+#: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
 #: the corrected value misses is the estimate times this, less one.
 _SAFETY = {1: 1.4, 2: 1.5}
 #: The same of P2P0 on triangles, of which the estimate is a quarter to two thirds at a corner
@@ -63,7 +63,7 @@ class GoalLevel:
     bound, uncertainty : float
         Bounds of the errors of the value and of the corrected value.
     parts : dict of float
-        The parts of the error by their source, in time.
+        The parts of the error by their source; empty if there is one source.
     safety : float
         By how much the estimate may be too small.
     """

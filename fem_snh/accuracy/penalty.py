@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,6 @@ from fem_snh import solver
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import NoEstimate
 from fem_snh.problem.problem import Problem
-from fem_snh.terms.term import PenaltyTerm
 
 #: Prefix of the solver's options: those of the run are for its load steps.
 PREFIX = f"{solver.PREFIX}penalty_"
@@ -44,33 +42,21 @@ def penalty_errors(
     NoEstimate
         If no equilibrium with the larger stiffness is found.
     """
-    terms = [term for term in problem.terms if isinstance(term, PenaltyTerm)]
-    with _stiffened(terms) as found:
-        if not found:
-            return None
-        start, snes = problem.x.copy(), solver.create(problem, prefix=PREFIX)
-        try:
-            solver.solve_until_settled(problem, snes, outcome)
-            if not outcome.converged:
-                raise NoEstimate(
-                    f"no equilibrium was found with {_FACTOR:g} times the stiffness of the "
-                    f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
-                )
-            problem.split(problem.x)
-            stiff = np.array([value for goal in goals for value in goal.bind(problem)()])
-        finally:
-            solver.destroy(snes)
-            start.copy(problem.x)
-            problem.split(problem.x)
-    return (stiff - np.asarray(values)) * _FACTOR / (_FACTOR - 1)
-
-
-@contextmanager
-def _stiffened(terms: Sequence[PenaltyTerm]) -> Iterator[bool]:
-    """Multiply the stiffness of penalties; yield whether there are any."""
-    found = any([term.scale_penalties(_FACTOR) for term in terms])
+    if not problem.scale_penalties(_FACTOR):
+        return None
+    start, snes = problem.x.copy(), solver.create(problem, prefix=PREFIX)
     try:
-        yield found
+        solver.solve_until_settled(problem, snes, outcome)
+        if not outcome.converged:
+            raise NoEstimate(
+                f"no equilibrium was found with {_FACTOR:g} times the stiffness of the "
+                f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
+            )
+        problem.split(problem.x)
+        stiff = np.array([value for goal in goals for value in goal.bind(problem)()])
     finally:
-        for term in terms:
-            term.scale_penalties(1 / _FACTOR)
+        problem.scale_penalties(1 / _FACTOR)
+        solver.destroy(snes)
+        start.copy(problem.x)
+        problem.split(problem.x)
+    return (stiff - np.asarray(values)) * _FACTOR / (_FACTOR - 1)

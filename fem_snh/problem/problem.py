@@ -40,7 +40,7 @@ from fem_snh.terms.elimination import EliminatingTerm
 from fem_snh.terms.history import TermHistory
 from fem_snh.terms.rank_one import RankOneUpdate
 from fem_snh.terms.step_limit import StepLimit
-from fem_snh.terms.term import Term
+from fem_snh.terms.term import PenaltyTerm, Term
 
 Array = npt.NDArray[Any]
 
@@ -239,6 +239,11 @@ class Problem:
             self.rigid.reduce(x, forces)
         self.project(forces.array)
         return bool(forces.norm() <= _NO_FORCE * whole)
+
+    def scale_penalties(self, factor: float) -> bool:
+        """Multiply the stiffness of all penalties; return whether there are any."""
+        terms = [term for term in self.terms if isinstance(term, PenaltyTerm)]
+        return any([term.scale_penalties(factor) for term in terms])
 
     @contextmanager
     def kept_fields(self) -> Iterator[None]:

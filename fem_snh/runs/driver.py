@@ -133,7 +133,7 @@ def _run(
         default_options(solver.PREFIX, scene.petsc) as given,
         default_options(solver.PREFIX, defaults),
     ):
-        setup = set_up(comm, scene, stored is not None, level.mesh if level else None)
+        setup = set_up(comm, scene, stored is not None, *(level.given if level else ()))
         if level:
             level.begin(setup)
         about = describe(scene, setup.problem, setup.snes, setup.stepper.motion)

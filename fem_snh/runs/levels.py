@@ -65,6 +65,8 @@ class Level:
         The problem of the level before it, at its solution.
     fineness : float
         The cells along an edge; 0: the root of the number of cells.
+    stiffer : float
+        The stiffness of its penalties over that of the scene's.
     volumes : (owned cells,) array
         The volumes of its cells [length^dim].
     """
@@ -74,7 +76,13 @@ class Level:
     mesh: Mesh | None = None
     before: Problem | None = None
     fineness: float = 0.0
+    stiffer: float = 1.0
     volumes: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def given(self) -> tuple[Mesh | None, float]:
+        """The mesh, and the factor of the penalties' stiffness."""
+        return self.mesh, self.stiffer
 
     def begin(self, setup: Setup) -> None:
         """Take the end state of the level before. Collective."""
@@ -152,11 +160,12 @@ def run_levels(
     refine = _refinement(scene)
     dim = kinematics_of(scene.kinematics).dim
     levels = Levels(wanted.within, limits, dim)
-    start, current = perf_counter(), scene
+    start, current, stiffness = perf_counter(), scene, 1.0
     by_cells = refine is _more_cells
 
     def next_level(mesh: Mesh | None = None, before: Problem | None = None) -> Level:
-        return Level(levels, start, mesh, before, float(current.cells or 0) if by_cells else 0.0)
+        fineness = float(current.cells or 0) if by_cells else 0.0
+        return Level(levels, start, mesh, before, fineness, stiffness)
 
     def follow_path() -> tuple[scenes.Scene, Level, Result]:
         """Solve the last level again, by the scene's own load steps."""
@@ -181,7 +190,7 @@ def run_levels(
             break
         refinement = 1.0 if levels.mesh_suffices else levels.refinement()
         shorter, stiffer = levels.shorter_steps(), levels.stiffer_penalties()
-        if refine is _higher_degree:
+        if refine is _higher_degree and refinement > 1:
             if raised_element(current) == current.element:
                 levels.limit = f"cells of a file have element = '{current.element}' at most"
                 break
@@ -198,7 +207,7 @@ def run_levels(
             current, mesh = refine(comm, current, level, result.estimate, refinement)
         if stiffer > 1:
             printed.line(f"penalties are {stiffer:.2g} times stiffer")
-            current = _with_stiffer_penalties(current, result.steps[-1], stiffer)
+            stiffness *= stiffer
         if current.time:
             steps = ceil(current.time.steps * shorter)
             time = current.time.model_copy(update={"steps": steps})
@@ -214,21 +223,6 @@ def run_levels(
     result.record["accuracy"] = levels.record()
     printed.reached(result.record["accuracy"])
     return result
-
-
-def _with_stiffer_penalties(
-    scene: scenes.Scene, row: dict[str, Any], factor: float
-) -> scenes.Scene:
-    """Return the scene with the penalties of the last step's row, so many times stiffer."""
-    update: dict[str, Any] = {}
-    for key, rows in (("obstacle", "obstacles"), ("contact", "contacts")):
-        tables = list(getattr(scene, key))
-        for i, about in enumerate(row.get(rows, {}).values()):
-            if not tables[i].augmented:
-                stiffness = factor * about["stiffness"]
-                tables[i] = tables[i].model_copy(update={"stiffness": stiffness})
-        update[key] = tables
-    return scene.model_copy(update=update)
 
 
 #: What a level that starts from the state before has in place of the scene's own.

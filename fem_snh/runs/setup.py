@@ -86,11 +86,12 @@ class Setup:
 
 def set_up(
     comm: MPI.Comm, scene: scenes.Scene, resumed: bool = False, mesh: meshes.Mesh | None = None,
-    element: elements.Element | None = None,
+    stiffer: float = 1.0, element: elements.Element | None = None,
 ) -> Setup:  # fmt: skip
     """Return a scene's problem, solver and steps, with another mesh or element. Collective.
 
-    The state of a run that is ``resumed`` is not read here, nor that of the run it started from.
+    Penalties are so many times ``stiffer`` than the scene's. The state of a run that is ``resumed``
+    is not read here, nor that of the run it started from.
 
     Raises
     ------
@@ -107,6 +108,7 @@ def set_up(
 
     def make(nu: float | None = None, element: elements.Element = element) -> Problem:
         made = make_problem(scene, mesh, element, nu)
+        made.scale_penalties(stiffer)
         if path is not None and made.element.degree == problem.element.degree:
             made.dirichlet.share_path(path)  # type: ignore[attr-defined]  # those of a scene
         return made
@@ -139,9 +141,8 @@ def set_up(
 
         bones = BoneRecords(problem)
     mixed = elements.with_cell_pressures(element)
-    condensation = choose_condensation(
-        scene.static_condensation, problem, lambda: make(element=mixed), _why_condensed(scene)
-    )
+    wanted, why = scene.static_condensation, _why_condensed(scene)
+    condensation = choose_condensation(wanted, problem, lambda: make(element=mixed), why)
     pressures = condensation.pressures
     blend = bones.blend() if bones and scene.predictor == "bones" else None
     step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
