@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +256,7 @@ def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: P
     from html.parser import HTMLParser
 
     from fem_snh.viewing import plots
+    from fem_snh.viewing.render import Panel
     from fem_snh.viewing.view.page import page
 
     text = r"<!--<script></script>$\frac$ & $x$"
@@ -278,8 +280,9 @@ def test_texts_of_users_do_not_end_the_page_or_a_formula(left: Path, tmp_path: P
                 self.found[-1] += data
 
     plain, marked = Scripts(), Scripts()
-    plain.feed(page(record | {"scene": "a", "load_name": "b"}, ["c"], [b""]))
-    marked.feed(page(record, [text], [b""]))
+    panel = Panel([], "c", 1.0)
+    plain.feed(page(record | {"scene": "a", "load_name": "b"}, "J", [panel], [b""]))
+    marked.feed(page(record, text, [replace(panel, label=text)], [b""]))
     assert len(marked.found) == len(plain.found)
     for mark in ("<!--", "<script", "</script"):
         assert "".join(marked.found).count(mark) == "".join(plain.found).count(mark)

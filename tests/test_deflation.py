@@ -155,7 +155,7 @@ def test_unconstrained_rigid_motions(comm, subdomains, hold):
     p.prescribe(x)
     p.A.mult(x, b)
     ksp, y, residual = solve(p, b, rtol=1e-5)
-    assert ksp.getConvergedReason() > 0 and residual < 1e-4
+    assert ksp.getConvergedReason() > 0 and residual < 3e-5
     assert y.norm() < 1.5 * x.norm()  # rigid motions are left out
 
 

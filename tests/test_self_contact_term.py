@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import Any
 
 from petsc4py import PETSc
@@ -10,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 import ufl
+from barrier_problems import needs_ipctk
 from dolfinx import fem
 from dolfinx_programs import Press, unit_cube, vector_space
 from running import solve
@@ -43,10 +43,8 @@ def clip(comm: Any, kind: Any, **arguments: Any) -> tuple[Any, Any]:
 
 
 @mpi
-@pytest.mark.parametrize("method", ["reference", "ipc"])
+@pytest.mark.parametrize("method", ["reference", pytest.param("ipc", marks=needs_ipctk)])
 def test_a_program_has_the_self_contact_of_a_scene(comm, method):
-    if method == "ipc" and find_spec("ipctk") is None:
-        pytest.skip("ipctk is not installed")
     jaws = [{"group": g, "translate": [0, 0, z]} for g, z in (("bottom", CLOSE), ("top", -CLOSE))]
     changes = {"self_contact": {"method": method}, "move": jaws, "predictor": "tangent"}
     expected = solve(scenes.Scene(**(CLIP | changes)), comm)
@@ -124,10 +122,9 @@ def test_problems_that_cannot_have_it(comm):
 
 
 @mpi
+@needs_ipctk
 def test_a_barrier_in_motion(comm):
     """The first guess, by the velocity, would pass through the other jaw; no state does."""
-    if find_spec("ipctk") is None:
-        pytest.skip("ipctk is not installed")
     gaps, shut = [], []
     problem, close = clip(
         comm, fem_snh.DynamicProblem, densities={MATERIAL: 100.0}, duration=1.0,

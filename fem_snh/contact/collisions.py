@@ -36,7 +36,6 @@ _LARGEST = 1e140
 _MARGIN = 1.0
 
 
-@cache
 def import_ipctk() -> Any:
     """Return the module ipctk, which works on one thread.
 
@@ -52,17 +51,24 @@ def import_ipctk() -> Any:
         raise BadInput(
             "self_contact.method = 'ipc' needs the package ipctk: pip install 'fem_snh[contact]'"
         ) from None
-    try:
-        call("ipctk", enclose_one_triangle)
-    except BadInput as error:
-        crash = str(error).partition(":")[0]
+    if crash := _crash():
         raise BadInput(
             f"self_contact.method = 'ipc': {crash} on one triangle: expected a processor for which "
             "the package is compiled, or method = 'reference'"
-        ) from None
+        )
     # One thread adds in one order: all ranks get the same bits, and MPI uses the other cores.
     ipctk.set_num_threads(1)
     return ipctk
+
+
+@cache
+def _crash() -> str:
+    """Return how ipctk crashes on this processor; empty if it works."""
+    try:
+        call("ipctk", enclose_one_triangle)
+    except BadInput as error:
+        return str(error).partition(":")[0]
+    return ""
 
 
 def enclose_one_triangle() -> int:

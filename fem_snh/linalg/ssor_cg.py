@@ -57,7 +57,8 @@ class EisenstatCG:
     -----
     Beside PETSc's own the converged reason is
 
-    - CONVERGED_HAPPY_BREAKDOWN if the matrix turns out to be singular,
+    - CONVERGED_HAPPY_BREAKDOWN if the matrix turns out to be singular, and a refinement cycle does
+      not reduce what is left of the residual,
     - DIVERGED_INDEFINITE_MAT at a direction of negative curvature,
     - DIVERGED_INDEFINITE_PC if a diagonal block is not positive definite or a sweep overflows,
     - DIVERGED_BREAKDOWN if a refinement cycle does not reduce the residual,
@@ -105,7 +106,7 @@ class EisenstatCG:
         self.update_matrix(A)
         system, self.has_residual = self._system, False
         x.set(0.0)
-        residual, its, previous = b.copy(), 0, inf
+        residual, its, previous, singular = b.copy(), 0, inf, False
         ksp.setConvergedReason(_Reason.CONVERGED_ITERATING)
         ksp.setIterationNumber(0)
         if self._failure:
@@ -119,9 +120,10 @@ class EisenstatCG:
         self._test_convergence(ksp, its, start.norm)
         while not ksp.getConvergedReason():
             if start.deflated_norm > _MIN_REDUCTION * previous:
-                ksp.setConvergedReason(_Reason.DIVERGED_BREAKDOWN)
+                happy, failed = _Reason.CONVERGED_HAPPY_BREAKDOWN, _Reason.DIVERGED_BREAKDOWN
+                ksp.setConvergedReason(happy if singular else failed)
                 return
-            its, previous = self._run_cycle(ksp, its, start), start.deflated_norm
+            (its, singular), previous = self._run_cycle(ksp, its, start), start.deflated_norm
             system.add_solution(x, start.unit)
             self.has_residual = True
             if not ksp.getConvergedReason():  # another refinement cycle
@@ -152,15 +154,16 @@ class EisenstatCG:
         ksp.monitor(its, norm)
         return bool(reason)
 
-    def _run_cycle(self, ksp: PETSc.KSP, its: int, start: CycleStart) -> int:
+    def _run_cycle(self, ksp: PETSc.KSP, its: int, start: CycleStart) -> tuple[int, bool]:
         """Iterate (Saad 2003, alg. 9.1) until the KSP's test or the cycle's reduction.
 
-        Returns the number of iterations so far, of which there were ``its`` before.
+        Returns the number of iterations so far, of which there were ``its`` before, and whether the
+        last direction is in the null space.
         """
         system, beta, rho = self._system, 0.0, start.rho
         if rho == 0:  # the coarse component is the whole solution
             self._test_convergence(ksp, its + 1, 0.0)
-            return its + 1
+            return its + 1, False
         while True:
             curvature = system.update_direction(beta)
             singular = False
@@ -170,19 +173,16 @@ class EisenstatCG:
                     curvature = threshold
                 else:
                     ksp.setConvergedReason(_breakdown_reason(curvature))
-                    return its
+                    return its, False
             new = system.update_vectors(rho / curvature)
             if not isfinite(new):
                 ksp.setConvergedReason(_breakdown_reason(new))
-                return its
+                return its, False
             its += 1
             ratio = sqrt(max(new, 0.0) / start.rho)
             converged = self._test_convergence(ksp, its, start.deflated_norm * ratio)
-            if converged or ratio <= _CYCLE_REDUCTION:
-                return its
-            if singular:  # the direction is in the null space: no further progress
-                ksp.setConvergedReason(_Reason.CONVERGED_HAPPY_BREAKDOWN)
-                return its
+            if converged or singular or ratio <= _CYCLE_REDUCTION:
+                return its, singular
             beta, rho = new / rho, new
 
 
