@@ -149,7 +149,7 @@ def solve(
 
 def _goal(scene: scenes.Scene, domain: Any, V: Any, u: Any, F: Any, name: str) -> float:
     """Return a component of a probe at a node, or of a group's force or moment. On one rank."""
-    kind, of, (axis,) = scenes.read_goal(name, scene.probe)
+    kind, of, (axis,) = scenes.read_goal(name, scene)
     points, values = V.tabulate_dof_coordinates(), u.x.array.reshape(-1, 3)
     if kind == "point":
         point = next(probe.point for probe in scene.probe if probe.name == of)

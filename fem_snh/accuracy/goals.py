@@ -20,6 +20,7 @@ from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation
 from fem_snh.terms.body import WeightedMeasure
+from fem_snh.terms.term import ForceTerm, GoalTerm
 
 Array = npt.NDArray[Any]
 AXES = ("x", "y", "z")
@@ -370,6 +371,70 @@ def _of_the_body(problem: Problem, measure: Any) -> Any:
     if not problem.kinematics.revolved:
         return measure
     return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(problem.domain)[0], measure)
+
+
+class TermGoal:
+    """A result of a term: components of a force of contact [N], or a fluid's pressure [Pa].
+
+    Parameters
+    ----------
+    name : str
+        Its name among the ``goals`` of `fem_snh.terms.term.GoalTerm`.
+    components : sequence of int, optional
+        The components of a force; default: a scalar.
+    label : str, optional
+        What it is called; default: its name.
+    """
+
+    def __init__(self, name: str, components: Sequence[int] = (), label: str = "") -> None:
+        self._name, self._components, shown = name, list(components) or [0], label or name
+        self.names = [f"{shown}.{AXES[i]}" for i in components] or [shown]
+        self._is_force = len(components) > 0
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`."""
+        term = self._term(problem)
+
+        def values() -> list[float]:
+            found = term.goal(self._name, problem.split(problem.x)[0])
+            return [float(found[i]) for i in self._components]
+
+        return values
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return problem.largest_force(problem.x) if self._is_force else 0.0
+
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
+        problem, derivative = at.problem, _dolfinx.create_vector(at.problem.V)
+        set_to_zero(derivative)
+        u = problem.split(problem.x)[0]
+        component = self._components[number]
+        self._term(problem).add_goal_derivative(self._name, component, u, derivative)
+        add_ghosts(derivative)
+        return at.solve_for(derivative)
+
+    def nodal(self, problem: Problem, x: PETSc.Vec, number: int) -> PETSc.Vec | None:
+        """Return the nodal forces of a component at the state ``x``, ghosted; None without any.
+
+        In two elements they differ at the same state, by the quadrature of contact. Collective.
+        """
+        term = self._term(problem)
+        if not isinstance(term, ForceTerm):
+            return None
+        forces = _dolfinx.create_vector(problem.V)
+        set_to_zero(forces)
+        term.add_nodal_forces(self._name, problem.split(x)[0], forces)
+        add_ghosts(forces)
+        parts = forces.array.reshape(-1, problem.kinematics.components)
+        parts[:, [i for i in range(parts.shape[1]) if i != self._components[number]]] = 0.0
+        return forces
+
+    def _term(self, problem: Problem) -> GoalTerm:
+        """Return the problem's term with the result."""
+        terms = [term for term in problem.terms if isinstance(term, GoalTerm)]
+        return next(term for term in terms if self._name in term.goals)
 
 
 class EnergyGoal:

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import Goal, Linearisation
+from fem_snh.accuracy.goals import Goal, Linearisation, TermGoal
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
@@ -100,6 +100,11 @@ def cell_indicators(
         for number, name in enumerate(goal.names):
             if wanted(name) and np.isfinite((z := goal.dual(at, number)).norm()):
                 found[name] = -shares.of(z)
+                if isinstance(goal, TermGoal):
+                    found[name] += shares.of_forces(
+                        goal.nodal(lifted, lift.start, number),
+                        goal.nodal(problem, problem.x, number),
+                    )
     return found
 
 
@@ -127,12 +132,10 @@ class Shares:
         if len(self._residual) > 1:
             assert lifted.saddle_point
             self._residual[1] /= _multiplicity(lifted.saddle_point.Q)[..., None]
-        at_coarse = np.einsum("nk,cni->cki", self._up, self._residual[0])
         own = problem.x.duplicate()
         problem.gradient(problem.x, own)
-        reactions = _at_nodes(problem.V, own.array_r[: problem.owned_displacements])
-        self._coarse = _summed(problem.V, at_coarse) - reactions
-        self._coarse /= _multiplicity(problem.V)[..., None]
+        self._V = problem.V
+        self._coarse = self._less(self._residual[0], own.array_r[: problem.owned_displacements])
 
     def of(self, z: PETSc.Vec) -> Array:
         """Return the share of each cell of this rank in the product with z."""
@@ -144,6 +147,25 @@ class Shares:
         if len(parts) > 1:
             total += (self._residual[1] * parts[1]).sum(axis=(1, 2))
         return np.asarray(total)
+
+    def of_forces(self, lifted: PETSc.Vec | None, base: PETSc.Vec | None) -> Array | float:
+        """Return the share of each cell in the sum of nodal forces of both, less that of the base.
+
+        They are at the nodes of the base's element, where forces at one state differ least.
+        """
+        if lifted is None or base is None:
+            return 0.0
+        V = self._lifted.V
+        at_nodes = _at_nodes(V, lifted.array_r) / _multiplicity(V)[..., None]
+        return np.asarray(self._less(at_nodes, base.array_r).sum(axis=(1, 2)))
+
+    def _less(self, lifted: Array, base: Array) -> Array:
+        """Return the lifted element's forces at the base's nodes, less the base's, in cells.
+
+        The first are (cells, nodes, components), shared by the cells; the second owned dofs.
+        """
+        summed = _summed(self._V, np.einsum("nk,cni->cki", self._up, lifted))
+        return (summed - _at_nodes(self._V, base)) / _multiplicity(self._V)[..., None]
 
     def _parts(self, x: PETSc.Vec) -> list[Array]:
         """Return a vector's displacements, (cells, nodes, components), then its pressures."""

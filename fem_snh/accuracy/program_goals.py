@@ -19,6 +19,7 @@ from fem_snh.accuracy.goals import (
     MeanGoal,
     PointGoal,
     ReactionGoal,
+    TermGoal,
     VolumeGoal,
 )
 from fem_snh.errors import BadInput, bad_value
@@ -26,10 +27,12 @@ from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_reactions import condition_number, three_numbers
+from fem_snh.terms.feature import Feature
 
 _ACCEPTED = (
     "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
     "a pair of a condition and a point (the moment of its force about it), "
+    "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, "
     "a UFL form of rank 0 in u, 'volume' or 'energy'"
 )
 
@@ -52,8 +55,9 @@ class EstimatesErrors:
             Each a point [x, y, z], or [x, y] (its displacement), a ``ufl.Measure`` (the mean
             displacement over its cells or facets, on a body of revolution of the whole turn), one
             of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
-            force about it), a UFL form of rank 0 in ``u``, "volume" (deformed over reference
-            volume) or "energy". A mapping names them.
+            force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
+            first surface), a cavity (its pressure), a UFL form of rank 0 in ``u``, "volume"
+            (deformed over reference volume) or "energy". A mapping names them.
 
         Returns
         -------
@@ -128,6 +132,8 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         return FunctionalGoal(name or key, goal, problem.u)
     if _dolfinx.is_measure(goal):
         return MeanGoal(name or f"mean {number}", goal, components)
+    if isinstance(goal, Feature) and (result := _result(problem, goal)):
+        return TermGoal(result, components if result.endswith(".force") else (), name)
     if hasattr(goal, "dof_indices"):
         i = condition_number(bcs, goal, key)
         return ReactionGoal(name or f"bcs[{i}].force", partial(_owned_mask, number=i), components)
@@ -146,6 +152,13 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
     shown = f"({', '.join(f'{x:g}' for x in point)})"
     place = [*map(float, point), *[0.0] * (3 - len(point))]
     return PointGoal(name or shown, place, components)
+
+
+def _result(problem: Problem, feature: Feature) -> str:
+    """Return the name of the goal that a term of the program has; "" if it has none."""
+    alike = [term for term in problem.given_terms if type(term) is type(feature)]
+    found = zip(alike, type(feature).goals(alike), strict=False)
+    return next((name for term, name in found if term is feature), "")
 
 
 def _owned_mask(problem: Problem, number: int) -> Any:

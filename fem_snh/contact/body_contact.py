@@ -150,6 +150,25 @@ class BodyContact:
         x = self._positions(u)
         return {"contacts": {pair.name: pair.row(x) for pair in self.pairs}}
 
+    @property
+    def goals(self) -> list[str]:
+        """The names of the forces on first surfaces: see `GoalTerm`."""
+        return [f"{pair.name}.force" for pair in self.pairs]
+
+    def goal(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a force on a first surface [N]: see `GoalTerm`. Collective."""
+        return self.pairs[self.goals.index(name)].force(self._positions(u))
+
+    def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add those of a force: see `fem_snh.terms.term.ForceTerm`. Collective."""
+        forces = self.pairs[self.goals.index(name)].nodal_forces(self._positions(u))
+        self.surface.add_own(forces, writable_values(r).reshape(-1, self._kinematics.components))
+
+    def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Add that of a force to this rank's own entries: see `GoalTerm`. Collective."""
+        found = self.pairs[self.goals.index(name)].force_derivative(component, self._positions(u))
+        self.surface.add_own(found, writable_values(g).reshape(-1, found.shape[1]))
+
     def begin_step(self, u: PETSc.Vec) -> None:
         """Reset the multipliers to those of the last step and search the facets. Collective."""
         self._stepped, self._stale = True, True

@@ -102,6 +102,11 @@ class Contact(Feature, ContactTable):
             taken.add(groups)
 
     @classmethod
+    def goals(cls, features: Sequence[Self]) -> Sequence[str]:
+        """Return the names of the forces that second surfaces exert on first ones."""
+        return [f"{contact.name}.force" for contact in features]
+
+    @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all pairs. Collective."""
         from fem_snh.contact.body_contact import BodyContact  # imports PETSc

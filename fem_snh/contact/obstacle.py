@@ -82,6 +82,11 @@ class Obstacle(Feature, ContactTable):
         """Raise BadInput if two obstacles have one name."""
         names(features)
 
+    @classmethod
+    def goals(cls, features: Sequence[Self]) -> Sequence[str]:
+        """Return the names of the forces that the obstacles exert on the body."""
+        return [f"{name}.force" for name in names(features)]
+
     def moving(self, amplitudes: Amplitudes) -> MovingShape:
         """Return the shape with its motion; read the files that they name.
 

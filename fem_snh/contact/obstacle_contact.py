@@ -33,6 +33,8 @@ Array = npt.NDArray[Any]
 #: facet can follow the pressure oscillates: in the scene hertz (depth 0.2, 0.5 and 2) the largest
 #: of all points is 1.08 to 1.18 times Hertz's with 6 points, 1.03 to 1.07 times with 3.
 _DEGREE = {"quadrilateral": 3, "triangle": 2, "interval": 3}
+#: The same of elements of degree 3, which bulge between so few points: 3 x 3, 6 and 3 points.
+_DEGREE_3 = {"quadrilateral": 5, "triangle": 4, "interval": 5}
 #: Tangential stiffness of friction in the normal stiffness: a sticking point then moves by at most
 #: the friction coefficient times the penetration.
 _TANGENTIAL = 1.0
@@ -115,7 +117,8 @@ class ObstacleContact:
         self.comm, self.contacts, self._V = V.mesh.comm, list(contacts), V
         self._kinematics = kinematics
         self._fields: ObstacleFields | None = None
-        degree = _DEGREE[_dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]]
+        degrees = _DEGREE_3 if _dolfinx.degree(V) == 3 else _DEGREE
+        degree = degrees[_dolfinx.FACET_OF[_dolfinx.cell_name(V.mesh)]]
         self.surface = surface = SurfaceQuadrature(V, None, degree, kinematics.revolved)
         self.X = V.tabulate_dof_coordinates()
         heights, default = cell_heights(surface, V), default_stiffness(surface, V, regions)
@@ -196,12 +199,10 @@ class ObstacleContact:
         rows, comm, values = dict[str, dict[str, Any]](), self.comm, self._nodal(u)
         for contact, pair in zip(self.contacts, self.pairs, strict=True):
             at, friction = pair.points(values), pair.friction
-            weighted = self.surface.weights[at.which] * at.pressure
-            force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
-            if friction:
-                force = force - friction.force(values)
             slides = friction.sliding(values) if friction else 0
-            counts = comm.allreduce(np.array([*force, (at.pressure > 0).sum(), slides]))
+            counts = comm.allreduce(
+                np.array([*pair.force(values), (at.pressure > 0).sum(), slides])
+            )
             depth = max(0.0, -at.gap.min(initial=0.0))  # max: not -0.0
             penetration = float(comm.allreduce(depth, op=MPI.MAX))
             # Without a force the depth must be found wherever it is; with one the grid's points do.
@@ -219,6 +220,32 @@ class ObstacleContact:
                 row["sliding"] = int(counts[4])
             rows[contact.name] = row
         return {"obstacles": rows}
+
+    @property
+    def goals(self) -> list[str]:
+        """The names of the obstacles' forces: see `GoalTerm`."""
+        return [f"{contact.name}.force" for contact in self.contacts]
+
+    def goal(self, name: str, u: PETSc.Vec) -> Array:
+        """Return a force on the body [N]: see `GoalTerm`. Collective."""
+        pair = self.pairs[self.goals.index(name)]
+        return np.asarray(self.comm.allreduce(pair.force(self._nodal(u))))
+
+    def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add those of a force: see `fem_snh.terms.term.ForceTerm`."""
+        pair, forces = self.pairs[self.goals.index(name)], writable_values(r)
+        gradient = np.zeros_like(forces).reshape(-1, self._kinematics.components)
+        pair.add_gradient(self._nodal(u), gradient)
+        forces -= gradient.ravel()
+
+    def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Add that of a force, whose friction is none: see `GoalTerm`."""
+        cells, matrices, _ = self.pairs[self.goals.index(name)].matrices(self._nodal(u), "exact")
+        out = writable_values(g).reshape(-1, self._kinematics.components)
+        nodes = _dolfinx.node_dofs(self._V)[cells]
+        # The Hessian times a translation of all nodes is minus the derivative of the force.
+        blocks = matrices.reshape(*nodes.shape, out.shape[1], *nodes.shape[1:], out.shape[1])
+        np.add.at(out, nodes, -blocks[..., component].sum(axis=3))
 
     def nodal_field(self, name: str, u: PETSc.Vec) -> Array:
         """Return a field of `ObstacleFields`: see `FieldTerm`. Collective."""

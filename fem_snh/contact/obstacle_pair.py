@@ -324,6 +324,13 @@ class ObstaclePair:
         if self.friction:
             self.friction.add_gradient(u, r)
 
+    def force(self, u: Array) -> Array:
+        """Return the force on this rank's facets, friction included [N], (3,)."""
+        at = self.points(u)
+        weighted = self.surface.weights[at.which] * at.pressure
+        force = (weighted[..., None] * at.normal).sum(axis=(0, 1))
+        return np.asarray(force - self.friction.force(u) if self.friction else force)
+
     def matrices(self, u: Array, filter: str) -> tuple[Array, Array, int]:
         """Return cells, their filtered matrices [N/m], and the number of filtered points."""
         at = self.points(u)

@@ -374,13 +374,40 @@ class SurfacePair:
         first, second = self.passes
         return first.gradient(x) + second.gradient(x)
 
+    @property
+    def first(self) -> Array:
+        """The first surface's nodes, as rows of ``GatheredSurface.X``, (n,) int."""
+        return np.unique(self.passes[0].own.nodes)
+
+    def force(self, x: Array) -> Array:
+        """Return the force of the second surface on the first [N], (3,)."""
+        return np.asarray(self.nodal_forces(x).sum(axis=0))
+
+    def nodal_forces(self, x: Array) -> Array:
+        """Return the forces of the second surface on the first one's nodes [N], (m, 3)."""
+        forces = np.zeros_like(x)
+        forces[self.first] = -self.gradient(x)[self.first]
+        return forces
+
+    def force_derivative(self, component: int, x: Array) -> Array:
+        """Return that of a component of `force` by this rank's own nodes [N/m], (m, c)."""
+        c, translation = self._surface.components, np.zeros((len(x), self._surface.components))
+        translation[self.first, component] = 1.0
+        found = np.zeros_like(translation)
+        for one in self.passes:
+            nodes, matrices, _ = one.matrices(x, "exact")
+            rows = np.searchsorted(self._surface.nodes, nodes)
+            products = matrices @ translation[rows].reshape(len(rows), -1, 1)
+            np.add.at(found, rows, -products.reshape(*rows.shape, c))
+        return found
+
     def row(self, x: Array) -> dict[str, Any]:
         """Return the pair's row of run.json: see `BodyContact.record`."""
-        first, (_, gap, pressure) = np.unique(self.passes[0].own.nodes), self._touching(x)
+        _, gap, pressure = self._touching(x)
         penetration = max(0.0, float(-gap.min(initial=0.0)))  # max: not -0.0
         deepest = DeepestPoint.deepest(one.deepest(x) for one in self.passes)
         return {
-            "force": (-self.gradient(x)[first].sum(axis=0)).tolist(),
+            "force": self.force(x).tolist(),
             "contacts": int((pressure > 0).sum()),
             "penetration": penetration,
             **deepest.row(penetration),

@@ -14,6 +14,7 @@ from fem_snh.accuracy.goals import (
     MeanGoal,
     PointGoal,
     ReactionGoal,
+    TermGoal,
     VolumeGoal,
 )
 from fem_snh.assembly.boundary_conditions import group_nodes
@@ -22,7 +23,7 @@ from fem_snh.errors import bad_value
 from fem_snh.mesh.mesh import DIMENSIONS, Mesh
 from fem_snh.problem.measures import group_cells
 from fem_snh.problem.problem import Problem
-from fem_snh.scenes import Scene, read_goal
+from fem_snh.scenes import Scene, read_goal, term_goals
 from fem_snh.terms.body import group_facets
 
 #: Key of the goals' names.
@@ -34,7 +35,7 @@ _MEAN_DEGREE = 5
 
 
 def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
-    """Return the goals of a scene, by default its probes, reactions, volumes and energy.
+    """Return the goals of a scene, by default those of `default_goals`.
 
     Parameters
     ----------
@@ -79,15 +80,21 @@ def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
 def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none.
 
+    They are its probes, reactions, results of features, volumes and energy.
     Of a force on a body of revolution it is the component along the axis: the sum of the radial
     forces is none that acts on another body, and converges slowly at the corners of bonded rubber.
     """
     turned = [reaction for reaction in scene.reactions if reaction.about]
     kinematics = kinematics_of(scene.kinematics)
     force = "force.y" if kinematics.revolved else "force"
+    # At the end of a motion a contact that opens and closes has any force.
+    results = [] if scene.time else term_goals(scene.features)
+    if kinematics.revolved:
+        results = [f"{name}.y" if name.endswith(".force") else name for name in results]
     return [
         *(probe.name for probe in scene.probe),
         *(f"{reaction.group}.{force}" for reaction in scene.reactions),
+        *results,
         *(f"{reaction.group}.moment" for reaction in turned if kinematics.moment_axes),
         *(f"{group}.volume" for group in scene.volumes),
         "volume",
@@ -96,9 +103,11 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
 
 
 def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
-    kind, name, components = read_goal(text, scene.probe, kinematics_of(scene.kinematics))
+    kind, name, components = read_goal(text, scene)
     if kind == "energy":
         return EnergyGoal()
+    if kind == "term":
+        return TermGoal(name, components)
     if kind == "point":
         point = next(probe.point for probe in scene.probe if probe.name == name)
         return PointGoal(name, point, components)

@@ -15,7 +15,7 @@ from fem_snh.scenes._consistency import check_consistency, group_references, why
 from fem_snh.scenes._features import FEATURES, register_feature
 from fem_snh.scenes._library import GROUP, describe, function, names, own_parameters
 from fem_snh.scenes._loading import load, read_toml, validate
-from fem_snh.scenes._outputs import read_goal
+from fem_snh.scenes._outputs import read_goal, term_goals
 from fem_snh.scenes.schema import (
     Accuracy,
     Amplitude,
@@ -53,5 +53,6 @@ __all__ = [
     "Move", "Obstacle", "Pressure", "Probe", "Reaction", "Rig", "Rigid", "Rotate", "Scene",
     "SelfContact", "Spring", "Start", "Symmetry", "Tetrahedra", "Time", "Traction",
     "check_consistency", "describe", "function", "group_references", "load", "names",
-    "own_parameters", "read_goal", "read_toml", "register_feature", "validate", "why_condensed",
+    "own_parameters", "read_goal", "read_toml", "register_feature", "term_goals", "validate",
+    "why_condensed",
 ]  # fmt: skip

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fem_snh.assembly.elements import ELEMENTS, element
-from fem_snh.assembly.kinematics import PLANAR, Kinematics, kinematics_of
+from fem_snh.assembly.kinematics import PLANAR, kinematics_of
 from fem_snh.contact.obstacle import names as obstacle_names
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.output_fields import IN_TIME
 from fem_snh.scenes._bones import check_bones
 from fem_snh.scenes._conditions import Hold, Move
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
-from fem_snh.scenes._outputs import Accuracy, Geometry, Probe, read_goal
+from fem_snh.scenes._outputs import Accuracy, Geometry, read_goal, term_goals
 from fem_snh.tables.amplitudes import check_tables
 from fem_snh.tables.types import MAX_CELLS
 from fem_snh.terms.feature import feature_classes, grouped
@@ -52,8 +52,13 @@ def check_consistency(scene: Scene) -> None:
         raise bad_value("static_condensation", "false", f"true, as {why}")
     _check_fields(scene)
     _check_mesh(scene)
+    results = term_goals(scene.features)
+    for reaction in scene.reactions:
+        if f"{reaction.group}.force" in results:  # two columns of one name in steps.csv
+            accepted = "a group of another name than that of an obstacle or contact"
+            raise bad_value("reactions", reaction.group, accepted)
     if scene.accuracy:
-        _check_accuracy(scene.accuracy, scene.probe, kinematics)
+        _check_accuracy(scene.accuracy, scene)
     if scene.time:
         _check_time(scene)
     else:
@@ -61,10 +66,10 @@ def check_consistency(scene: Scene) -> None:
     _check_constraints(scene.hold, scene.move)
 
 
-def _check_accuracy(accuracy: Accuracy, probes: Sequence[Probe], kinematics: Kinematics) -> None:
+def _check_accuracy(accuracy: Accuracy, scene: Scene) -> None:
     """Raise BadInput for a goal that the scene does not have, and for limits of nothing."""
     for goal in accuracy.goals:
-        read_goal(goal, probes, kinematics)
+        read_goal(goal, scene)
     for key in ("max_time", "max_memory", "max_dofs"):
         limit = getattr(accuracy, key)
         if limit is not None and accuracy.within is None:
@@ -92,7 +97,7 @@ def group_references(scene: Scene) -> Iterator[tuple[str, str | int]]:
     for group in scene.volumes:
         yield "volumes", group
     for goal in scene.accuracy.goals if scene.accuracy else ():
-        named = read_goal(goal, scene.probe, kinematics_of(scene.kinematics))
+        named = read_goal(goal, scene)
         if named.is_of_group:
             yield "accuracy.goals", named.name
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Protocol
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from fem_snh.assembly.kinematics import SOLID, Kinematics
+from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import bad_value, choose, nearest
 from fem_snh.output_fields import LOCATIONS, NAMED
 from fem_snh.scenes._lattice import Lattice, Tetrahedra
@@ -21,6 +21,7 @@ from fem_snh.tables.types import (
     split_text,
 )
 from fem_snh.tables.validation import Bounded, Expect, Table
+from fem_snh.terms.feature import Feature, grouped
 
 
 class Geometry(Table):
@@ -151,9 +152,10 @@ _AXES = "xyz"
 #: Quantities of a physical group, with whether they have components.
 _OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False}
 _ACCEPTED = (
-    "'energy', 'volume', a probe with a component, 'corner.y', or of a physical group "
-    "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume'; "
-    "without the component: all of them"
+    "'energy', 'volume', a probe with a component, 'corner.y', of a physical group "
+    "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume', "
+    "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure'; without the "
+    "component: all of them"
 )
 
 
@@ -162,10 +164,10 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "point", "force", "moment", "mean"}
-        What it is.
+    kind : {"energy", "volume", "point", "force", "moment", "mean", "term"}
+        What it is; "term": the result of a feature.
     name : str
-        The probe or the physical group; empty for the whole body.
+        The probe, the physical group or the feature's result; empty for the whole body.
     components : tuple of int
         The components of a vector.
     """
@@ -177,7 +179,7 @@ class GoalName(NamedTuple):
     @property
     def is_of_group(self) -> bool:
         """Whether it names a physical group."""
-        return self.kind != "point" and bool(self.name)
+        return self.kind not in ("point", "term") and bool(self.name)
 
 
 def _read_share(value: Any) -> Any:
@@ -200,8 +202,10 @@ class Accuracy(Table):
     ] = Field(
         default=[],
         description="Probes and their components, corner.y; reaction forces and moments and mean "
-        "displacements of groups, top.force.z, top.moment.z and top.mean.z; volume ratios, volume "
-        "and core.volume; energy. Default: probes, reactions, volumes and energy.",
+        "displacements of groups, top.force.z, top.moment.z and top.mean.z; forces of obstacles "
+        "and contacts, plate.force.z; pressures of cavities, inner.pressure; volume ratios, volume "
+        "and core.volume; energy. Default: probes, reactions, of a static scene those forces and "
+        "pressures, volumes and energy.",
     )
     within: (
         Annotated[
@@ -235,25 +239,52 @@ class Accuracy(Table):
     )
 
 
-def read_goal(text: str, probes: Sequence[Probe], kinematics: Kinematics = SOLID) -> GoalName:
+class HasGoals(Protocol):
+    """What goals may be of: a scene."""
+
+    @property
+    def probe(self) -> Sequence[Probe]:
+        """Its probes."""
+
+    @property
+    def kinematics(self) -> str | None:
+        """The name of its kinematics."""
+
+    @property
+    def features(self) -> Sequence[Feature]:
+        """Its features."""
+
+
+def term_goals(features: Sequence[Feature]) -> list[str]:
+    """Return the names of the goals that are results of features."""
+    return [name for kind, some in grouped(features) for name in kind.goals(some)]
+
+
+def read_goal(text: str, scene: HasGoals) -> GoalName:
     """Return the goal of this name.
 
     Raises
     ------
     BadInput
-        For a text that is no goal of a scene with these probes and this kinematics.
+        For a text that is no goal of the scene.
     """
+    kinematics = kinematics_of(scene.kinematics)
     if text in ("energy", "volume"):
         return GoalName(text)
+    results = term_goals(scene.features)
+    if text in results and not text.endswith(".force"):
+        return GoalName("term", text)
     rest, _, last = text.rpartition(".")
     has_component = bool(rest) and last in tuple(_AXES)
     vector = rest if has_component else text
-    names = [probe.name for probe in probes]
+    names = [probe.name for probe in scene.probe]
     group, _, kind = vector.rpartition(".")
-    if vector in names:
+    if vector in results and vector.endswith(".force"):
+        group, kind = vector, "term"
+    elif vector in names:
         group, kind = vector, "point"
     elif not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
-        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, names))
+        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, [*names, *results]))
     elif not _OF_GROUPS[kind]:
         return GoalName(kind, group)
     axes = kinematics.moment_axes if kind == "moment" else kinematics.axes

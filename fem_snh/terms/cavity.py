@@ -12,7 +12,7 @@ from pydantic import Field
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
-from fem_snh.tables.types import SURFACE, Number, Positive, Surface
+from fem_snh.tables.types import SURFACE, Number, Positive, Surface, surface_name
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -44,6 +44,11 @@ class Cavity(Feature):
             raise bad_value("element", scene.element, accepted)
         if scene.modes:
             raise BadInput("'cavity' and 'modes' exclude each other: expected one of them")
+
+    @classmethod
+    def goals(cls, features: Sequence[Self]) -> Sequence[str]:
+        """Return the names of the fluids' pressures."""
+        return [f"{surface_name(fluid.group)}.pressure" for fluid in features]
 
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:

@@ -106,6 +106,20 @@ class EnclosedFluid:
         """Return the cavity's `state` for run.json. Collective."""
         return {"cavities": {self.group: self.state(u)}}
 
+    @property
+    def goals(self) -> list[str]:
+        """The name of the fluid's pressure: see `GoalTerm`."""
+        return [f"{self.group}.pressure"]
+
+    def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
+        """Return the pressure [Pa]: see `GoalTerm`. Collective."""
+        return np.array([self.state(u)["pressure"]])
+
+    def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Add that of the pressure: see `GoalTerm`."""
+        self._pressure.value = np.array(self._stiffness)  # -k times the change of volume
+        self._term.add_residual(u, None, g, None)
+
     def energy(self, u: PETSc.Vec, p: PETSc.Vec | None = None) -> float:
         """Return the energy of the fluid [J]. Collective."""
         return self.state(u)["pressure"] ** 2 / (2 * self._stiffness)

@@ -53,6 +53,14 @@ class Feature(Table):
         """Raise BadInput if the tables of a scene contradict each other or its other keys."""
 
     @classmethod
+    def goals(cls, features: Sequence[Self]) -> Sequence[str]:
+        """Return the names of what may be goals of an error estimate, one for each feature.
+
+        NAME.force is a vector. The terms are then `fem_snh.terms.term.GoalTerm`.
+        """
+        return []
+
+    @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return the terms of all features of this class that a problem has. Collective.
 

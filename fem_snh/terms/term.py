@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
+
+import numpy.typing as npt
 
 from fem_snh.assembly.assembled_matrix import BlockMatrix
 
@@ -70,3 +73,26 @@ class PenaltyTerm(Protocol):
 
     def scale_penalties(self, factor: float) -> bool:
         """Multiply the stiffness of penalties; return whether there are any."""
+
+
+@runtime_checkable
+class GoalTerm(Protocol):
+    """A term with results that may be goals of an error estimate, such as a force of contact."""
+
+    @property
+    def goals(self) -> Sequence[str]:
+        """The results' names, those of `fem_snh.terms.feature.Feature.goals`."""
+
+    def goal(self, name: str, u: PETSc.Vec) -> npt.NDArray[Any]:
+        """Return the components of a result, (n,). Collective."""
+
+    def add_goal_derivative(self, name: str, component: int, u: PETSc.Vec, g: PETSc.Vec) -> None:
+        """Add the derivative of a component to all entries of ``g``. Collective."""
+
+
+@runtime_checkable
+class ForceTerm(GoalTerm, Protocol):
+    """A term whose results are sums of nodal forces."""
+
+    def add_nodal_forces(self, name: str, u: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add the nodal forces [N] whose sum is a result to all entries of ``r``. Collective."""
