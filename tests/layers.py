@@ -76,6 +76,7 @@ THIRD_PARTY = {
         "terms",
         "accuracy.goals",
         "accuracy.program_goals",
+        "accuracy.stress_goals",
         "problem.lifted_problem",
         "problem.mixed.pressure_masses",
         "runs.output.nodal_projection",

@@ -256,7 +256,7 @@ class MeanGoal:
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         """Return the derivatives of the means by the displacement."""
-        V, dx = problem.V, _of_the_body(problem, self._measure)
+        V, dx = problem.V, of_the_body(problem, self._measure)
         components = problem.kinematics.components
         one = _dolfinx.constant(V.mesh, 1.0)
         size = _dolfinx.assemble_scalar(_dolfinx.form(one * dx))
@@ -304,12 +304,12 @@ class FunctionalGoal:
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`."""
         form = ufl.replace(self._form, {self._u: at.problem.u})
-        return at.solve_for(_derivative(at.problem, form))
+        return at.solve_for(derivative_of(at.problem, form))
 
 
-def _derivative(problem: Problem, form: Any) -> PETSc.Vec:
-    """Return the derivative of a form of rank 0 by the displacement, at the present state."""
-    problem.split(problem.x)
+def derivative_of(problem: Problem, form: Any, x: PETSc.Vec | None = None) -> PETSc.Vec:
+    """Return the derivative of a form of rank 0 by the displacement, by default at the solution."""
+    problem.split(problem.x if x is None else x)
     vector = _dolfinx.create_vector(problem.V)
     _dolfinx.assemble_vector(vector, _dolfinx.form(ufl.derivative(form, problem.u)))
     return vector
@@ -355,18 +355,18 @@ class VolumeGoal:
         cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
         measure = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
-        dx = _of_the_body(problem, measure)
+        dx = of_the_body(problem, measure)
         size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
         H = ufl.grad(problem.u)
         if kinematics.dim == 2:
             radius = _dolfinx.coordinates(domain)[0]
             H = ufl.as_matrix(kinematics.gradient(problem.u, H, radius))
-        derivative = _derivative(problem, ufl.det(ufl.Identity(3) + H) * dx)
+        derivative = derivative_of(problem, ufl.det(ufl.Identity(3) + H) * dx)
         derivative.scale(1 / size)
         return at.solve_for(derivative)
 
 
-def _of_the_body(problem: Problem, measure: Any) -> Any:
+def of_the_body(problem: Problem, measure: Any) -> Any:
     """Return a measure of the mesh as that of the body, which a half plane makes by revolving."""
     if not problem.kinematics.revolved:
         return measure

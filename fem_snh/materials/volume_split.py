@@ -24,7 +24,7 @@ Taylor-Hood
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy
 
@@ -52,6 +52,12 @@ class Split:
 
     energy: Energy
     volume: sympy.Expr
+
+    @property
+    def deviatoric(self) -> Energy:
+        """Return psi' without the pressure's term p J."""
+        assert self.energy.psi is not None
+        return replace(self.energy, psi=self.energy.psi.subs(PRESSURE, 0), pressure=None)
 
     @property
     def stiffness(self) -> float:

@@ -108,6 +108,10 @@ def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
         return EnergyGoal()
     if kind == "term":
         return TermGoal(name, components)
+    if kind == "stress":
+        from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
+
+        return StressGoal(text, _cells(mesh, name, text) if name else None)
     if kind == "point":
         point = next(probe.point for probe in scene.probe if probe.name == name)
         return PointGoal(name, point, components)

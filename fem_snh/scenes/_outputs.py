@@ -150,10 +150,13 @@ Mesh = Annotated[
 
 _AXES = "xyz"
 #: Quantities of a physical group, with whether they have components.
-_OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False}
+_OF_GROUPS = {"force": True, "moment": True, "mean": True, "volume": False, "stress": False}
+#: Those of the whole body.
+_OF_BODY = ("energy", "volume", "stress")
 _ACCEPTED = (
-    "'energy', 'volume', a probe with a component, 'corner.y', of a physical group "
+    "'energy', 'volume', 'stress', a probe with a component, 'corner.y', of a physical group "
     "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume', "
+    "'core.stress' (mean of von Mises' stress), "
     "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure'; without the "
     "component: all of them"
 )
@@ -164,7 +167,7 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "point", "force", "moment", "mean", "term"}
+    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term"}
         What it is; "term": the result of a feature.
     name : str
         The probe, the physical group or the feature's result; empty for the whole body.
@@ -203,9 +206,10 @@ class Accuracy(Table):
         default=[],
         description="Probes and their components, corner.y; reaction forces and moments and mean "
         "displacements of groups, top.force.z, top.moment.z and top.mean.z; forces of obstacles "
-        "and contacts, plate.force.z; pressures of cavities, inner.pressure; volume ratios, volume "
-        "and core.volume; energy. Default: probes, reactions, of a static scene those forces and "
-        "pressures, volumes and energy.",
+        "and contacts, plate.force.z; pressures of cavities, inner.pressure; means of von "
+        "Mises' stress, stress and core.stress; volume ratios, volume and core.volume; energy. "
+        "Default: probes, reactions, of a static scene those forces and pressures, volumes and "
+        "energy.",
     )
     within: (
         Annotated[
@@ -269,7 +273,7 @@ def read_goal(text: str, scene: HasGoals) -> GoalName:
         For a text that is no goal of the scene.
     """
     kinematics = kinematics_of(scene.kinematics)
-    if text in ("energy", "volume"):
+    if text in _OF_BODY:
         return GoalName(text)
     results = term_goals(scene.features)
     if text in results and not text.endswith(".force"):

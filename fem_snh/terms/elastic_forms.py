@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isnan
 from time import perf_counter
 from typing import Any
@@ -23,7 +22,6 @@ from fem_snh.assembly.regions import Region, cell_constant
 from fem_snh.errors import bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.kernels.ufl_stretches import FUNCTIONS
-from fem_snh.materials.energy import Energy
 from fem_snh.materials.invariants import MEASURES
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, Split, split
@@ -97,7 +95,7 @@ class ElasticForms(Elastic):
             parts = [split(m, BOUNDS[element.volume]) for m in materials]
             if element.volume == "mean":
                 self._mean = _MeanVolume(V.mesh, F, measures, parts, cells)
-            densities = [energy_density(_deviatoric(part), F) for part in parts]
+            densities = [energy_density(part.deviatoric, F) for part in parts]
             if self._p is not None:
                 p = pressure_scale * self._p
                 densities = [
@@ -137,12 +135,6 @@ class ElasticForms(Elastic):
                 copy_to_function(vector, function)
         if self._mean:
             self._mean.update()
-
-
-def _deviatoric(part: Split) -> Energy:
-    """Return psi' without the pressure's term p J."""
-    assert part.energy.psi is not None
-    return replace(part.energy, psi=part.energy.psi.subs(PRESSURE, 0), pressure=None)
 
 
 def _dual(part: Split, p: Any) -> Any:

@@ -1,0 +1,116 @@
+r"""Goals of stress: the mean of von Mises' stress over cells.
+
+With the deviator s of the Cauchy stress the goal is
+
+.. math:: Q = \frac{1}{V} \int \sqrt{3/2\, s : s} \,\mathrm{d}V
+
+over cells of the body at rest. The pressure has no part in s, so no volume term is needed, nor a
+pressure that is an unknown. The largest stress is no goal: at a corner where it is singular
+each finer mesh has a larger one; nor is that at a point, which no coarse mesh knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from fem_snh import _dolfinx
+from fem_snh.accuracy.goals import Linearisation, derivative_of, of_the_body
+from fem_snh.errors import BadInput, bad_value
+from fem_snh.kernels.ufl_forms import energy_density
+from fem_snh.materials.energy import Energy
+from fem_snh.materials.keywords import BOUNDS
+from fem_snh.materials.volume_split import split
+from fem_snh.problem.problem import Problem
+
+Array = npt.NDArray[Any]
+
+#: Quadrature degree, the same in both elements: a state has one stress.
+_DEGREE = 6
+#: Stress below which its root is smooth, in E: at zero it has no derivative.
+_ZERO = 1e-12
+
+
+class StressGoal:
+    """The mean of von Mises' stress [Pa] over the body, or over cells of it.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    cells : (n,) int array, optional
+        Owned cells; default: all.
+    """
+
+    def __init__(self, name: str, cells: Array | None = None) -> None:
+        self.names, self._cells = [name], cells
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`. Raises BadInput in plane stress, and for a material without energy."""
+        self._check(problem)
+        whole, size = map(_dolfinx.form, self._integrals(problem))
+        volume = _dolfinx.assemble_scalar(size)
+
+        def values() -> list[float]:
+            problem.split(problem.x)
+            return [float(problem.modulus * _dolfinx.assemble_scalar(whole) / volume)]
+
+        return values
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return 0.0
+
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`. A root is far from linear: the derivative is that halfway to the run."""
+        whole, size = self._integrals(at.problem)
+        derivative = derivative_of(at.problem, whole, at.problem.x - 0.5 * at.step)
+        derivative.scale(at.problem.modulus / _dolfinx.assemble_scalar(_dolfinx.form(size)))
+        return at.solve_for(derivative)
+
+    def _check(self, problem: Problem) -> None:
+        """Raise BadInput where the stress is no function of the displacement that UFL derives."""
+        key, name = "accuracy.goals", self.names[0]
+        lattice = any(region.fractions is not None for region in problem.regions)
+        if problem.kinematics.plane_stress or lattice or not problem.regions:
+            accepted = "a body with a material, neither a lattice nor in plane stress"
+            raise bad_value(key, name, accepted)
+        for material in (region.material for region in problem.regions):
+            if not material.has_energy:
+                accepted = f"a material with an energy, not '{material.name}'"
+                raise bad_value(key, name, accepted)
+
+    def _integrals(self, problem: Problem) -> tuple[Any, Any]:
+        """Return the forms of the integral of the stress over E, and of the volume."""
+        domain, kinematics = problem.domain, problem.kinematics
+        H = ufl.grad(problem.u)
+        if kinematics.dim == 2:
+            H = ufl.as_matrix(kinematics.gradient(problem.u, H, _dolfinx.coordinates(domain)[0]))
+        F = ufl.variable(ufl.Identity(3) + H)
+        every = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
+        cells = every if self._cells is None else self._cells
+        parts = [np.intersect1d(region.cells, cells) for region in problem.regions]
+        parts.append(np.setdiff1d(every, np.concatenate(parts)))
+        measures = _dolfinx.cell_measures(domain, parts, problem.element.cell, _DEGREE)
+        measures = [of_the_body(problem, dx) for dx in measures[:-1]]
+        energies = [region.material.expression for region in problem.regions]
+        stresses = [_von_mises(energy, F, problem.modulus) for energy in energies]
+        one = _dolfinx.constant(domain, 1.0)
+        whole = sum(sigma * dx for sigma, dx in zip(stresses, measures, strict=True))
+        return whole, sum(one * dx for dx in measures)
+
+
+def _von_mises(energy: Energy, F: Any, modulus: float) -> Any:
+    """Return von Mises' stress over a modulus."""
+    try:
+        energy = split(energy, BOUNDS["mean"]).deviatoric
+    except BadInput:  # no volume term of its own: all of the energy
+        pass
+    s = ufl.dev(ufl.diff(energy_density(energy, F), F) * F.T / (modulus * ufl.det(F)))
+    return ufl.sqrt(1.5 * ufl.inner(s, s) + _ZERO**2)

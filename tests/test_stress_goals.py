@@ -1,0 +1,67 @@
+"""The mean of von Mises' stress as a goal: closed forms, effectivity, indicators, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from running import solve
+from test_error_estimate import stretched
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.scenes import Accuracy, MaterialChoice
+
+#: Of Cook's membrane in plane strain at nu = 0.4999: 32 and 64 cells of Q2Q1, corrected.
+COOK = 9.7943
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("name", "element", "nu"),
+    [("stable_neo_hookean", "Q1P0", 0.49), ("neo_hookean_simo", "Q2Q1", 0.5), ("arap", "Q1", 0.3)],
+)
+def test_a_homogeneous_stress(comm, name, element, nu):
+    """That of P at the state's F; arap is an energy of the stretches, without a volume term."""
+    scene = stretched(element, nu=nu).model_copy(
+        update={"material": MaterialChoice(name=name, E=2.0, nu=nu)}
+    )
+    found = solve(scene.model_copy(update={"accuracy": Accuracy(goals=["stress"])}), comm)
+    goal = found.goals["stress"]
+    rows = found.problem.nodal(found.problem.x)
+    X = found.problem.coordinates
+    stretches = [
+        1 + comm.allreduce(float((X[:, i] * rows[:, i]).sum()))
+        / comm.allreduce(float((X[:, i] ** 2).sum()))
+        for i in range(3)
+    ]  # fmt: skip
+    F = np.diag(stretches)
+    finite = fem_snh.material(name, E=2.0, nu=min(nu, 0.4999))
+    shear = finite if nu < 0.5 else fem_snh.material(name, mu=2 / 3, nu=0.4)
+    sigma = shear.pk1(F) @ F.T / np.linalg.det(F)
+    s = sigma - np.trace(sigma) / 3 * np.eye(3)
+    assert goal["value"] == pytest.approx(np.sqrt(1.5 * (s * s).sum()), rel=1e-5)
+    assert abs(goal["error"]) < 1e-5 * goal["value"]
+
+
+@pytest.mark.parametrize("cells", [4, 8, 16])
+def test_effectivity_on_cook(cells):
+    keys = {"kinematics": "plane_strain", "element": "Q2Q1", "nu": 0.4999, "cells": cells}
+    found = solve("cook", steps=2, **keys, **{"accuracy.goals": "stress"})
+    goal = found.goals["stress"]
+    assert 0.7 < goal["error"] / (COOK - goal["value"]) < 1.4
+    indicators = found.estimate.indicators["stress"]
+    assert indicators.sum() == pytest.approx(goal["error"], rel=0.3)
+
+
+def test_the_stress_of_a_group_that_is_the_body():
+    keys = {"cells": 4, "element": "P2P1", "squeeze": 0.1, "friction": 0, "steps": 2}
+    found = solve("seal", **keys, **{"accuracy.goals": ["stress", "body.stress"]})
+    assert found.goals["stress"] == found.goals["body.stress"]
+
+
+def test_stresses_that_are_none():
+    keys = {"cells": 2, "steps": 1, "accuracy.goals": "stress"}
+    with pytest.raises(BadInput, match="'stress': expected a body with a material, neither"):
+        solve("cook", kinematics="plane_stress", **keys)
+    with pytest.raises(BadInput, match=r"goals = 'stress\.x': expected .*'core.stress'"):
+        solve("cook", **keys | {"accuracy.goals": "stress.x"})
