@@ -22,12 +22,14 @@ from fem_snh import c_declarations, cache
 from fem_snh.errors import BadInput
 
 #: No -ffast-math: NaN and infinity must keep their IEEE meaning. The code reads neither errno nor
-#: floating-point traps; without them GCC vectorises more. The kernels are vectorised by hand: of
-#: -O3 they need the complete unrolling of short loops (-fpeel-loops) only. With all of -O3 GCC 12
-#: compiles for 1.4 times as long, and residuals take 3 to 10 % longer.
+#: floating-point traps; without them GCC vectorises more. The kernels are vectorised by hand: they
+#: need the complete unrolling of short loops (-fpeel-loops), square roots of whole vectors
+#: (-ftree-slp-vectorize) and vzeroupper before calls of the C library, which GCC inserts with
+#: -fexpensive-optimizations only. With -O2 and -fpeel-loops GCC 12 compiles for 1.7 times as long,
+#: and the code takes 5 to 30 % longer (GCC 14: 1.5 times, up to 15 %).
 FLAGS = (
-    "-O2 -fpeel-loops -march=native -std=gnu11 -fno-math-errno -fno-trapping-math "
-    "-ffp-contract=fast -Wno-psabi -shared -fPIC"
+    "-O1 -fpeel-loops -ftree-slp-vectorize -fexpensive-optimizations -march=native -std=gnu11 "
+    "-fno-math-errno -fno-trapping-math -ffp-contract=fast -Wno-psabi -shared -fPIC"
 ).split()
 
 
