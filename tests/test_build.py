@@ -58,6 +58,18 @@ def test_a_source_is_compiled_once_and_kept_beside_its_library(cache_folder, mon
     assert path.stat().st_mtime_ns == before
 
 
+def test_functions_linked_with_several_libraries_are_compiled_once(cache_folder):
+    answer = "int answer(void);\n"
+    paths = [
+        build.library(f"{answer}int double_answer(void) {{ return 2 * answer(); }}\n", SOURCE),
+        build.library(f"{answer}int half_answer(void) {{ return answer() / 2; }}\n", SOURCE),
+        build.library(f"{answer}int half_answer(void) {{ return answer() / 2; }}\n", f"{SOURCE}\n"),
+    ]
+    assert len({*paths}) == 3 and len([*cache_folder.glob("*.o")]) == 2
+    assert build.load(paths[0], "int double_answer(void);")[1].double_answer() == 84
+    assert build.load(paths[1], "int half_answer(void);")[1].half_answer() == 21
+
+
 def test_key_holds_source_flags_compiler_and_processor(monkeypatch, tmp_path):
     paths = {build.library(SOURCE), build.library(SOURCE + "/* another */\n")}
     monkeypatch.setattr(build, "FLAGS", [*build.FLAGS, "-DOTHER"])

@@ -14,6 +14,7 @@ import platform
 import shlex
 import shutil
 import subprocess
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -76,13 +77,15 @@ def fingerprint() -> str:
     return "\n".join([*FLAGS, _environment(compiler())])
 
 
-def library(source: str) -> Path:
+def library(source: str, linked: str = "") -> Path:
     """Compile C source unless the cache has its library already.
 
     Parameters
     ----------
     source : str
-        The whole C source.
+        The C source.
+    linked : str
+        C source of functions that it declares: compiled once, however many libraries have them.
 
     Returns
     -------
@@ -94,18 +97,25 @@ def library(source: str) -> Path:
     BadInput
         If the cache cannot be written or the compiler fails.
     """
+    return _compiled(source, ".so", [_compiled(linked, ".o")] if linked else [])
+
+
+def _compiled(source: str, suffix: str, objects: Sequence[Path] = ()) -> Path:
+    """Return the library (.so) of a source and object files, or its object file (.o)."""
     command = compiler()
-    key = hashlib.sha256(f"{source}\n{fingerprint()}".encode()).hexdigest()
-    name = f"{key[: cache.KEY_DIGITS]}.so"
+    content = "\n".join([source, *(path.name for path in objects), fingerprint()])
+    key = hashlib.sha256(content.encode()).hexdigest()
+    name = f"{key[: cache.KEY_DIGITS]}{suffix}"
     target = cache.folder() / name
     if stored(name):
         return target
     try:
         with cache.build_folder() as folder:
-            code, compiled = folder / "kernel.c", folder / "kernel.so"
+            code, compiled = folder / "kernel.c", folder / f"kernel{suffix}"
             code.write_text(source)
+            kind = ["-c"] if suffix == ".o" else [*map(str, objects), "-lm"]
             done = subprocess.run(
-                [*shlex.split(command), *FLAGS, str(code), "-o", str(compiled), "-lm"],
+                [*shlex.split(command), *FLAGS, str(code), *kind, "-o", str(compiled)],
                 capture_output=True,
                 text=True,
             )

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from fem_snh import cache
 from fem_snh.kernels import build
+from fem_snh.kernels.headers import svd_eigen_source
 from fem_snh.materials.keywords import BOUNDS
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def _library(chosen: ElementEnergy, definitions: Sequence[str], after: Sequence[
     record = cache.read(key)
     if record and (path := build.stored(record["library"])):
         return path
-    path = build.library(kernel_source(chosen.energy, definitions, after, chosen.functions))
+    source = kernel_source(chosen.energy, definitions, after, chosen.functions)
+    path = build.library(source, svd_eigen_source())
     cache.write(key, {"library": path.name})
     return path
 

@@ -6,8 +6,8 @@ from importlib.resources import files
 
 from fem_snh.choices import EIGENSOLVERS, POINT_FILTERS
 
-#: The SVD and the eigensolvers.
-SVD_AND_EIGENSOLVERS = ("lanes.h", "svd.h", "eigen3.h")
+#: The vector types, and the SVD and eigensolvers of `svd_eigen_source`.
+SVD_AND_EIGENSOLVERS = ("lanes.h", "svd_eigen.h")
 #: The loops over points for `fem_snh.kernels.material.Material`.
 POINTWISE = ("pointwise_api.h", "pointwise_kernels.h")
 
@@ -30,6 +30,15 @@ def options() -> str:
 
 
 def svd_eigen_source() -> str:
-    """Return the C source of the 3x3 SVD and eigensolvers, which depend on no material."""
-    names = (*SVD_AND_EIGENSOLVERS, "svd_eigen_api.h", "svd_eigen_kernels.h")
-    return "\n".join(["#include <math.h>", options(), *map(header, names)])
+    """Return the C source of the 3x3 SVD and eigensolvers, which every kernel is linked with."""
+    return _source("svd.h", "eigen3.h")
+
+
+def svd_eigen_points_source() -> str:
+    """Return the C source of their loops over points, which depend on no material."""
+    return _source("svd_eigen_api.h", "svd_eigen_kernels.h")
+
+
+def _source(*names: str) -> str:
+    files = map(header, (*SVD_AND_EIGENSOLVERS, *names))
+    return "\n".join(["#include <math.h>", options(), *files])

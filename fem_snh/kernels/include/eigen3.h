@@ -144,7 +144,7 @@ INLINE void eigen3_cubic(const real *A, real *e, real *Q) {
 }
 
 /* Eigenpairs by the eigensolver CUBIC or JACOBI. */
-SHARED void eigen3(int solver, const real *A, real *e, real *Q) {
+void eigen3(int solver, const real *A, real *e, real *Q) {
   if (solver == CUBIC)
     eigen3_cubic(A, e, Q);
   else

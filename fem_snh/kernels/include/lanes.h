@@ -7,6 +7,8 @@ typedef long long mask __attribute__((vector_size(8 * W))); /* -1 true, 0 false,
 #define INLINE static inline __attribute__((always_inline))
 /* Compiled once instead of at each of its calls, which halves the compilation and costs no measurable time. */
 #define SHARED static __attribute__((noinline))
+/* Compiled once for all kernels (svd_eigen.h). */
+#define LINKED __attribute__((noinline, visibility("hidden")))
 
 INLINE real splat(double a) { return (real){0} + a; }
 INLINE real select(mask m, real a, real b) { return (real)((m & (mask)a) | (~m & (mask)b)); }

@@ -58,7 +58,7 @@ INLINE real drop_rounding(const real *F, real down, real s2) {
   return select(absolute(s2) <= 0x1p-52 * (least * down), splat(0), s2);
 }
 
-SHARED void svd(const real *F, real *U, real *s, real *V) {
+void svd(const real *F, real *U, real *s, real *V) {
   real G[9], size = splat(0), up, down;
   for (int i = 0; i < 9; ++i) size += absolute(F[i]);
   const mask finite = size < INFINITY;

@@ -18,11 +18,10 @@ from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh.errors import on_root
-from fem_snh.kernels import build
 from fem_snh.linalg.columns_cg import ColumnsCG
 from fem_snh.linalg.halo import Halo
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.output.point_fields import LANES, PointFieldLoops, point_fields_source
+from fem_snh.runs.output.point_fields import LANES, PointFieldLoops, point_fields_library
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +52,7 @@ class NodalProjection:
         points, _ = _dolfinx.quadrature(element.cell, element.quadrature)
         self._weights, self._basis = weights, _dolfinx.tabulate_values(Q, points)
         self._vertices = np.ascontiguousarray(_dolfinx.node_dofs(Q), np.int32)
-        self._loops = PointFieldLoops(on_root(problem.comm, build.library, point_fields_source()))
+        self._loops = PointFieldLoops(on_root(problem.comm, point_fields_library))
         nodes = _dolfinx.reference_nodes(element.cell, element.degree)
         self._interpolation = _interpolation(V, Q, _dolfinx.tabulate_values(Q, nodes))
         form = _dolfinx.form(ufl.TrialFunction(Q) * ufl.TestFunction(Q) * ufl.dx)

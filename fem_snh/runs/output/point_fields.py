@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.kernels import build
-from fem_snh.kernels.headers import SVD_AND_EIGENSOLVERS, header, options
+from fem_snh.kernels.headers import SVD_AND_EIGENSOLVERS, header, options, svd_eigen_source
 
 Array = npt.NDArray[np.float64]
 
@@ -36,11 +36,12 @@ _MAX_NODES = 8
 _CHUNK = 64
 
 
-def point_fields_source() -> str:
-    """Return the C source of the functions of point_fields_api.h."""
+def point_fields_library() -> Path:
+    """Compile the functions of point_fields_api.h unless the cache has them."""
     files = (*SVD_AND_EIGENSOLVERS, "point_fields_api.h", "point_fields.h")
     sizes = f"#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
-    return "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
+    source = "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
+    return build.library(source, svd_eigen_source())
 
 
 class PointFieldLoops:
@@ -49,7 +50,7 @@ class PointFieldLoops:
     Parameters
     ----------
     path : Path
-        The library compiled from `point_fields_source`.
+        From `point_fields_library`.
     """
 
     def __init__(self, path: Path) -> None:
