@@ -36,6 +36,7 @@ PICTURES = {
     "cylinder_stretch": ["cylinder_stretch/figure_5.png", "cylinder_stretch/figure_6.png"],
     "cube_twist": ["cube_twist/figure_9.png"],
     "cook": ["cook/cook.png"],
+    "accuracy": ["accuracy/mesh.png"],
     "pull": ["pull/figure_3.png"],
     "modes": ["modes/normalised/modes.png"],
     "nu_sweep": ["nu_sweep/sweep.png", "nu_sweep/sweep.csv"],

@@ -20,7 +20,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from fem_snh.atomic_files import make_folder_of, replace_file
 from fem_snh.errors import BadInput
@@ -281,11 +281,14 @@ class Drawing:
         With the units of a scene, a scale bar is beside it; panels are ``pixels`` wide.
         """
         bar = figure.add_axes((0.3, 76 / height, 0.4, 20 / height))
+        numbers = ScalarFormatter(useMathText=True)
+        numbers.set_powerlimits((-3, 6))  # 0.0003 beside 0.0006 overlap
         figure.colorbar(
             ScalarMappable(self.norm, self.cmap), bar, orientation="horizontal",
-            extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7),
+            extend=self.extend, ticks=MaxNLocator(5 if self.field == "mode" else 7), format=numbers,
         )  # fmt: skip
         bar.tick_params(labelsize=8)
+        bar.xaxis.get_offset_text().set_fontsize(8)
         text = label(self.field, self.units) + (f", {self._note}" if self._note else "")
         bar.set_xlabel(text, fontsize=8.5, labelpad=2)
         if self.units is None:
