@@ -12,12 +12,14 @@ import ufl
 from bodies import Hold, cube, problem
 from dolfinx import fem, mesh
 from dolfinx_programs import vector_space
+from running import solve
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import fem_snh
 from fem_snh.errors import BadInput, ResultNote
 from fem_snh.linalg.symmetric_factors import SymmetricFactors
+from fem_snh.studies.extremes import bodies
 
 mpi = pytest.mark.mpi
 
@@ -173,3 +175,15 @@ def test_stability_is_that_of_equilibria(comm):
         fem_snh.run("bounce", comm=comm, progress=False, stability=True)
     p = problem(cube(comm, "hexahedron", 2), "Q1", hold=[Hold("bottom")])
     assert fem_snh.solver.EquilibriumStability(p).negative_eigenvalues(p.x) == 0
+
+
+def test_a_stiff_inclusion_does_not_stay_at_an_unstable_equilibrium():
+    """Iterations end at one with two negative eigenvalues, 1.4 % off in the reaction."""
+    result = solve(
+        bodies.reference(bodies.inclusion), stability=True,
+        shape="sphere", contrast=1e2, element="P2P0", nu=0.499, cells=4,
+    )  # fmt: skip
+    assert result.record["linear_solver"] == "fgmres+block_triangular"
+    row = result.steps[-1]
+    assert row["stability"] == "stable"
+    assert row["energy"] < 0.0841  # 0.0842 there

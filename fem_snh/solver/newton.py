@@ -85,7 +85,8 @@ class ProjectedNewton:
     rounding_force : float
         A bound of the residual's rounding error [N].
     stability : EquilibriumStability, optional
-        Tells whether an equilibrium is stable. It is asked where the linear solver has factors.
+        Tells whether an equilibrium is stable. It is asked where the linear solver has factors, and
+        where parts are stiff.
 
     Attributes
     ----------
@@ -315,7 +316,9 @@ class ProjectedNewton:
         ``negative`` is the number of negative eigenvalues of the last Hessian, if it is known.
         """
         found, converged = self.stability, snes.getConvergedReason() > 0
-        if found is None or not converged or not is_direct(snes.getKSP()):
+        if found is None or not converged:
+            return Step()
+        if not (is_direct(snes.getKSP()) or found.is_doubtful):
             return Step()
         if negative == found.expected:
             self.negative = 0

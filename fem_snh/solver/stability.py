@@ -22,6 +22,10 @@ from fem_snh.solver.step import State
 #: Largest displacement of the first step along a direction of negative curvature, relative to
 #: V^(1/3); it is halved at most so often where the energy does not decrease.
 _FIRST, _HALVINGS = 1e-3, 20
+#: Contrast of the shear moduli from which a coarse mesh has several equilibria, some of them
+#: unstable (fem-snh extremes --only contrast), and nodes up to which factors of one Hessian
+#: cost less than the iterations that led there.
+_CONTRAST, _MAX_NODES = 50.0, 5_000
 
 
 def is_conservative(problem: SolvableProblem) -> bool:
@@ -55,6 +59,12 @@ class EquilibriumStability:
         """The number of negative eigenvalues at a minimum: that of the pressures."""
         saddle = self._problem.saddle_point
         return int(saddle.index_sets["p"].getSize()) if saddle else 0
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether an equilibrium that iterations find is worth factors of its own."""
+        regime = self._problem.regime
+        return regime.contrast >= _CONTRAST and regime.nodes <= _MAX_NODES
 
     def negative_eigenvalues(self, x: PETSc.Vec) -> int:
         """Return how many eigenvalues beyond those of a minimum are negative at ``x``.

@@ -59,6 +59,7 @@ class CellPressures:
         self._problem, self._mixed = problem, mixed
         self.snes = solver.create(mixed, prefix=prefix)
         self.snes.setTolerances(max_it=_MAX_IT)
+        self.snes.getPythonContext().stability = None  # the condensed problem's solver asks
         self._predictor = solver.Predictor(mixed, self.snes, "tangent")
         self._residual = problem.x.duplicate()
         self._size = problem.owned_displacements
