@@ -60,15 +60,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--other-debian",
         action="store_true",
-        help="leave out the tests whose result is the same on every Debian",
+        help="leave out the tests whose result is the same on every Debian, and on several ranks "
+        "all but the first parameters of each test",
     )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("other_debian"):
-        same = [item for item in items if item.path.stem in SAME_ON_EVERY_DEBIAN]
-        config.hook.pytest_deselected(items=same)
-        items[:] = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
+    if not config.getoption("other_debian"):
+        return
+    kept = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
+    if _ranks(config) > 1:  # the first parameters of each test: all of them run on one rank
+        kept = list({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())[::-1]
+    left = set(kept)
+    config.hook.pytest_deselected(items=[item for item in items if item not in left])
+    items[:] = kept
 
 
 # --- a test that fails on one rank aborts all ranks -----------------------------------------------
