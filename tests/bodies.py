@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,12 +50,23 @@ MATERIALS: dict[str, dict[str, Any]] = {
 }
 
 _MAIN = "stable_neo_hookean"
-#: A test's parameter ``name``: each of MATERIALS serially...
-every_energy_serially = pytest.mark.parametrize("name", MATERIALS)
-#: ... and one of them on several ranks as well.
+#: A test's parameter ``name``: each of MATERIALS, and one of them on several ranks as well.
 every_energy = pytest.mark.parametrize(
     "name", [pytest.param(m, marks=[pytest.mark.mpi] if m == _MAIN else []) for m in MATERIALS]
 )
+
+
+def pairs(
+    elements: Sequence[str], marks: Any = pytest.mark.mpi, materials: Iterable[str] = MATERIALS
+) -> pytest.MarkDecorator:
+    """Parametrise by every element, and by every material on one element of each volume treatment.
+
+    Each pair is a kernel to compile. ``marks`` are those of the pairs of the first kind.
+    """
+    others = [m for m in materials if m != _MAIN]
+    found = [pytest.param(e, _MAIN, marks=marks) for e in elements]
+    found += [pytest.param(e, m) for e in ("P2", "Q1P0") if e in elements for m in others]
+    return pytest.mark.parametrize("element, name", found)
 
 
 @dataclass

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 import ufl
 from bodies import (
+    MATERIALS,
     MINIMISING,
     POINTWISE,
     Hold,
     constrained,
     cube,
-    every_energy,
     free_components,
     norm,
     one_cell,
+    pairs,
     problem,
     rows,
     set_values,
@@ -29,17 +30,8 @@ from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.kernels import ufl_forms
 
 mpi = pytest.mark.mpi
-elements = pytest.mark.parametrize("element", MINIMISING)
-pointwise = pytest.mark.parametrize("element", POINTWISE)
-#: MATERIALS but for those of the stretches, whose UFL forms test_ufl_stretches.py compares.
-of_invariants = pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("stable_neo_hookean", marks=mpi),
-        "stable_neo_hookean+barrier",
-        "neo_hookean",
-    ],
-)
+#: Those of the stretches, whose UFL forms test_ufl_stretches.py compares, are left out.
+OF_INVARIANTS = [name for name in MATERIALS if name != "fixed_corotational"]
 HOLD = [Hold("bottom"), Hold("right", ("x", "z"))]
 
 
@@ -52,8 +44,7 @@ def free_wave(p, size, shift=0.0):
 # --- against ufl.derivative, FFCx and dolfinx's assembler ----------------------------------------
 
 
-@pointwise
-@of_invariants
+@pairs(POINTWISE, materials=OF_INVARIANTS)
 def test_what_ufl_derives_is_what_the_kernels_assemble(comm, element, name):
     """27 or 48 bent cells: the last batch of 8 is not full."""
     kind = ELEMENTS[element]
@@ -118,8 +109,7 @@ def order(sizes, errors):
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
 
-@elements
-@every_energy
+@pairs(MINIMISING)
 def test_residual_and_jacobian_are_derivatives(comm, element, name):
     """Taylor remainders of the energy (third order) and of the residual (second order)."""
     p = problem(cube(comm, ELEMENTS[element].cell, 2, 0.06), element, name, hold=HOLD)
@@ -181,7 +171,7 @@ def test_any_number_of_ranks_gives_the_same_numbers(comm, element, name, cells):
 
 
 @mpi
-@elements
+@pytest.mark.parametrize("element", MINIMISING)
 def test_a_rank_without_cells(comm, element):
     p = problem(one_cell(comm, ELEMENTS[element].cell), element)
     set_values(p, wave(0.05))

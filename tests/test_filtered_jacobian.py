@@ -11,9 +11,8 @@ from bodies import (
     POINTWISE,
     cube,
     dense,
-    every_energy,
-    every_energy_serially,
     one_cell,
+    pairs,
     problem,
     set_values,
     wave,
@@ -37,8 +36,7 @@ def set_large_waves(p):
     assert p.regions[0].material.name == "neo_hookean" or p.measures(p.x)["min_J"] < 0
 
 
-@elements
-@every_energy
+@pairs(MINIMISING)
 def test_matrix_is_symmetric_and_filters_make_it_semidefinite(comm, element, name):
     p = problem(cube(comm, ELEMENTS[element].cell, 1 if element != "Q1" else 2), element, name)
     set_large_waves(p)
@@ -86,8 +84,7 @@ def by_hand(p, element: Element, clamp):
     return A, worst
 
 
-@pointwise
-@every_energy_serially
+@pairs(POINTWISE, ())
 @pytest.mark.parametrize(
     "choice, clamp",
     [("exact", lambda e: e), ("clamp", lambda e: np.maximum(e, 0)), ("abs", np.abs)],
