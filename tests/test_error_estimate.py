@@ -252,7 +252,7 @@ def test_goals_in_the_files(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        ("corner.w", "accuracy.goals = 'corner.w': expected 'energy', 'volume', a probe"),
+        ("corner.w", "accuracy.goals = 'corner.w': expected 'energy', 'volume', 'stress', a"),
         ("cornr.x", "did you mean 'corner'"),
         ("top.momemt.z", "accuracy.goals = 'top.momemt.z': expected"),
         ("body.volume.x", "accuracy.goals = 'body.volume.x': expected"),
