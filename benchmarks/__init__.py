@@ -107,7 +107,7 @@ def split_list(text: str) -> list[str]:
     return [item for item in str(text).split(",") if item]
 
 
-def policy(word: str) -> dict[str, str]:
+def policy(word: str) -> dict[str, Any]:
     """Return Hessian and globalization of "clamp" (a line search) or "clamp+trust_region"."""
     hessian, _, globalization = word.partition("+")
     return {"hessian": hessian, "globalization": globalization or "linesearch"}

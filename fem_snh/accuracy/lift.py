@@ -225,7 +225,8 @@ class Lift:
         self.start, self.start_gradient = lifted.x.copy(), lifted.x.duplicate()
         lifted.gradient(self.start, self.start_gradient)
         lifted.history.begin_step(lifted.split(lifted.x)[0])
-        self._snes = solver.create(lifted, prefix=PREFIX)
+        # Each solve is one Newton iteration, which does not end at an equilibrium.
+        self._snes = solver.create(lifted, prefix=PREFIX, examine_stability=False)
         self._outcome, self._last_filter = solver.StepOutcome(), ""
         self.reduction = self.last_reduction = 1.0
 

@@ -51,6 +51,7 @@ def create(
     hessian: str | None = None,
     globalization: str | None = None,
     prefix: str = PREFIX,
+    examine_stability: bool = True,
 ) -> PETSc.SNES:
     """Return a SNES that solves ``problem``, configured from PETSc's options. Collective.
 
@@ -64,6 +65,9 @@ def create(
         `default_globalization`.
     prefix : str
         Prefix of the PETSc options: ``-snh_snes_hessian clamp`` replaces ``hessian``.
+    examine_stability : bool, optional
+        Whether it leaves or counts unstable equilibria; not where its end is no equilibrium, or
+        another solve examines it.
 
     Raises
     ------
@@ -95,7 +99,7 @@ def create(
         problem.step_end,
         problem.acting_force,
         problem.rounding_force,
-        EquilibriumStability(problem) if is_conservative(problem) else None,
+        EquilibriumStability(problem) if examine_stability and is_conservative(problem) else None,
     )
     context.options = options.defaults_for(globalization) | {"snes_hessian": hessian}
     snes = NewtonSNES().create(problem.comm)

@@ -57,9 +57,9 @@ class CellPressures:
 
     def __init__(self, problem: Problem, mixed: Problem, prefix: str = solver.PREFIX) -> None:
         self._problem, self._mixed = problem, mixed
-        self.snes = solver.create(mixed, prefix=prefix)
+        # The condensed problem's solver examines the equilibrium.
+        self.snes = solver.create(mixed, prefix=prefix, examine_stability=False)
         self.snes.setTolerances(max_it=_MAX_IT)
-        self.snes.getPythonContext().stability = None  # the condensed problem's solver asks
         self._predictor = solver.Predictor(mixed, self.snes, "tangent")
         self._residual = problem.x.duplicate()
         self._size = problem.owned_displacements
