@@ -19,7 +19,7 @@ from fem_snh.assembly.ghosted_vectors import add_ghosts, set_to_zero, writable_v
 from fem_snh.problem.probes import Probes
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.reactions import reaction, virtual_rotation
-from fem_snh.terms.body import WeightedMeasure
+from fem_snh.terms.body import displacement_gradient, of_the_body
 from fem_snh.terms.term import ForceTerm, GoalTerm
 
 Array = npt.NDArray[Any]
@@ -256,7 +256,8 @@ class MeanGoal:
 
     def _weights(self, problem: Problem) -> list[PETSc.Vec]:
         """Return the derivatives of the means by the displacement."""
-        V, dx = problem.V, of_the_body(problem, self._measure)
+        V = problem.V
+        dx = of_the_body(problem.kinematics, problem.domain, self._measure)
         components = problem.kinematics.components
         one = _dolfinx.constant(V.mesh, 1.0)
         size = _dolfinx.assemble_scalar(_dolfinx.form(one * dx))
@@ -315,8 +316,8 @@ def derivative_of(problem: Problem, form: Any, x: PETSc.Vec | None = None) -> PE
     return vector
 
 
-class VolumeGoal:
-    """The deformed over the reference volume of the body, or of cells of it.
+class CellsGoal:
+    """A scalar of the body, or of cells of it.
 
     Parameters
     ----------
@@ -329,6 +330,14 @@ class VolumeGoal:
     def __init__(self, name: str, cells: Array | None = None) -> None:
         self.names, self._cells = [name], slice(None) if cells is None else cells
 
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        return 0.0
+
+
+class VolumeGoal(CellsGoal):
+    """The deformed over the reference volume. Parameters are those of `CellsGoal`."""
+
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`."""
 
@@ -339,10 +348,6 @@ class VolumeGoal:
             return [float(deformed / rest)]
 
         return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return 0.0
 
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`. In plane stress, where J is no function of grad u alone: NaN."""
@@ -355,22 +360,12 @@ class VolumeGoal:
         cells = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
         parts = [cells[self._cells], np.setdiff1d(cells, cells[self._cells])]
         measure = _dolfinx.cell_measures(domain, parts, element.cell, element.quadrature)[0]
-        dx = of_the_body(problem, measure)
+        dx = of_the_body(kinematics, domain, measure)
         size = _dolfinx.assemble_scalar(_dolfinx.form(_dolfinx.constant(domain, 1.0) * dx))
-        H = ufl.grad(problem.u)
-        if kinematics.dim == 2:
-            radius = _dolfinx.coordinates(domain)[0]
-            H = ufl.as_matrix(kinematics.gradient(problem.u, H, radius))
+        H = displacement_gradient(problem.u, kinematics)
         derivative = derivative_of(problem, ufl.det(ufl.Identity(3) + H) * dx)
         derivative.scale(1 / size)
         return at.solve_for(derivative)
-
-
-def of_the_body(problem: Problem, measure: Any) -> Any:
-    """Return a measure of the mesh as that of the body, which a half plane makes by revolving."""
-    if not problem.kinematics.revolved:
-        return measure
-    return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(problem.domain)[0], measure)
 
 
 class TermGoal:

@@ -21,13 +21,14 @@ import numpy.typing as npt
 import ufl
 
 from fem_snh import _dolfinx
-from fem_snh.accuracy.goals import Linearisation, derivative_of, of_the_body
+from fem_snh.accuracy.goals import CellsGoal, Linearisation, derivative_of
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.kernels.ufl_forms import energy_density
 from fem_snh.materials.energy import Energy
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.volume_split import split
 from fem_snh.problem.problem import Problem
+from fem_snh.terms.body import displacement_gradient, of_the_body
 
 Array = npt.NDArray[Any]
 
@@ -37,19 +38,8 @@ _DEGREE = 6
 _ZERO = 1e-12
 
 
-class StressGoal:
-    """The mean of von Mises' stress [Pa] over the body, or over cells of it.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    cells : (n,) int array, optional
-        Owned cells; default: all.
-    """
-
-    def __init__(self, name: str, cells: Array | None = None) -> None:
-        self.names, self._cells = [name], cells
+class StressGoal(CellsGoal):
+    """The mean of von Mises' stress [Pa]. Parameters are those of `CellsGoal`."""
 
     def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
         """See `Goal.bind`. Raises BadInput in plane stress, and for a material without energy."""
@@ -62,10 +52,6 @@ class StressGoal:
             return [float(problem.modulus * _dolfinx.assemble_scalar(whole) / volume)]
 
         return values
-
-    def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        return 0.0
 
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`. A root is far from linear: the derivative is that halfway to the run."""
@@ -89,16 +75,12 @@ class StressGoal:
     def _integrals(self, problem: Problem) -> tuple[Any, Any]:
         """Return the forms of the integral of the stress over E, and of the volume."""
         domain, kinematics = problem.domain, problem.kinematics
-        H = ufl.grad(problem.u)
-        if kinematics.dim == 2:
-            H = ufl.as_matrix(kinematics.gradient(problem.u, H, _dolfinx.coordinates(domain)[0]))
-        F = ufl.variable(ufl.Identity(3) + H)
+        F = ufl.variable(ufl.Identity(3) + displacement_gradient(problem.u, kinematics))
         every = np.arange(_dolfinx.num_owned(domain), dtype=np.int32)
-        cells = every if self._cells is None else self._cells
-        parts = [np.intersect1d(region.cells, cells) for region in problem.regions]
+        parts = [np.intersect1d(region.cells, every[self._cells]) for region in problem.regions]
         parts.append(np.setdiff1d(every, np.concatenate(parts)))
         measures = _dolfinx.cell_measures(domain, parts, problem.element.cell, _DEGREE)
-        measures = [of_the_body(problem, dx) for dx in measures[:-1]]
+        measures = [of_the_body(kinematics, domain, dx) for dx in measures[:-1]]
         energies = [region.material.expression for region in problem.regions]
         stresses = [_von_mises(energy, F, problem.modulus) for energy in energies]
         one = _dolfinx.constant(domain, 1.0)

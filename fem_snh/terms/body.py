@@ -129,10 +129,7 @@ class Body:
         return self._turned(ufl.dx)
 
     def _turned(self, measure: Any) -> Any:
-        """Return a measure of the half plane as that of the whole turn, with the factor 2 pi r."""
-        if not self.kinematics.revolved:
-            return measure
-        return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(self.domain)[0], measure)
+        return of_the_body(self.kinematics, self.domain, measure)
 
     def density(self, purpose: str) -> Any:
         """Return the mass per reference volume [kg/m^3], a dolfinx Function.
@@ -166,6 +163,22 @@ class Body:
     def constant(self, value: Any) -> Any:
         """Return a dolfinx Constant."""
         return _dolfinx.constant(self.domain, value)
+
+
+def of_the_body(kinematics: Kinematics, domain: Any, measure: Any) -> Any:
+    """Return a measure of the mesh as that of the body: of a half plane with the factor 2 pi r."""
+    if not kinematics.revolved:
+        return measure
+    return WeightedMeasure(2 * ufl.pi * _dolfinx.coordinates(domain)[0], measure)
+
+
+def displacement_gradient(u: Any, kinematics: Kinematics) -> Any:
+    """Return H = F - I in UFL, (3, 3), of a displacement; in plane stress that of plane strain."""
+    H = ufl.grad(u)
+    if kinematics.dim == 3:
+        return H
+    radius = _dolfinx.coordinates(u.function_space.mesh)[0]
+    return ufl.as_matrix(kinematics.gradient(u, H, radius))
 
 
 class WeightedMeasure:

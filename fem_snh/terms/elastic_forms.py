@@ -25,7 +25,7 @@ from fem_snh.kernels.ufl_stretches import FUNCTIONS
 from fem_snh.materials.invariants import MEASURES
 from fem_snh.materials.keywords import BOUNDS
 from fem_snh.materials.volume_split import PRESSURE, Split, split
-from fem_snh.terms.body import WeightedMeasure
+from fem_snh.terms.body import WeightedMeasure, displacement_gradient, of_the_body
 from fem_snh.terms.elastic import Elastic
 
 Array = npt.NDArray[Any]
@@ -76,15 +76,10 @@ class ElasticForms(Elastic):
         self._p = None if Q is None else _dolfinx.function(Q, "p")
         self._mean: _MeanVolume | None = None
         kinematics = element.kinematics
-        radius = _dolfinx.coordinates(V.mesh)[0]
-        H = ufl.grad(self._u)
-        if kinematics.dim == 2:
-            H = ufl.as_matrix(kinematics.gradient(self._u, H, radius))
-        F = ufl.variable(ufl.Identity(3) + H)
+        F = ufl.variable(ufl.Identity(3) + displacement_gradient(self._u, kinematics))
         cells = [region.cells for region in regions]
         measures = _dolfinx.cell_measures(V.mesh, cells, element.cell, element.quadrature)
-        if kinematics.revolved:
-            measures = [WeightedMeasure(2 * ufl.pi * radius, dx) for dx in measures]
+        measures = [of_the_body(kinematics, V.mesh, dx) for dx in measures]
         if any(region.fractions is not None for region in regions):
             fraction = cell_constant(V.mesh, regions, [1.0] * len(regions))
             measures = [WeightedMeasure(fraction, dx) for dx in measures]

@@ -35,6 +35,7 @@ from fem_snh.assembly.boundary_conditions import Dirichlet
 from fem_snh.assembly.ghosted_vectors import copy_to_function, update_ghosts
 from fem_snh.assembly.kinematics import SOLID, Kinematics
 from fem_snh.mesh.mesh import volume as body_volume
+from fem_snh.terms.body import displacement_gradient
 
 Array = npt.NDArray[Any]
 
@@ -151,10 +152,8 @@ class SweptVolume:
 
     def _normal(self, u: Any) -> Any:
         """cof(F) N, without a division by det F."""
-        kinematics, H = self._kinematics, ufl.grad(u)
-        if kinematics.dim == 2:
-            H = ufl.as_matrix(kinematics.gradient(u, H, self._X[0]))
-        F = ufl.Identity(3) + H
+        kinematics = self._kinematics
+        F = ufl.Identity(3) + displacement_gradient(u, kinematics)
         a, b, c = (ufl.as_vector([F[i, k] for i in range(3)]) for k in range(3))
         N = ufl.FacetNormal(self.V.mesh)
         if kinematics.dim == 3:
