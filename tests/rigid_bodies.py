@@ -58,7 +58,13 @@ def bushing(path: Any, rigid: dict[str, Any], **keys: Any) -> Scene:
     return Scene(name="bushing", mesh=path, rigid=[Rigid(group="sleeve", **rigid)], **given | keys)
 
 
-def corner_program(comm: Any, parts: Any, cells: int = 4, **keys: Any) -> Any:
+def _without_tag(part: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in part.items() if key != "tag"}
+
+
+def corner_program(
+    comm: Any, parts: Any, cells: int = 4, body_force: Any = None, **keys: Any
+) -> Any:
     """Return a cube with a fixed bottom and rigid parts, dx(2) and dx(3) at the upper corners."""
     domain = unit_cube(comm, cells)
     V = vector_space(domain)
@@ -75,5 +81,7 @@ def corner_program(comm: Any, parts: Any, cells: int = 4, **keys: Any) -> Any:
     facets = mesh.locate_entities_boundary(domain, 2, lambda x: np.isclose(x[2], 0))
     fixed = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, facets), V)
     m = fem_snh.material("stable_neo_hookean", E=1e4, nu=0.45)
-    terms = [fem_snh.Rigid(group=dx(part.pop("tag")), **part) for part in parts]
+    terms = [fem_snh.Rigid(group=dx(part["tag"]), **_without_tag(part)) for part in parts]
+    if body_force is not None:
+        terms.append(-ufl.inner(fem.Constant(domain, np.array(body_force)), u) * ufl.dx)
     return fem_snh.NonlinearProblem(u, {m: dx}, bcs=[fixed], terms=terms, **keys)

@@ -56,9 +56,15 @@ class Linearisation:
         return self.solve_free(g)
 
     def solve_free(self, g: PETSc.Vec) -> PETSc.Vec:
-        """Return z for the derivative of a goal by all unknowns."""
-        self.problem.project(g.array)
-        return self.solve(g)
+        """Return z for the derivative of a goal by all displacements and pressures."""
+        problem = self.problem
+        if problem.rigid:
+            problem.rigid.reduce_vector(problem.x, g)
+        problem.project(g.array)
+        z = self.solve(g)
+        if problem.rigid:
+            problem.rigid.expand(problem.x, z.array)
+        return z
 
 
 class Goal(Protocol):
@@ -87,7 +93,7 @@ class _Point(NamedTuple):
     point: Sequence[float]
 
 
-def _largest_displacement(problem: Problem) -> float:
+def largest_displacement(problem: Problem) -> float:
     """Return the largest norm of a nodal displacement [m]. Collective."""
     norms = np.linalg.norm(problem.nodal(problem.x), axis=1)
     return float(problem.comm.allreduce(norms.max(initial=0.0), op=MPI.MAX))
@@ -125,7 +131,7 @@ class PointGoal:
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
-        return _largest_displacement(problem)
+        return largest_displacement(problem)
 
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`."""
@@ -191,22 +197,43 @@ class ReactionGoal:
         else:
             positions = problem.coordinates + kinematics.padded(problem.nodal(problem.x))
             virtual = virtual_rotation(kinematics, positions, i, self._about)
-        return _dual_of_reaction(at, mask, virtual)
+        e, turning = problem.x.duplicate(), None
+        e.set(0.0)
+        e.array[: mask.size] = np.where(mask.ravel(), virtual.ravel(), 0.0)
+        if self._about is not None and problem.rigid and not kinematics.revolved:
+            turning = _turning(problem, mask, np.eye(3)[i])
+        return dual_of_reaction(at, e, turning)
 
 
-def _dual_of_reaction(at: Linearisation, mask: Array, virtual: Array) -> PETSc.Vec:
-    """Return the dual solution of e . dE/du, with a virtual displacement e of constrained dofs.
+def _turning(problem: Problem, mask: Array, axis: Array) -> PETSc.Vec:
+    """Return the derivative of a moment by the positions of rigid parts' nodes: f x axis."""
+    assert problem.rigid is not None
+    forces, found = problem.x.duplicate(), problem.x.duplicate()
+    problem.gradient(problem.x, forces)
+    found.set(0.0)
+    dofs = problem.rigid.dofs
+    f = problem.kinematics.padded(forces.array_r[dofs])
+    turned = np.cross(f, axis)[:, : dofs.shape[1]]
+    found.array[dofs] = np.where(mask[problem.rigid.nodes], turned, 0.0)
+    return found
 
-    The derivative is H e, and -e is the dual solution on the constrained dofs.
+
+def dual_of_reaction(at: Linearisation, e: PETSc.Vec, turning: PETSc.Vec | None) -> PETSc.Vec:
+    """Return the dual solution of e . dE/du, with a virtual displacement e, which is changed.
+
+    The derivative is H e, beside that of e itself by the displacement, ``turning``. Where e is
+    constrained, or of a rigid part, -e is a part of the dual solution; elsewhere e has none.
     """
     problem = at.problem
-    e = problem.x.duplicate()
-    e.set(0.0)
-    e.array[: mask.size] = np.where(mask.ravel(), virtual.ravel(), 0.0)
     free = e.copy()
     problem.project(free.array)
+    if problem.rigid:
+        free.array[problem.rigid.dofs] = 0.0
     e.axpy(-1.0, free)
-    return at.solve_free(_hessian_product(problem, e)) - e
+    g = _hessian_product(problem, e)
+    if turning is not None:
+        g.axpy(1.0, turning)
+    return at.solve_free(g) - e
 
 
 def _hessian_product(problem: Problem, e: PETSc.Vec) -> PETSc.Vec:
@@ -248,7 +275,7 @@ class MeanGoal:
 
     def unit(self, problem: Problem) -> float:
         """See `Goal.unit`."""
-        return _largest_displacement(problem)
+        return largest_displacement(problem)
 
     def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
         """See `Goal.dual`."""

@@ -86,7 +86,7 @@ def lifted_elements(problem: Problem) -> Iterator[Element]:
         for element in (_DEGREE_2 if base.degree == 1 else _DEGREE_3)
     ]
     best = next(element for element in elements if element.cell == base.cell)
-    several = len(problem.regions) > 1
+    several = len(problem.elastic.parts) > 1
     # Energies in UFL alone have no pressure; a sheet that thins does not lock.
     if not problem.regions or problem.kinematics.plane_stress:
         yield replace(best, name=best.name[:2], volume="pointwise", pressure_degree=0)

@@ -22,17 +22,20 @@ from fem_snh.accuracy.goals import (
     TermGoal,
     VolumeGoal,
 )
-from fem_snh.errors import BadInput, bad_value
+from fem_snh.accuracy.rigid_goals import RigidGoal
+from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_reactions import condition_number, three_numbers
 from fem_snh.terms.feature import Feature
+from fem_snh.terms.rigid import RESULTS, Rigid
 
 _ACCEPTED = (
     "a point [x, y, z], a measure (mean displacement), a condition of the problem (its force), "
     "a pair of a condition and a point (the moment of its force about it), "
-    "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, "
+    "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, a rigid part (its "
+    "displacement) or a pair of one and 'displacement', 'rotation', 'force' or 'moment', "
     "a UFL form of rank 0 in u, 'volume' or 'energy'"
 )
 
@@ -56,8 +59,9 @@ class EstimatesErrors:
             displacement over its cells or facets, on a body of revolution of the whole turn), one
             of ``bcs`` (its reaction force), a pair of one and a point [x, y, z] (the moment of this
             force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
-            first surface), a cavity (its pressure), a UFL form of rank 0 in ``u``, "volume"
-            (deformed over reference volume) or "energy". A mapping names them.
+            first surface), a cavity (its pressure), a rigid part (the displacement of its point),
+            a pair of one and "displacement", "rotation", "force" or "moment", a UFL form of rank 0
+            in ``u``, "volume" (deformed over reference volume) or "energy". A mapping names them.
 
         Returns
         -------
@@ -132,6 +136,13 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         return FunctionalGoal(name or key, goal, problem.u)
     if _dolfinx.is_measure(goal):
         return MeanGoal(name or f"mean {number}", goal, components)
+    part, result = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, RESULTS[0])
+    if isinstance(part, Rigid) and any(part is term for term in problem.given_terms):
+        choose(key, result, RESULTS)
+        of_axes = kinematics.moment_axes if result in ("rotation", "moment") else kinematics.axes
+        if not of_axes:
+            raise bad_value(key, result, f"a motion of kinematics = '{kinematics.name}'")
+        return RigidGoal(part.label, result, [*map(AXES.index, of_axes)], name)
     if isinstance(goal, Feature) and (result := _result(problem, goal)):
         return TermGoal(result, components if result.endswith(".force") else (), name)
     if hasattr(goal, "dof_indices"):

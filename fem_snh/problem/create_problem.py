@@ -106,7 +106,8 @@ def create_problem(
     moving = motion(u, regions, dirichlet, kinematics) if motion else None
     facets = partial(group_facets, mesh)
     entities = partial(group_entities, mesh)
-    body = Body(u, regions, dirichlet, facets, amplitudes, moving, mesh.skin, kinematics, entities)
+    found = facets, entities, amplitudes, moving, mesh.skin, kinematics
+    body = Body(u, regions, dirichlet, *found)
     terms = create_terms(features, body)
     terms += loads(mesh, u, regions, dirichlet) if loads else []
     return Problem(

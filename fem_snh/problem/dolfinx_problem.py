@@ -244,16 +244,16 @@ def create_dolfinx_problem(
             raise bad_value(f"terms[{number}]", type(term).__name__, accepted)
     amplitudes = Amplitudes((), duration)
     entities = partial(measure_parts, V.mesh)
-    body = Body(
-        u, regions, conditions, facets, amplitudes, moving, None, chosen_kinematics, entities
-    )
+    found = facets, entities, amplitudes, moving, None, chosen_kinematics
+    body = Body(u, regions, conditions, *found)
     made = [_term(term, f"terms[{i}]", u, on_load) for i, term in enumerate(terms)]
     if not regions and chosen.pressure_degree:
         raise bad_value("element", chosen.name, "an element without a pressure, without materials")
-    found = [*create_terms(made, body), *(moving.terms if moving else [])]
-    if not regions and not any(getattr(term, "has_hessian", True) for term in found):
+    created = [*create_terms(made, body), *(moving.terms if moving else [])]
+    if not regions and not any(getattr(term, "has_hessian", True) for term in created):
         raise bad_value("materials", materials, "a material, or a term that is not linear in u")
-    problem = Problem(create_unknowns(u, chosen), chosen, regions, conditions, found, motion=moving)
+    unknowns = create_unknowns(u, chosen)
+    problem = Problem(unknowns, chosen, regions, conditions, created, motion=moving)
     problem.given_terms = list(terms)
     if not regions:
         set_modulus(problem)

@@ -31,8 +31,7 @@ from fem_snh.assembly.unknowns import create_unknowns
 from fem_snh.errors import BadInput
 from fem_snh.problem.dolfinx_problem import DolfinxConditions, set_modulus
 from fem_snh.problem.problem import Problem
-from fem_snh.tables.amplitudes import LOAD_ITSELF
-from fem_snh.terms.body import Body, measure_facets
+from fem_snh.terms.body import Body, measure_facets, measure_parts
 from fem_snh.terms.feature import Feature, create_terms
 from fem_snh.terms.ufl_term import UFLTerm
 
@@ -76,7 +75,7 @@ class LiftedConditions(Dirichlet):
         planes = [facets_plane(W, facets, "bcs", "symmetry") for facets in conditions.symmetry]
         self.planes = InclinedPlanes.of(planes, self.constrained, owned)
         self.dofs = np.flatnonzero(self.constrained[:owned])
-        self._values = lifted.x.array[self.dofs].copy()
+        self._values = lifted.x.array.copy()
 
     @property
     def masks(self) -> list[Array]:
@@ -85,7 +84,7 @@ class LiftedConditions(Dirichlet):
 
     def set_values(self, x: PETSc.Vec, load: float) -> None:
         """Set what is constrained of ``x`` to the program's values."""
-        x.array[self.dofs] = self._values
+        x.array[self.dofs] = self._values[self.dofs]
         if self.planes:
             self.planes.prescribe(x.array)
 
@@ -163,8 +162,8 @@ def lifted_problem(problem: Problem, element: Element) -> Problem:
     u.x.scatter_forward()
     assert isinstance(problem.dirichlet, DolfinxConditions)
     conditions = LiftedConditions(problem.dirichlet, problem.u, u, kinematics)
-    facets = partial(measure_facets, problem.domain)
-    body = Body(u, problem.regions, conditions, facets, LOAD_ITSELF, kinematics=kinematics)
+    found = partial(measure_facets, problem.domain), partial(measure_parts, problem.domain)
+    body = Body(u, problem.regions, conditions, *found, kinematics=kinematics)
     made = [
         _lifted_term(term, f"terms[{i}]", problem.u, u)
         for i, term in enumerate(problem.given_terms)

@@ -17,6 +17,7 @@ from fem_snh.accuracy.goals import (
     TermGoal,
     VolumeGoal,
 )
+from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.assembly.kinematics import kinematics_of
 from fem_snh.errors import bad_value
@@ -81,16 +82,21 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
     """Return the names of the goals of a scene that names none.
 
     They are its probes, reactions, results of features, volumes and energy.
-    Of a force on a body of revolution it is the component along the axis: the sum of the radial
-    forces is none that acts on another body, and converges slowly at the corners of bonded rubber.
+    Of a force or a displacement on a body of revolution it is the component along the axis: the sum
+    of the radial forces is none that acts on another body, and converges slowly at the corners of
+    bonded rubber.
     """
     turned = [reaction for reaction in scene.reactions if reaction.about]
     kinematics = kinematics_of(scene.kinematics)
     force = "force.y" if kinematics.revolved else "force"
     # At the end of a motion a contact that opens and closes has any force.
     results = [] if scene.time else term_goals(scene.features)
+    for part in scene.rigid:
+        unknown = part.unknown_results[: 2 if kinematics.moment_axes else 1]
+        results += [f"{part.label}.{result}" for result in unknown]
     if kinematics.revolved:
-        results = [f"{name}.y" if name.endswith(".force") else name for name in results]
+        along = (".force", ".displacement")
+        results = [f"{name}.y" if name.endswith(along) else name for name in results]
     return [
         *(probe.name for probe in scene.probe),
         *(f"{reaction.group}.{force}" for reaction in scene.reactions),
@@ -108,6 +114,11 @@ def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
         return EnergyGoal()
     if kind == "term":
         return TermGoal(name, components)
+    if kind == "rigid":
+        part, _, result = name.rpartition(".")
+        if result not in ("force", "moment") or part not in [str(r.group) for r in scene.reactions]:
+            return RigidGoal(part, result, components)
+        kind, name = result, part  # about the point that ``reactions`` names
     if kind == "stress":
         from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
 

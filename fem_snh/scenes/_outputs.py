@@ -22,6 +22,7 @@ from fem_snh.tables.types import (
 )
 from fem_snh.tables.validation import Bounded, Expect, Table
 from fem_snh.terms.feature import Feature, grouped
+from fem_snh.terms.rigid import RESULTS, Rigid
 
 
 class Geometry(Table):
@@ -157,8 +158,9 @@ _ACCEPTED = (
     "'energy', 'volume', 'stress', a probe with a component, 'corner.y', of a physical group "
     "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume', "
     "'core.stress' (mean of von Mises' stress), "
-    "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure'; without the "
-    "component: all of them"
+    "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure', of a rigid part "
+    "'lid.displacement.z', 'lid.rotation.z', 'lid.force.z', 'lid.moment.z'; without the component: "
+    "all of them"
 )
 
 
@@ -167,10 +169,10 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term"}
-        What it is; "term": the result of a feature.
+    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term", "rigid"}
+        What it is; "term": the result of a feature, "rigid": that of a rigid part.
     name : str
-        The probe, the physical group or the feature's result; empty for the whole body.
+        The probe, the physical group or the result; empty for the whole body.
     components : tuple of int
         The components of a vector.
     """
@@ -182,7 +184,7 @@ class GoalName(NamedTuple):
     @property
     def is_of_group(self) -> bool:
         """Whether it names a physical group."""
-        return self.kind not in ("point", "term") and bool(self.name)
+        return self.kind not in ("point", "term", "rigid") and bool(self.name)
 
 
 def _read_share(value: Any) -> Any:
@@ -206,10 +208,11 @@ class Accuracy(Table):
         default=[],
         description="Probes and their components, corner.y; reaction forces and moments and mean "
         "displacements of groups, top.force.z, top.moment.z and top.mean.z; forces of obstacles "
-        "and contacts, plate.force.z; pressures of cavities, inner.pressure; means of von "
-        "Mises' stress, stress and core.stress; volume ratios, volume and core.volume; energy. "
-        "Default: probes, reactions, of a static scene those forces and pressures, volumes and "
-        "energy.",
+        "and contacts, plate.force.z; pressures of cavities, inner.pressure; motions of rigid "
+        "parts and what holds them, lid.displacement.z, lid.rotation.z, lid.force.z and "
+        "lid.moment.z; means of von Mises' stress, stress and core.stress; volume ratios, volume "
+        "and core.volume; energy. Default: probes, reactions, what is unknown of rigid parts, of a "
+        "static scene those forces and pressures, volumes and energy.",
     )
     within: (
         Annotated[
@@ -283,15 +286,21 @@ def read_goal(text: str, scene: HasGoals) -> GoalName:
     vector = rest if has_component else text
     names = [probe.name for probe in scene.probe]
     group, _, kind = vector.rpartition(".")
-    if vector in results and vector.endswith(".force"):
+    parts = [part.label for part in scene.features if isinstance(part, Rigid)]
+    rigid = [f"{part}.{result}" for part in parts for result in RESULTS]
+    about_axes = kind in ("moment", "rotation")
+    if vector in rigid:
+        group, kind = vector, "rigid"
+    elif vector in results and vector.endswith(".force"):
         group, kind = vector, "term"
     elif vector in names:
         group, kind = vector, "point"
     elif not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
-        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, [*names, *results]))
+        known = [*names, *results, *rigid]
+        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, known))
     elif not _OF_GROUPS[kind]:
         return GoalName(kind, group)
-    axes = kinematics.moment_axes if kind == "moment" else kinematics.axes
+    axes = kinematics.moment_axes if about_axes else kinematics.axes
     if not axes or (has_component and last not in axes):
         accepted = f"a component {' or '.join(axes)}" if axes else "another goal"
         raise bad_value(

@@ -22,6 +22,9 @@ from fem_snh.problem.problem import Problem
 
 #: Displacement of a step over the one that was expected from which it is examined.
 _FAR = 3.0
+#: Expected over real displacement below which the expected one is rounding: the first guess was the
+#: state before the step, as where a level starts from that of a coarser mesh.
+_NONE = 1e-9
 #: How often the step is halved.
 _HALVINGS = 3
 #: Part of the step's displacement, in 1/2^_HALVINGS of its load, from which it is a jump.
@@ -86,7 +89,7 @@ class JumpDetector:
         moved = self._distance(start, end)
         expected = max(self._distance(start, guess), self._rate * (to - load))
         self._rate = moved / (to - load)
-        if not 0 < _FAR * expected < moved:
+        if not _NONE * moved < _FAR * expected < moved:
             return None
         jump = self._bisect((load, start), (to, end), moved)
         end.copy(problem.x)

@@ -44,11 +44,6 @@ class MotionInTime(Protocol):
 CreateMotion = Callable[[Any, Sequence[Region], Dirichlet, Kinematics], Any]
 
 
-def _no_entities(key: str, group: Any) -> tuple[int, Array]:
-    """Raise BadInput: errors are estimated in another space, on a body without rigid parts."""
-    raise bad_value(key, surface_name(group), "no rigid part, where errors are estimated")
-
-
 @dataclass(frozen=True)
 class Body:
     """The body that terms act on: what a feature may ask for when it makes them.
@@ -65,6 +60,9 @@ class Body:
         ``facets(key, surface)`` returns this rank's facets (n,) of a surface, a physical group of
         a scene or a measure of a program; the key is that of messages. Collective. It raises
         BadInput on every rank, for anything else.
+    entities : callable
+        As ``facets``, also of groups of cells and of surfaces inside of the body: dimension and
+        entities.
     amplitudes : Amplitudes
         The factors of loads and motions as functions of the load.
     motion : MotionInTime or None
@@ -74,20 +72,17 @@ class Body:
     kinematics : Kinematics
         How the displacement becomes a deformation gradient. On a body of revolution integrals are
         those of the whole turn.
-    entities : callable
-        As ``facets``, also of groups of cells and of surfaces inside of the body: dimension and
-        entities.
     """
 
     u: Any
     regions: Sequence[Region]
     dirichlet: Dirichlet
     facets: Facets
+    entities: Entities
     amplitudes: Amplitudes = LOAD_ITSELF
     motion: MotionInTime | None = None
     skin: Skin | None = None
     kinematics: Kinematics = SOLID
-    entities: Entities = _no_entities
 
     @property
     def V(self) -> Any:

@@ -96,6 +96,23 @@ class EliminatingTerm(Protocol):
     def expand(self, x: PETSc.Vec, values: Array) -> None:
         """Replace unknowns at their entries of (owned dofs,) by displacements of the nodes."""
 
+    def place(self, part: str) -> Array:
+        """Return the reference coordinates of a part's point, (3,)."""
+
+    def velocity(self, x: PETSc.Vec, part: str, twist: Array) -> PETSc.Vec:
+        """Return the velocities of the part's nodes in a twist (6,)."""
+
+    def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
+        """Return that of a part's "displacement" or "rotation" by the displacements of its nodes.
+
+        It is one of those with the same product with all rigid motions.
+        """
+
+    def derivative_of_arms(
+        self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
+    ) -> PETSc.Vec:
+        """Return likewise that of the moment of given forces, which turn not, about the point."""
+
     def make_rigid(self, x: PETSc.Vec, mass: NodalMass, v: Array, a: Array | None = None) -> Array:
         """Make velocity and acceleration, (local dofs,), those that the unknowns admit, in place.
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 MOTIONS = ("x", "y", "z", "rotation")
 #: What each kind of joint leaves.
 KINDS = ("ball", "hinge", "slider")
+#: What may be goals of an error estimate, in the order in which a scene has them.
+RESULTS = ("displacement", "rotation", "force", "moment")
 #: Kinds with an axis.
 _WITH_AXIS = KINDS[1:]
 
@@ -102,7 +104,7 @@ class Rigid(Feature):
     about: Vector | None = Field(
         default=None,
         description="Reference coordinates of the point at which forces act and to which moments "
-        "and displacements refer [length]; default: a joint's point, or the mean of the nodes.",
+        "and displacements refer [length]; default: a joint's point, or the group's centroid.",
     )
     translate: Vector | None = Field(default=None, description=TRANSLATE)
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
@@ -163,14 +165,22 @@ class Rigid(Feature):
         x, y, z, rotation = (motion in (self.free or ()) for motion in MOTIONS)
         return x, y, z, rotation
 
+    @property
+    def unknown_results(self) -> list[str]:
+        """Which of `RESULTS` are unknown: the motions that are free, and forces where none is."""
+        *translations, rotation = self.free_motions
+        moves, turns = any(translations), rotation
+        if self.joint:
+            moves, turns = self.joint.kind == "slider", self.joint.kind != "slider"
+        return ["displacement" if moves else "force", "rotation" if turns else "moment"]
+
     @classmethod
     def check(cls, features: Sequence[Self], scene: Any) -> None:
         """Raise BadInput for keys of a scene that rigid parts do not support."""
         if features and scene.bone:
             raise BadInput("'rigid' and 'bone' exclude each other: expected one of them")
-        for key in ("nu_continuation", "error", "accuracy"):
-            if features and getattr(scene, key):
-                raise BadInput(f"'rigid' and '{key}' exclude each other: expected one of them")
+        if features and scene.nu_continuation:
+            raise BadInput("'rigid' and 'nu_continuation' exclude each other: expected one of them")
         check_names(features)
 
     @classmethod

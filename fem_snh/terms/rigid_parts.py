@@ -40,7 +40,8 @@ from fem_snh.assembly.ghosted_vectors import (
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
-from fem_snh.geometry.rotations import exponential, logarithm, skew
+from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
+from fem_snh.mesh.centroid import centroid
 from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid, check_motions
@@ -101,8 +102,11 @@ class RigidParts:
         for part in parts:
             check_motions(part, body.kinematics)
         local = np.full(owned + ghosts, -1)
+        centroids = []
         for number, part in enumerate(parts):
-            found = _dolfinx.locate_dofs(V, *body.entities("rigid.group", part.group))
+            entities = body.entities("rigid.group", part.group)
+            centroids.append(centroid(V.mesh, *entities) * self._translations)
+            found = _dolfinx.locate_dofs(V, *entities)
             self._check_nodes(part, local[found])
             local[found] = number
         self.nodes = np.flatnonzero(local[:owned] >= 0)
@@ -117,7 +121,8 @@ class RigidParts:
         self._centred = self._X - self._means[self.labels]
         self._squares = self._sum(_products(self._centred, self._centred))
         radii = self._radii(self._squares.reshape(-1, 3, 3))
-        self.tree = RigidTree([self._link(i, radii[i]) for i in range(len(parts))])
+        links = [self._link(i, radii[i], centroids[i]) for i in range(len(parts))]
+        self.tree = RigidTree(links)
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
         self._offsets = self._X - self.tree.points[self.labels]
         self._slots = self._choose_slots(_dolfinx.local_to_global(V))
@@ -224,12 +229,12 @@ class RigidParts:
                 raise bad_value("rigid.group", part.label, accepted)
         return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
-    def _link(self, number: int, radius: float) -> Link:
+    def _link(self, number: int, radius: float, centroid: Array) -> Link:
         """Return how a part may move."""
         part, joint = self._parts[number], self._parts[number].joint
         admitted = self._kinematics.rigid_motions
         if joint is None:
-            point = self._means[number] if part.about is None else np.array(part.about)
+            point = centroid if part.about is None else np.array(part.about)
             return Link(point, radius, free=part.free_motions, motions=admitted)
         axis = np.zeros(3)
         if joint.axis:
@@ -440,6 +445,51 @@ class RigidParts:
             values = np.abs(values) if filter == "abs" else np.maximum(values, 0.0)
             K = (vectors * values) @ vectors.T
         self._folding.set_state(self._basis(poses).reshape(-1, UNKNOWNS), G, K)
+
+    # --- goals of error estimates ----------------------------------------------------------------
+
+    def place(self, part: str) -> Array:
+        """Return the reference coordinates of a part's point, (3,)."""
+        return self.tree.points[self.names.index(part)]
+
+    def velocity(self, x: PETSc.Vec, part: str, twist: Array) -> PETSc.Vec:
+        """Return the velocities of a part's nodes in a twist (6,). Collective."""
+        found, basis = x.duplicate(), self._basis(self.poses(x))
+        found.set(0.0)
+        own = self.labels == self.names.index(part)
+        found.array[self.dofs[own]] = basis[own] @ twist
+        return found
+
+    def derivative_of_pose(self, x: PETSc.Vec, part: str, kind: str, component: int) -> PETSc.Vec:
+        """Return that of a "displacement" or a "rotation" by displacements of nodes. Collective.
+
+        It is one of those with the same product with all rigid motions.
+        """
+        wrench = np.zeros(UNKNOWNS)
+        if kind == "displacement":
+            wrench[component] = 1.0
+        else:
+            theta = logarithm(self.poses(x).R[self.names.index(part)])
+            wrench[3:] = inverse_left_jacobian(theta)[component]
+        return self._spread(x, part, wrench)
+
+    def derivative_of_arms(
+        self, x: PETSc.Vec, part: str, gradient: PETSc.Vec, axis: int
+    ) -> PETSc.Vec:
+        """Return likewise that of the moment of constant forces about the point. Collective."""
+        poses, f = self.poses(x), self._nodal(gradient)
+        moments = np.cross(self._arms(poses), np.cross(f, np.eye(3)[axis]))
+        wrench = np.zeros(UNKNOWNS)
+        wrench[3:] = self._sum(moments)[self.names.index(part)] * self._admitted[3:]
+        return self._spread(x, part, wrench)
+
+    def _spread(self, x: PETSc.Vec, part: str, wrench: Array) -> PETSc.Vec:
+        """Return the smallest nodal forces of a part with a force and a moment, (6,)."""
+        number = self.names.index(part)
+        basis = self._basis(self.poses(x)) * self._admitted
+        pairs = np.einsum("nij,nik->njk", basis, basis)
+        products = self._sum(pairs.reshape(-1, UNKNOWNS**2))[number].reshape(UNKNOWNS, UNKNOWNS)
+        return self.velocity(x, part, np.linalg.pinv(products, hermitian=True) @ wrench)
 
     # --- rigid motions of the body ----------------------------------------------------------------
 

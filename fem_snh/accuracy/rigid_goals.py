@@ -1,0 +1,69 @@
+"""Goals of rigid parts: their motions, and the forces and moments that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from fem_snh.accuracy.goals import AXES, Linearisation, dual_of_reaction, largest_displacement
+from fem_snh.problem.problem import Problem
+
+
+class RigidGoal:
+    """Components of a motion of a rigid part, or of what holds it against the flesh.
+
+    Parameters
+    ----------
+    part, kind : str
+        The part's name, and "displacement" [m] of its point, "rotation" [rad], the rotation vector,
+        "force" [N] or "moment" [N m] about the point.
+    components : sequence of int, optional
+        The components; default: all.
+    label : str, optional
+        What it is called; default: PART.KIND.
+    """
+
+    def __init__(
+        self, part: str, kind: str, components: Sequence[int] = (0, 1, 2), label: str = ""
+    ) -> None:
+        self._part, self._kind, self._components = part, kind, list(components)
+        self.names = [f"{label or f'{part}.{kind}'}.{AXES[i]}" for i in components]
+
+    def bind(self, problem: Problem) -> Callable[[], Sequence[float]]:
+        """See `Goal.bind`."""
+        assert problem.rigid is not None
+        place = problem.rigid.place(self._part)
+
+        def values() -> list[float]:
+            state = problem.rigid_states(problem.x)[self._part]
+            state["displacement"] = list(np.subtract(state["position"], place))
+            return [state[self._kind][i] for i in self._components]
+
+        return values
+
+    def unit(self, problem: Problem) -> float:
+        """See `Goal.unit`."""
+        if self._kind == "rotation":
+            return 0.0
+        if self._kind == "displacement":
+            return largest_displacement(problem)
+        arm = problem.length if self._kind == "moment" else 1.0
+        return arm * problem.largest_force(problem.x)
+
+    def dual(self, at: Linearisation, number: int) -> PETSc.Vec:
+        """See `Goal.dual`."""
+        problem, rigid, x = at.problem, at.problem.rigid, at.problem.x
+        assert rigid is not None
+        number = self._components[number]
+        if self._kind in ("displacement", "rotation"):
+            return at.solve_free(rigid.derivative_of_pose(x, self._part, self._kind, number))
+        turned = self._kind == "moment"
+        e, turning = rigid.velocity(x, self._part, np.eye(6)[number + 3 * turned]), None
+        if turned:  # the arms turn with the part
+            forces = x.duplicate()
+            problem.gradient(x, forces)
+            turning = rigid.derivative_of_arms(x, self._part, forces, number)
+        return dual_of_reaction(at, e, turning)
