@@ -153,6 +153,7 @@ _RECORD = _table(
         "time": _table({"duration": _positive}, {"start": _named(_any)}),
         "obstacles": _SOLID,
         "bones": _SOLID,
+        "rigid": _named(_table({"shape": _named(_any), "point": _list(_number, 3)}, {})),
         "cell_groups": _list(_list(_text)),
         "units": _text,
         "modes": _table({"frequencies": _list(_number)}, {}),

@@ -21,7 +21,7 @@ from fem_snh.assembly.ghosted_vectors import (
 from fem_snh.errors import BadInput, bad_value
 from fem_snh.geometry.bones.bone import Bone
 from fem_snh.geometry.bones.motions import check_determinant
-from fem_snh.geometry.shapes import ClosedSurface, Shape
+from fem_snh.geometry.shapes import ClosedSurface, Shape, deepest
 from fem_snh.mesh.mesh import Mesh
 
 Array = npt.NDArray[Any]
@@ -127,12 +127,8 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     order = sorted(bones, key=lambda bone: bone.name)
     copies = _copies(V, mesh)
     depths = np.stack([_depths(V, mesh, bone, X[:owned], copies) for bone in order])
-    deepest = depths.max(axis=0)
-    inside = deepest >= -tolerance
-    # argmax: the first of those that are equally deep.
-    first = np.argmax(depths >= np.where(inside, deepest - tolerance, -np.inf), axis=0)
-    number = np.where(inside, first, -1)
-    if bones and not comm.allreduce(int(np.count_nonzero(~inside))):
+    number = deepest(depths, tolerance)
+    if bones and not comm.allreduce(int(np.count_nonzero(number < 0))):
         raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
     vector = _dolfinx.create_vector(V)
     vector.array[:] = np.repeat(number, 3)

@@ -160,7 +160,7 @@ def _run(
             goals = scene_goals(scene, setup.mesh, setup.problem.has_energy)
         names = [name for goal in goals for name in goal.names]
         recorder = Recorder(about, scene, setup, folder, start, earlier, names)
-        if folder and (scene.obstacle or scene.bone):
+        if folder and (scene.obstacle or scene.bone or scene.rigid):
             from fem_snh.runs.obstacle_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)

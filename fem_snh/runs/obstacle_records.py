@@ -10,10 +10,11 @@ from fem_snh.contact.obstacle import file_name
 from fem_snh.errors import BadInput
 from fem_snh.runs.folder import Folder
 from fem_snh.scenes import BoneChoice, Scene
+from fem_snh.terms import rigid
 
 
 def copy_surfaces(scene: Scene, folder: Folder) -> None:
-    """Copy the surfaces of obstacles and bones to the folder of a run. On rank 0.
+    """Copy the surfaces of obstacles, bones and rigid parts to the folder of a run. On rank 0.
 
     Raises
     ------
@@ -22,6 +23,7 @@ def copy_surfaces(scene: Scene, folder: Folder) -> None:
     """
     files = {file_name(i): choice.surface for i, choice in enumerate(scene.obstacle)}
     files |= {surface_name(scene, choice): choice.surface for choice in scene.bone}
+    files |= {rigid.file_name(i, part): part.surface for i, part in enumerate(scene.rigid)}
     for name, path in files.items():
         if path is not None:
             folder.announce(name)

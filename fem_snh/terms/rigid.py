@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate
-from fem_snh.tables.types import NonNegative, Number, Part, Text, Vector, split_text, surface_name
+from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.types import (
+    FilePath,
+    NonNegative,
+    Number,
+    Part,
+    Text,
+    Vector,
+    split_text,
+    surface_name,
+)
 from fem_snh.tables.validation import Expect, Table
 from fem_snh.terms.feature import Feature
 
@@ -21,6 +32,7 @@ if TYPE_CHECKING:
 
 #: The motions of a part that may be free where others are prescribed.
 MOTIONS = ("x", "y", "z", "rotation")
+SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 #: What each kind of joint leaves.
 KINDS = ("ball", "hinge", "slider")
 #: What may be goals of an error estimate, in the order in which a scene has them.
@@ -84,7 +96,7 @@ class RigidSpring(Table):
 
 
 class Rigid(Feature):
-    r"""A group of cells or facets that moves as a rigid body.
+    r"""A group of cells or facets, or the nodes in a shape, that moves as a rigid body.
 
     It has six unknowns, in a plane three; of a body of revolution the translation along the axis
     and, with torsion, the rotation about it.
@@ -96,15 +108,26 @@ class Rigid(Feature):
     """
 
     key, planar, has_mass = "rigid", True, True
-    group: Part = Field(
+    group: Part | None = Field(
+        default=None,
         description="Physical group of volumes or surfaces, by name or number; in a program a "
-        "measure dx(...) or ds(...)."
+        "measure dx(...) or ds(...); or 'shape', or 'surface'.",
+    )
+    shape: ShapeChoice | None = Field(
+        default=None,
+        description="Shape, instead of 'group', with a 'name': all nodes on or below its surface.",
+    )
+    surface: SurfaceFile | None = Field(
+        default=None,
+        description="STL or OBJ file of a closed surface, instead of 'group', with a 'name'; its "
+        "path is relative to the scene file.",
     )
     name: Text | None = Field(default=None, description="Name in the results; default: the group.")
     about: Vector | None = Field(
         default=None,
         description="Reference coordinates of the point at which forces act and to which moments "
-        "and displacements refer [length]; default: a joint's point, or the group's centroid.",
+        "and displacements refer [length]; default: a joint's point, the group's centroid, or the "
+        "middle of the shape's bounding box.",
     )
     translate: Vector | None = Field(default=None, description=TRANSLATE)
     rotate: Rotate | None = Field(default=None, description="Rotation, before the translation.")
@@ -139,6 +162,17 @@ class Rigid(Feature):
         "of the cells.",
     )
     spring: RigidSpring | None = Field(default=None, description="Springs that hold the part.")
+
+    @model_validator(mode="after")
+    def _check_nodes(self) -> Rigid:
+        keys = ("group", "shape", "surface")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = ", ".join(given) or "none"
+            raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
+        if self.group is None and self.name is None:
+            raise BadInput(f"missing key 'name': expected with '{given[0]}'")
+        return self
 
     @model_validator(mode="after")
     def _check_motion(self) -> Rigid:
@@ -183,6 +217,29 @@ class Rigid(Feature):
             raise BadInput("'rigid' and 'nu_continuation' exclude each other: expected one of them")
         check_names(features)
 
+    def solid(self) -> Shape | None:
+        """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""
+        if self.surface is not None:
+            return ClosedSurface.read(self.surface)
+        return self.shape.shape() if self.shape else None
+
+    @classmethod
+    def describe(cls, features: Sequence[Self], terms: Sequence[Any]) -> Mapping[str, Any]:
+        """Return the parts that are shapes by name, as run.json has them before the first step.
+
+        Each has its ``shape``, a table of one key as in the scene (a surface by its file's name in
+        the folder), and the reference coordinates of its ``point``.
+        """
+        found = {
+            part.label: {
+                "shape": part.shape.record() if part.shape else {"surface": file_name(i, part)},
+                "point": terms[0].place(part.label).tolist(),
+            }
+            for i, part in enumerate(features)
+            if part.group is None
+        }
+        return {"rigid": found} if found else {}
+
     @classmethod
     def create_terms(cls, features: Sequence[Self], body: Body) -> Sequence[Term]:
         """Return one term of all parts. Collective."""
@@ -190,6 +247,11 @@ class Rigid(Feature):
 
         check_names(features)
         return [RigidParts(features, body)]
+
+
+def file_name(number: int, part: Rigid) -> str:
+    """Return the name of the file of a part's surface in the folder of a run; empty without one."""
+    return f"rigid_{number}{part.surface.suffix.lower()}" if part.surface else ""
 
 
 def check_motions(part: Rigid, kinematics: Kinematics) -> None:

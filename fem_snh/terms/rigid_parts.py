@@ -41,10 +41,10 @@ from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.errors import bad_value
 from fem_snh.geometry.rigid_tree import UNKNOWNS, Link, Poses, RigidTree, fit_poses
 from fem_snh.geometry.rotations import exponential, inverse_left_jacobian, logarithm, skew
-from fem_snh.mesh.centroid import centroid
 from fem_snh.tables.motions import rigid_displacement
 from fem_snh.terms.body import Body
 from fem_snh.terms.rigid import Rigid, check_motions
+from fem_snh.terms.rigid_nodes import locate_parts
 
 Array = npt.NDArray[Any]
 
@@ -94,21 +94,14 @@ class RigidParts:
         self._V, self._duration = V, body.amplitudes.duration
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
-        owned, ghosts = _dolfinx.num_nodes(V)
+        owned = _dolfinx.num_nodes(V)[0]
         self._kinematics = body.kinematics
         #: Which components of a twist there are, (6,), and of a translation.
         self._admitted = np.array(body.kinematics.rigid_motions)
         self._translations = self._admitted[:3]
         for part in parts:
             check_motions(part, body.kinematics)
-        local = np.full(owned + ghosts, -1)
-        centroids = []
-        for number, part in enumerate(parts):
-            entities = body.entities("rigid.group", part.group)
-            centroids.append(centroid(V.mesh, *entities) * self._translations)
-            found = _dolfinx.locate_dofs(V, *entities)
-            self._check_nodes(part, local[found])
-            local[found] = number
+        local, points = locate_parts(parts, body)
         self.nodes = np.flatnonzero(local[:owned] >= 0)
         components = body.kinematics.components
         self.dofs = components * self.nodes[:, None] + np.arange(components)
@@ -121,7 +114,8 @@ class RigidParts:
         self._centred = self._X - self._means[self.labels]
         self._squares = self._sum(_products(self._centred, self._centred))
         radii = self._radii(self._squares.reshape(-1, 3, 3))
-        links = [self._link(i, radii[i], centroids[i]) for i in range(len(parts))]
+        points = points * self._translations
+        links = [self._link(i, radii[i], points[i]) for i in range(len(parts))]
         self.tree = RigidTree(links)
         self._jointed = np.repeat([bool(link.joint) for link in self.tree.links], UNKNOWNS)
         self._offsets = self._X - self.tree.points[self.labels]
@@ -158,19 +152,16 @@ class RigidParts:
 
     # --- the parts -------------------------------------------------------------------------------
 
-    def _check_nodes(self, part: Rigid, taken: Array) -> None:
-        """Raise BadInput on every rank for nodes of another part."""
-        others = self._comm.allreduce(int(taken.max(initial=-1)), op=MPI.MAX)
-        if others >= 0:
-            accepted = f"a part without nodes of part {self.names[others]!r}"
-            raise bad_value("rigid.group", part.label, accepted)
-
     def _add_mass(self, body: Body, part: Rigid) -> None:
         """Distribute a part's own mass over its surface. Collective."""
         if body.motion is None:
             raise bad_value("rigid.mass", part.mass, "no value, without [time]")
-        if body.entities("rigid.group", part.group)[0] == body.domain.topology.dim:
-            accepted = "no value for a group of cells: their material has the density"
+        surface = part.group is not None
+        if surface:
+            dim = body.entities("rigid.group", part.group)[0]
+            surface = dim < body.domain.topology.dim
+        if not surface:
+            accepted = "no value for a shape or a group of cells: their material has the density"
             raise bad_value("rigid.mass", part.mass, accepted)
         V, weights = body.V, _dolfinx.create_vector(body.V)
         measure = body.measure("rigid.group", part.group)
@@ -229,12 +220,12 @@ class RigidParts:
                 raise bad_value("rigid.group", part.label, accepted)
         return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
-    def _link(self, number: int, radius: float, centroid: Array) -> Link:
+    def _link(self, number: int, radius: float, middle: Array) -> Link:
         """Return how a part may move."""
         part, joint = self._parts[number], self._parts[number].joint
         admitted = self._kinematics.rigid_motions
         if joint is None:
-            point = centroid if part.about is None else np.array(part.about)
+            point = middle if part.about is None else np.array(part.about)
             return Link(point, radius, free=part.free_motions, motions=admitted)
         axis = np.zeros(3)
         if joint.axis:

@@ -107,3 +107,21 @@ def outer(a: Array, b: Array) -> Array:
     """Return the matrices (n, 3, 3) of the outer products of vectors (n, 3)."""
     product: Array = a[:, :, None] * b[:, None, :]
     return product
+
+
+def deepest(depths: Array, tolerance: float) -> Array:
+    """Return the solid in which each point is deepest, (n,); -1: in none.
+
+    Parameters
+    ----------
+    depths : (solids, n) array
+        How deep the points are in the solids [length]; negative outside, infinite in a group.
+    tolerance : float
+        Difference of depths that counts as none: of solids in which a point is equally deep, the
+        first has it.
+    """
+    most = depths.max(axis=0)
+    inside = most >= -tolerance
+    # argmax: the first of those that are equally deep.
+    first = np.argmax(depths >= np.where(inside, most - tolerance, -np.inf), axis=0)
+    return np.asarray(np.where(inside, first, -1))

@@ -16,7 +16,7 @@ from fem_snh.geometry.shapes.triangles import surface_triangles
 from fem_snh.viewing.render.surfaces import boundary
 
 #: Colour and opacity of obstacles and of bones; a body must be translucent to show its bones.
-STYLES = {"obstacles": ("#a0a0a0", 0.35), "bones": ("#e3d9bf", 1.0)}
+STYLES = {"obstacles": ("#a0a0a0", 0.35), **dict.fromkeys(("bones", "rigid"), ("#e3d9bf", 1.0))}
 #: The name of a surface's data that is its kind.
 _KIND = "kind"
 #: Obstacles are cut off at the box of the bodies, enlarged on each side by this part of its
@@ -36,7 +36,7 @@ class Obstacles:
     ----------
     records : sequence of dict
         ``kind``, a key of `STYLES`; ``shape``, a table of one key; ``loads``; ``poses``, at each
-        load the rows [R | c] of an obstacle, which are slerped, or [A | c] of a bone.
+        load the rows [R | c], which are slerped, or [A | c] of a bone.
     """
 
     def __init__(self, records: Sequence[dict[str, Any]]) -> None:
@@ -45,7 +45,7 @@ class Obstacles:
             poses = np.array(record["poses"], dtype=float)
             loads, drawn_as = np.array(record["loads"]), record.get("kind", "obstacles")
             motion: AffineMotion = AffineTable(loads, poses)
-            if drawn_as == "obstacles":
+            if drawn_as != "bones":
                 motion = RigidAffine(PoseTable(loads, poses[:, :, :3], poses[:, :, 3]))
             ((kind, keys),) = record["shape"].items()
             self._items.append((kind, keys, motion, drawn_as))

@@ -1,4 +1,4 @@
-"""What pictures show of run.json: materials, the load or time of states, obstacles."""
+"""What pictures show of run.json: materials, the load or time of states, solids."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fem_snh.errors import bad_value
+from fem_snh.geometry.rotations import exponential
 from fem_snh.run_tables import column_unit
 from fem_snh.units import Units
 
 #: Keys of run.json whose solids are drawn.
-KINDS = ("obstacles", "bones")
+KINDS = ("obstacles", "bones", "rigid")
 #: Difference of two loads, or of times relative to the duration, that are the same.
 _SAME = 1e-6
 
@@ -97,12 +100,12 @@ def step_at(record: dict[str, Any], stored: float) -> dict[str, Any] | None:
 
 
 def check_hidden(record: dict[str, Any], names: Collection[str]) -> None:
-    """Raise BadInput for a name that no obstacle, bone or group of cells of a run has."""
+    """Raise BadInput for a name that no solid and no group of cells of a run has."""
     groups = [name for part in record.get("cell_groups", []) for name in part]
     known = list(dict.fromkeys([n for kind in KINDS for n in record.get(kind, {})] + groups))
     for name in names:
         if name not in known:
-            accepted = "a run with obstacles, bones or several groups of cells"
+            accepted = "a run with obstacles, bones, rigid shapes or several groups of cells"
             accepted = f"one of {', '.join(known)}" if known else accepted
             raise bad_value("--hide", name, accepted, known)
 
@@ -116,7 +119,7 @@ def hidden_cells(record: dict[str, Any], names: Collection[str]) -> tuple[int, .
 def obstacle_poses(
     record: dict[str, Any], folder: Path, at: float | None = None, hide: Collection[str] = ()
 ) -> list[dict[str, Any]]:
-    """Return the obstacles and the bones of a run: kind, shape, and the pose at each load or time.
+    """Return the solids of a run: kind, shape, and the pose at each load or time.
 
     With ``at`` these are two loads [or times in s], one of which is the closest to it. A surface is
     given by the path of its file in the folder. A bone that is a group of the mesh is left out, as
@@ -129,15 +132,15 @@ def obstacle_poses(
     for kind, name, about in items:
         if "shape" not in about or name in hide:
             continue
-        poses = {0.0: about["pose"]}
-        poses |= {step[key]: step[kind][name]["pose"] for step in steps}
+        first = about.get("pose", np.eye(3, 4).tolist())
+        poses = {0.0: first} | {step[key]: _pose(step[kind][name], about) for step in steps}
         if len(poses) == 1:
-            poses[1.0] = about["pose"]  # an interpolation needs two
+            poses[1.0] = first  # an interpolation needs two
         loads = sorted(poses)
         if at is not None:
             closest = min(range(len(loads)), key=lambda i: abs(loads[i] - at))
-            first = min(closest, len(loads) - 2)
-            loads = loads[first : first + 2]
+            nearest = min(closest, len(loads) - 2)
+            loads = loads[nearest : nearest + 2]
         shape = dict(about["shape"])
         if "surface" in shape:
             shape["surface"] = str(folder / shape["surface"])
@@ -149,3 +152,12 @@ def obstacle_poses(
             ]
         found.append({"kind": kind, "shape": shape, "loads": loads, "poses": at_loads})
     return found
+
+
+def _pose(state: dict[str, Any], about: dict[str, Any]) -> list[list[float]]:
+    """Return the rows [R | c] of a solid in a state; of a rigid part from its point's position."""
+    if "pose" in state:
+        return list(state["pose"])
+    R = exponential(np.array(state["rotation"]))
+    c = np.array(state["position"]) - R @ np.array(about["point"])
+    return [list(map(float, row)) for row in np.column_stack([R, c])]

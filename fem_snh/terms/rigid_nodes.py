@@ -1,0 +1,92 @@
+"""The nodes of rigid parts: those of groups of the mesh, and those in shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from fem_snh import _dolfinx
+from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.errors import bad_value, on_every
+from fem_snh.geometry.shapes import Shape, deepest
+from fem_snh.mesh.centroid import centroid
+from fem_snh.terms.body import Body
+from fem_snh.terms.rigid import Rigid
+
+Array = npt.NDArray[Any]
+
+#: Distance from a shape's surface, relative to the body, up to which a node is on it.
+_ON_SURFACE = 1e-9
+
+
+def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
+    """Return which part has each node, and the middle of each part. Collective.
+
+    Of several shapes the one in which it is deepest has a node, or the first by name; a group
+    precedes all shapes.
+
+    Returns
+    -------
+    numbers : (local nodes,) int
+        The part; -1: none.
+    middles : (parts, 3)
+        The centroids of groups, the centres of the bounding boxes of shapes; 0 along directions in
+        which a shape has no end.
+
+    Raises
+    ------
+    BadInput
+        On every rank, for a node of two groups, for a part without a node, for a shape without an
+        end that needs a point, or of a lattice, and for a file that cannot be read.
+    """
+    V, comm, columns = body.V, body.domain.comm, body.kinematics.components
+    X = V.tabulate_dof_coordinates()[: _dolfinx.num_nodes(V)[0]]
+    middles, depths = np.zeros((len(parts), 3)), np.full((len(parts), len(X)), -inf)
+    for i, part in enumerate(parts):
+        if part.group is None:
+            solid = _solid(part, body)
+            depths[i] = -solid.distance(X)
+            middles[i] = np.where(np.isfinite(solid.bounds), solid.bounds, 0.0).mean(axis=0)
+            continue
+        entities = body.entities("rigid.group", part.group)
+        middles[i] = centroid(V.mesh, *entities)
+        nodes = _dolfinx.locate_dofs(V, *entities)
+        nodes = nodes[nodes < len(X)]
+        _check_free(comm, part, parts, (depths[:i, nodes] == inf).any(axis=1))
+        depths[i, nodes] = inf
+    order = np.argsort([part.label for part in parts])
+    chosen = deepest(depths[order], _ON_SURFACE * body.length)
+    numbers = np.where(chosen >= 0, order[chosen], -1)
+    for i, part in enumerate(parts):
+        if not comm.allreduce(int(np.count_nonzero(numbers == i))):
+            key = "rigid.shape" if part.group is None else "rigid.group"
+            raise bad_value(key, part.label, "a part with nodes of the body")
+    vector = _dolfinx.create_vector(V)
+    vector.array[:] = np.repeat(numbers, columns)
+    update_ghosts(vector)
+    return local_values(vector).reshape(-1, columns)[:, 0].astype(int), middles
+
+
+def _solid(part: Rigid, body: Body) -> Shape:
+    """Return the shape of a part. Raises BadInput on every rank. Collective."""
+    if body.skin is not None:
+        raise bad_value("rigid.shape", part.label, "a 'group', of a lattice")
+    solid = on_every(body.domain.comm, part.solid)
+    assert solid is not None
+    if part.about is None and part.joint is None and not np.isfinite(solid.bounds).all():
+        raise bad_value("rigid.about", None, "a point, of a shape that has no end")
+    return solid
+
+
+def _check_free(comm: MPI.Comm, part: Rigid, parts: Sequence[Rigid], taken: Array) -> None:
+    """Raise BadInput on every rank for nodes of earlier parts, (earlier parts,) bool."""
+    others = [comm.allreduce(bool(one), op=MPI.LOR) for one in taken]
+    if any(others):
+        accepted = f"a part without nodes of part {parts[others.index(True)].label!r}"
+        raise bad_value("rigid.group", part.label, accepted)

@@ -1,0 +1,134 @@
+"""Rigid parts that are shapes in the flesh: bones that forces move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx_programs import converged
+from rigid_bodies import corner_program
+from running import record, solve
+
+import fem_snh
+from fem_snh.errors import BadInput
+from fem_snh.geometry.rotations import exponential
+from fem_snh.scenes import BoneChoice, Geometry, MaterialChoice, Rigid, Scene
+from fem_snh.viewing.render.records import obstacle_poses
+
+mpi = pytest.mark.mpi
+
+TIGHT = {"snes_scaled_tol": 1e-12, "snes_linear_solver": "direct"}
+UPPER = {"capsule": {"from": (0.3, 0.5, 0.5), "to": (1.2, 0.5, 0.5), "radius": 0.3}}
+LOWER = {"capsule": {"from": (1.8, 0.5, 0.5), "to": (2.7, 0.5, 0.5), "radius": 0.3}}
+ELBOW = (1.5, 0.5, 0.5)
+HINGE = {"kind": "hinge", "axis": (0, 0, 1), "through": ELBOW, "to": "upper"}
+
+
+def arm(**keys):
+    """Return a bar with two capsules on its axis, which have a node at the elbow in common."""
+    given = {
+        "mesh": Geometry(source="bar", parameters={"length": 3, "interface": 1.5}),
+        "cells": 4,
+        "element": "Q1P0",
+        "material": MaterialChoice(name="stable_neo_hookean", E=2e4, nu=0.488),
+        "petsc": TIGHT,
+    }
+    return Scene(name="arm", **given | keys)
+
+
+def bones(angle):
+    turn = {"axis": (0, 0, 1), "through": ELBOW, "angle": angle}
+    return [
+        BoneChoice(name="upper", shape=UPPER),
+        BoneChoice(name="lower", shape=LOWER, rotate=turn, origin=ELBOW),
+    ]
+
+
+def parts(**lower):
+    upper = Rigid(name="upper", shape=UPPER, translate=(0, 0, 0))
+    return [upper, Rigid(name="lower", shape=LOWER, **lower)]
+
+
+@mpi
+def test_elbow_that_a_torque_flexes_is_inverse_to_the_motion_of_bones(comm):
+    flexed = solve(arm(rigid=parts(joint=HINGE | {"torque": 500.0})), comm)
+    assert flexed.converged
+    state = flexed.record["steps"][-1]["rigid"]
+    angle = state["lower"]["rotation"][2]
+    assert angle > 0.2
+    assert state["lower"]["moment"][2] == pytest.approx(500.0, rel=1e-8)
+    moved = solve(arm(bone=bones(angle)), comm)
+    found = moved.record["steps"][-1]["bones"]
+    assert flexed.problem.u.x.array == pytest.approx(moved.problem.u.x.array, abs=1e-8)
+    for name in ("upper", "lower"):
+        assert state[name]["force"] == pytest.approx(found[name]["force"], abs=1e-5)
+    assert found["lower"]["moment"][2] == pytest.approx(500.0, rel=1e-7)
+
+
+@mpi
+def test_shape_is_the_group_of_its_cells(comm):
+    turn = {"axis": (0, 1, 0.3), "angle": 0.3, "through": (0.75, 0.5, 0.75)}
+    box = {"box": {"center": (0.75, 0.5, 0.75), "size": (0.5, 1.0, 0.5)}}
+    states = []
+    for part in ({"tag": 2}, {"name": "dx(2)", "shape": box}):
+        program = corner_program(comm, [part | {"rotate": turn}], petsc_options=TIGHT)
+        program.solve()
+        assert converged(program)
+        states.append(program._problem.rigid_states(program.x)["dx(2)"])
+    for key, values in states[0].items():
+        assert states[1][key] == pytest.approx(values, abs=1e-7), key
+
+
+def test_pictures_have_the_pose_of_a_shape(tmp_path):
+    scene = arm(rigid=parts(joint=HINGE | {"torque": 500.0}), steps=2)
+    solve(scene, out=tmp_path / "out")
+    found = record(tmp_path / "out")
+    upper, lower = obstacle_poses(found, tmp_path / "out")
+    assert upper["poses"][-1] == pytest.approx(np.eye(3, 4), abs=1e-12)
+    assert lower["kind"] == "rigid" and lower["loads"] == [0.0, 0.5, 1.0]
+    R = exponential(np.array(found["steps"][-1]["rigid"]["lower"]["rotation"]))
+    pose = np.array(lower["poses"][-1])
+    assert pose[:, :3] == pytest.approx(R, abs=1e-12)
+    assert pose @ [*ELBOW, 1.0] == pytest.approx(ELBOW, abs=1e-9)
+    assert [one["kind"] for one in obstacle_poses(found, tmp_path / "out", hide=["upper"])] == [
+        "rigid"
+    ]
+
+
+def test_surface_of_a_file_is_copied_to_the_folder(tmp_path):
+    import pyvista
+
+    pyvista.Sphere(radius=0.4, center=(0.75, 0.5, 0.5)).save(tmp_path / "ball.stl")
+    ball = Rigid(name="ball", surface=tmp_path / "ball.stl", translate=(0, 0.1, 0))
+    hold = [{"name": "lower", "shape": LOWER, "translate": (0, 0, 0)}]
+    solve(arm(rigid=[ball, *map(Rigid.model_validate, hold)]), out=tmp_path / "out")
+    first, second = obstacle_poses(record(tmp_path / "out"), tmp_path / "out")
+    assert first["shape"] == {"surface": str(tmp_path / "out/rigid_0.stl")}
+    assert (tmp_path / "out/rigid_0.stl").read_bytes() == (tmp_path / "ball.stl").read_bytes()
+    assert second["shape"].keys() == {"capsule"}
+    assert first["poses"][-1] == pytest.approx(np.column_stack([np.eye(3), [0, 0.1, 0]]), abs=1e-9)
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"shape": {"sphere": {"center": (9, 0, 0), "radius": 1}}}, "part with nodes of the body"),
+        ({"shape": {"plane": {"point": (0, 0, 0.3)}}}, "rigid.about = None: expected a point"),
+    ],
+)
+def test_shapes_that_do_not_fit_are_refused_on_every_rank(comm, keys, message):
+    with pytest.raises(BadInput, match=message):
+        solve(arm(rigid=[Rigid(name="part", **keys)]), comm)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({}, "expected one of the keys group, shape, surface; found none"),
+        ({"group": "top", "shape": LOWER}, "found group, shape"),
+        ({"shape": LOWER}, "missing key 'name': expected with 'shape'"),
+    ],
+)
+def test_a_part_is_one_thing_and_a_shape_has_a_name(keys, message):
+    with pytest.raises(BadInput, match=message):
+        fem_snh.Rigid(**keys)
