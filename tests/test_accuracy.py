@@ -378,11 +378,14 @@ def test_the_penalty_of_a_fluid_is_raised():
     assert last["corrected"] == pytest.approx(first["corrected"], abs=first["uncertainty"])
 
 
-def test_levels_end_where_no_mesh_has_an_estimate():
-    """The contact's multipliers: the next level would cost more and say as little."""
+def test_levels_follow_the_multipliers_of_contact_again():
+    """An augmented Lagrangian has no penalty left; the force of Hertz's contact is known."""
     scene = scenes.load("hertz", cells=2, **{"accuracy.within": 0.01})
     (plane,) = scene.obstacle
     plane = plane.model_copy(update={"method": "augmented_lagrangian"})
-    found = solve(scene.model_copy(update={"obstacle": [plane]})).record["accuracy"]
-    assert len(found["levels"]) == 1 and not found["reached"]
-    assert found["limit"].startswith("no estimate of the error: 'obstacle' keeps friction")
+    result = solve(scene.model_copy(update={"obstacle": [plane]}))
+    found = result.record["accuracy"]
+    assert found["reached"] and found["levels"][-1]["load_steps"] == scene.steps
+    force = found["levels"][-1]["goals"]["plane.force.z"]
+    assert force["parts"].keys() == {"load steps", "mesh"}
+    assert force["best"] == pytest.approx(-exact("hertz")[0], rel=0.01)

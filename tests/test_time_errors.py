@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import pytest
 from running import solve
 from time_scenes import DOWN, SWING, in_time
 
+from fem_snh import scenes
+from fem_snh.runs.goals import scene_goals
+from fem_snh.runs.setup import set_up
 from fem_snh.scenes import Geometry, Hold, Probe
 from fem_snh.scenes.schema import Accuracy
 
@@ -68,3 +73,23 @@ def test_a_motion_to_a_required_accuracy():
     finer = {"element": "Q2Q1", "cells": 3}
     exact = tip(solve(in_time(time | {"steps": 64}, **bar | finer)))
     assert abs(last["best"] - exact) < 0.0015 * abs(exact)
+
+
+def test_the_penalty_of_an_impact():
+    """A ball in the middle of its impact: what 16 times the stiffness changes."""
+    keys = {"cells": 2, "time.duration": 0.5, "time.steps": 80}
+    scene = scenes.load("bounce", **keys).model_copy(
+        update={
+            "probe": [Probe(name="centre", point=(0, 0, 0))],
+            "accuracy": Accuracy(goals=["centre.z"]),
+            "error": True,
+        }
+    )
+    goal = solve(scene).estimate.goals["centre.z"]
+    setup = set_up(MPI.COMM_WORLD, scene, stiffer=16.0)
+    assert all(row["converged"] for row in setup.stepper)
+    (bound,) = scene_goals(scene, setup.mesh, has_energy=False)
+    (stiff,) = bound.bind(setup.problem)()
+    setup.destroy()
+    assert abs(stiff - goal.value) > 0.04 * abs(goal.value)
+    assert goal.parts["penalty"] / (stiff - goal.value) == pytest.approx(16 / 15, rel=0.15)

@@ -163,7 +163,7 @@ class Estimate:
     penalty_newton : int
         The Newton iterations with stiffer penalties.
     again : int
-        The time steps in which a motion is followed again; 0 of a static problem.
+        The steps in which the path is followed again; 0 where the end does not depend on it.
     seconds, jit : float
         Elapsed time, and the part of it that compiled the kernels of the element.
     indicators : dict of arrays
@@ -190,7 +190,7 @@ class Estimate:
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
-        steps = f"the motion again in {self.again:,} steps, and with " if self.again else ""
+        steps = f"the path again in {self.again:,} steps, and with " if self.again else ""
         return (
             f"error estimate: {steps}{self.dofs:,} unknowns of {self.element} on the same cells, "
             f"about {self.memory / 1e6:.2g} MB"

@@ -46,6 +46,9 @@ _LEAST_REFINEMENT, _MOST_REFINEMENT = 1.3, 2.0
 _SHOWN = 1e-5
 #: The error aimed at, as a part of the request.
 _AIM = 0.7
+#: The parts of an error that are those of steps, and the power of the number of steps with which
+#: they decrease: of load steps friction acts along the chord.
+_STEPS = {"time steps": 2.0, "load steps": 1.0}
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
 
@@ -120,18 +123,18 @@ class Forecast:
         Its cells and unknowns.
     seconds, memory : float
         Elapsed seconds, with the estimate; memory of the estimate's problem [bytes].
-    steps : int
-        Time steps; 0 of a static scene.
+    steps : str
+        The number of steps in which the path is followed; "" where the end does not depend on it.
     """
 
     cells: int
     dofs: int
     seconds: float
     memory: float
-    steps: int = 0
+    steps: str = ""
 
     def __str__(self) -> str:
-        steps = f"{self.steps:,} time steps, " if self.steps else ""
+        steps = f"{self.steps}, " if self.steps else ""
         return (
             f"about {self.cells:,} cells, {self.dofs:,} dofs, {steps}{self.seconds:.2g} s, "
             f"{self.memory / 1e6:.2g} MB"
@@ -161,7 +164,9 @@ class LevelRow:
     where : str
         Where most of the largest error is.
     steps : int
-        Time steps; 0 of a static scene.
+        The steps of a path on which the end depends; 0 without one.
+    kind : str
+        What they are: "time" or "load".
     """
 
     element: str
@@ -176,6 +181,7 @@ class LevelRow:
     fineness: float = 1.0
     where: str = ""
     steps: int = 0
+    kind: str = "time"
 
 
 def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
@@ -242,7 +248,7 @@ class Levels:
         singular = self.dim == 2 and row.element == "P2P0"
         safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
         size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel
-        steps = abs(goal.parts.get("time steps", 0.0))
+        steps = sum(abs(goal.parts.get(source, 0.0)) for source in _STEPS)
         bound, uncertainty = safety * size, (safety - 1) * size + steps
         if before is not None and name in before.goals and row.fineness > before.fineness:
             last = before.goals[name]
@@ -275,8 +281,8 @@ class Levels:
         return float(min(max(factor, _LEAST_REFINEMENT), _MOST_REFINEMENT))
 
     def shorter_steps(self) -> float:
-        """Return the factor by which the time steps of the next level are to be shorter."""
-        return self._factor("time steps", 0.5, _MOST_SHORTER)
+        """Return the factor by which the steps of the next level are to be shorter."""
+        return max(self._factor(source, 1 / p, _MOST_SHORTER) for source, p in _STEPS.items())
 
     def stiffer_penalties(self) -> float:
         """Return the factor by which the penalties of the next level are to be stiffer."""
@@ -294,7 +300,7 @@ class Levels:
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is small beside the other parts, or the request."""
         part = self._largest_part("mesh")
-        other = max(self._largest_part(source) for source in ("time steps", "penalty"))
+        other = max(self._largest_part(source) for source in (*_STEPS, "penalty"))
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 
     def _largest_part(self, source: str) -> float:
@@ -304,14 +310,15 @@ class Levels:
         return max(parts, default=0.0)
 
     def forecast(self, refinement: float, shorter: float = 1.0) -> Forecast:
-        """Return what a level with cells and time steps so many times smaller will cost."""
+        """Return what a level with cells and steps so many times smaller will cost."""
         last, power = self.rows[-1], float(self.dim)
         if len(self.rows) > 1 and (before := self.rows[-2]).fineness < last.fineness:
             power = log(last.cells / before.cells) / log(last.fineness / before.fineness)
         growth = refinement**power
         seconds = last.seconds * growth**_TIME_POWER * shorter
         cells, dofs = (round(count * growth) for count in (last.cells, last.dofs))
-        return Forecast(cells, dofs, seconds, last.memory * growth, ceil(last.steps * shorter))
+        steps = f"{ceil(last.steps * shorter):,} {last.kind} steps" if last.steps else ""
+        return Forecast(cells, dofs, seconds, last.memory * growth, steps)
 
     def forecast_of_degree(self, dofs: int) -> Forecast:
         """Return what the same cells with an element of a higher degree will cost."""
@@ -360,7 +367,7 @@ class Levels:
         """Return the rows of the last level to print: a head, and a line for each goal."""
         row, asked = self.rows[-1], self.asked
         head = f"level {len(self.rows)}: {row.cells:,} {row.element} cells, {row.dofs:,} dofs"
-        head += f", {row.steps:,} time steps" if row.steps else ""
+        head += f", {row.steps:,} {row.kind} steps" if row.steps else ""
         if not row.goals:
             return [f"{head}: no estimate: {row.reason}"]
         counts = sum(goal.relative(asked) <= asked for goal in row.goals.values())
@@ -391,7 +398,7 @@ class Levels:
                     "element": row.element,
                     "cells": row.cells,
                     "dofs": row.dofs,
-                    **({"time_steps": row.steps} if row.steps else {}),
+                    **({f"{row.kind}_steps": row.steps} if row.steps else {}),
                     "seconds": row.elapsed,
                     "reason": row.reason or None,
                     "goals": {n: g.record(self.asked) for n, g in row.goals.items()},

@@ -109,14 +109,20 @@ def _locks(problem: Problem) -> bool:
     return any(not lam <= _NO_LOCKING * mu for mu, lam in moduli)
 
 
+def depends_on_path(problem: Problem) -> bool:
+    """Return whether a problem's state depends on those before it, as with friction. Collective."""
+    terms = problem.history.by_name.values()
+    return any([problem.comm.allreduce(term.history()[1].size) > 0 for term in terms])
+
+
 def check_problem(problem: Problem) -> None:
     """Raise NoEstimate for a problem whose state depends on its path. Collective."""
-    for name, term in problem.history.by_name.items():
-        if problem.comm.allreduce(term.history()[1].size):
-            raise NoEstimateOnAnyMesh(
-                f"'{name}' keeps friction or multipliers from step to step, which another element "
-                "does not have"
-            )
+    if depends_on_path(problem):
+        names = " and ".join(f"'{name}'" for name in problem.history.by_name)
+        raise NoEstimateOnAnyMesh(
+            f"{names} keeps friction or multipliers from step to step, which another element "
+            "does not have"
+        )
 
 
 def create_lifted(problem: Problem, make: Callable[[Element], Problem]) -> Problem:

@@ -168,9 +168,8 @@ def _run(
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
-        estimated = scene if estimate and estimate.goals else None
         rows = recorder.record["steps"]
-        recorder.add_notes(final_notes(setup.problem, rows, setup.make, estimated))
+        recorder.add_notes(final_notes(setup.problem, rows, setup.make))
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from fem_snh import scenes
 from fem_snh.accuracy.estimate import Estimate, estimate_error
 from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.lift import depends_on_path
 from fem_snh.runs.setup import Setup
 
 
@@ -38,10 +39,10 @@ def estimate_errors(
         Whether the errors of all goals in cells are written; otherwise they are distributed to
         cells if the scene names goals, and that of the largest error alone if it names none.
     """
-    if setup.make is None:
-        from fem_snh.runs.time_errors import estimate_in_time
+    if setup.make is None or depends_on_path(setup.problem):
+        from fem_snh.runs.path_errors import estimate_on_path
 
-        return estimate_in_time(comm, scene, setup, goals, announce)
+        return estimate_on_path(comm, scene, setup, goals, announce)
     located = "exactly" if fields or (scene.accuracy and scene.accuracy.goals) else "largest"
     if scene.within and not fields:
         from fem_snh.runs.levels import is_bisected

@@ -2,9 +2,9 @@
 
 The load steps are followed on the first mesh. A finer one starts from the end state of the level
 before it, interpolated, in one step to the full load; on the last one they are followed again if
-the scene asks for the path. A motion is followed again on each level,
-with shorter time steps where their error is not small. `fem_snh.accuracy.levels` decides when the
-levels end and how fine the next is.
+the scene asks for the path. A motion, or a path on which the end depends, as with friction, is
+followed again on each level, with shorter steps where their error is not small.
+`fem_snh.accuracy.levels` decides when the levels end and how fine the next is.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ class Level:
     def end(self, record: dict[str, Any], estimate: Estimate | None) -> None:
         """Add the level to the levels, and them to the record of the run."""
         in_time = "time" in record["steps"][-1]
-        rows = record["steps"] if in_time else record["steps"][-1:]
+        followed = in_time or (estimate is not None and estimate.again > 0)
+        rows = record["steps"] if followed else record["steps"][-1:]
         seconds = sum(row["seconds"] for row in rows)
         memory = 0.0
         if estimate:
@@ -106,7 +107,8 @@ class Level:
         element = record["element"]
         sizes = ELEMENTS[element].degree, record["cells"], record["dofs"]
         row = LevelRow(element, *sizes, seconds, memory)
-        row.elapsed, row.steps = perf_counter() - self.start, len(rows) if in_time else 0
+        row.elapsed, row.steps = perf_counter() - self.start, len(rows) if followed else 0
+        row.kind = "time" if in_time else "load"
         row.fineness = self.fineness or row.cells ** (1 / self.levels.dim)
         self.levels.add(row, estimate)
         record["accuracy"] = self.levels.record()
@@ -212,6 +214,9 @@ def run_levels(
             steps = ceil(current.time.steps * shorter)
             time = current.time.model_copy(update={"steps": steps})
             current, known = current.model_copy(update={"time": time}), False
+        elif levels.rows[-1].steps:
+            steps = ceil(current.steps * shorter)
+            current, known = current.model_copy(update={"steps": steps}), False
         else:  # without goals the state may be none to start from
             known = bool(levels.rows[-1].goals)
             current = current.model_copy(update=_ONE_STEP if known else _path(scene))

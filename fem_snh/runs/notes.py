@@ -15,7 +15,6 @@ from fem_snh.accuracy.state_notes import (
     pressure_note,
 )
 from fem_snh.assembly.elements import Element
-from fem_snh.contact.contact import ContactTable
 from fem_snh.notes import Note
 from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene
@@ -51,7 +50,6 @@ def final_notes(
     problem: Problem,
     steps: Sequence[Mapping[str, Any]],
     make: Make | None,
-    estimated: Scene | None = None,
 ) -> list[Note]:
     """Return the notes on the last state of a run, and on states before it. Collective.
 
@@ -63,8 +61,6 @@ def final_notes(
         The rows of run.json.
     make : callable or None
         Makes the problem with another element, by which a stiffness is compared.
-    estimated : Scene, optional
-        The scene, if its goals have estimated errors.
     """
     good = [number for number, row in enumerate(steps) if row["converged"]]
     if not good:
@@ -79,7 +75,6 @@ def final_notes(
         inversion_note(problem, good[-1]) or _earlier_inversion(steps, good),
         pressure_note(problem),
         penetration_note({number: steps[number] for number in good}),
-        penalty_note(estimated, steps) if estimated and estimated.time else None,
         instability_note(
             {number: steps[number].get("negative_eigenvalues", 0) for number in good},
             len(good),
@@ -87,31 +82,6 @@ def final_notes(
         ),
     ]
     return [note for note in found if note]
-
-
-def penalty_note(scene: Scene, steps: Sequence[Mapping[str, Any]]) -> Note | None:
-    """Return a note if surfaces are in contact by a penalty, which errors in time leave out.
-
-    The motion that is followed again has the same penalty.
-    """
-    row = steps[-1]
-    obstacles = zip(scene.obstacle, row.get("obstacles", {}).items(), strict=False)
-    pairs = zip(scene.contact, row.get("contacts", {}).items(), strict=False)
-    found = [
-        (f"{table.key} '{name}'", float(about["penetration"]))
-        for table, (name, about) in (*obstacles, *pairs)
-        if about["contacts"] and isinstance(table, ContactTable) and not table.augmented
-    ]
-    if not found:
-        return None
-    name, depth = max(found, key=lambda pair: pair[1])
-    others = [other for other, _ in found if other != name]
-    also = f" (and {', '.join(others)})" if others else ""
-    text = (
-        f"the estimated errors leave out the penalty of {name}{also}, which lets a surface "
-        f"{depth:.3g} m in: compare method = 'augmented_lagrangian', or a larger stiffness"
-    )
-    return Note("penalty", text, len(steps) - 1, {"name": name, "penetration": depth})
 
 
 def _earlier_inversion(steps: Sequence[Mapping[str, Any]], good: Sequence[int]) -> Note | None:

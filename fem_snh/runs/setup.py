@@ -58,6 +58,8 @@ class Setup:
         Makes the problem on the same mesh with another element; None of a scene in time.
     note : Note or None
         What to know of the state of another run, from which this one starts.
+    stiffer : float
+        The stiffness of its penalties over that of the scene's.
     """
 
     problem: Problem
@@ -69,6 +71,7 @@ class Setup:
     mesh: meshes.Mesh
     make: Callable[[elements.Element], Problem] | None = None
     note: Note | None = None
+    stiffer: float = 1.0
 
     def result(
         self, converged: bool, status: str, record: dict[str, Any], out: Path | None
@@ -146,15 +149,14 @@ def set_up(
     pressures = condensation.pressures
     blend = bones.blend() if bones and scene.predictor == "bones" else None
     step = StepSolver(problem, snes, scene.predictor, motion, continuation, pressures, blend)
-    stability = (
-        solver.EquilibriumStability(problem, "stability = true") if scene.stability else None
-    )
+    asked = "stability = true"
+    stability = solver.EquilibriumStability(problem, asked) if scene.stability else None
     stepper = Stepper(step, steps, probes, bones, every, stability)
     jit = problem.seconds["jit"] + sum(part.jit for part in (continuation, pressures) if part)
     seconds = {"jit": jit, "mesh": meshed - start, "setup": perf_counter() - meshed - jit}
     working = max(0.0, process_time() - working - jit)
     other = None if scene.time else lambda element: make(element=element)
-    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other, note)
+    return Setup(problem, snes, stepper, seconds, working, condensation, mesh, other, note, stiffer)
 
 
 def _why_condensed(scene: scenes.Scene) -> str:

@@ -1,8 +1,9 @@
-"""Estimate the errors of a scene in time: the motion is followed again, twice.
+"""Estimate the errors of a scene whose end depends on its path: the path is followed again.
 
-Once with half the time steps: the difference, divided by 2^p - 1 of an integrator of order p, is
-the error of the steps (Richardson). Once more with half the steps in the lifted element: the
-difference to the second run is the error of the mesh.
+In time, or with load steps of friction. Once with half the steps (of one step, with two): the
+difference, divided by 2^p - 1 of order p, is the error of the steps (Richardson). Once more with
+these steps in the lifted element: the difference to the second run is the error of the mesh. Where
+there are penalties, once more with stiffer ones: their error is inverse to the stiffness.
 """
 
 from __future__ import annotations
@@ -27,33 +28,36 @@ from fem_snh.errors import BadInput
 from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import Setup, set_up
 
-#: The order with contact, whose beginning and end fall between steps.
+#: The order of time steps with contact, whose beginning and end fall between steps, and that of
+#: load steps, whose friction acts along the chord of a step.
 _CONTACT_ORDER = 1
 #: Fewest time steps of which half are worth comparing.
 _FEWEST_STEPS = 4
+#: Factor of the penalties' stiffness.
+_STIFFER = 4.0
 
 
-def estimate_in_time(
+def estimate_on_path(
     comm: MPI.Comm,
     scene: scenes.Scene,
     setup: Setup,
     goals: Sequence[Goal],
     announce: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Estimate:
-    """Return the errors of goals at the end of a motion. Collective.
+    """Return the errors of goals at the end of a motion, or of load steps. Collective.
 
     Parameters
     ----------
     comm : MPI.Comm
         The communicator.
     scene : Scene
-        The scene, which has a table ``time``.
+        The scene.
     setup : Setup
         Its run, at the end.
     goals : sequence of Goal
         The goals.
     announce : callable, optional
-        Called before the motion is followed again, with unknowns and memory.
+        Called before the path is followed again, with unknowns and memory.
     """
     start, found, problem = perf_counter(), Estimate(), setup.problem
     vectors = [goal.bind(problem)() for goal in goals]
@@ -80,40 +84,64 @@ def _errors(
     found: Estimate,
     announce: Callable[[Estimate], None],
 ) -> dict[str, npt.NDArray[Any]]:
-    """Return the errors of the time steps and of the mesh; raise NoEstimate if there are none."""
-    time, problem = scene.time, setup.problem
-    assert time is not None and setup.stepper.motion is not None
-    if time.tolerance is not None:
-        raise NoEstimate("time.tolerance: expected equal time steps, of which half are compared")
-    if time.steps < _FEWEST_STEPS:
-        raise NoEstimate(f"time.steps = {time.steps}: expected at least {_FEWEST_STEPS}")
+    """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
+    problem, steps = setup.problem, _steps(scene)
     element = next(lifted_elements(problem))
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
-    found.memory = memory(problem, element)
-    found.again = ceil(time.steps / 2)
+    found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
     check_memory(problem, found.memory)
     values = np.array([goal.value for goal in found.goals.values()])
-    half = scene.model_copy(update={"time": time.model_copy(update={"steps": found.again})})
-    coarse = _follow(comm, half, setup, None, found)
-    lifted = _follow(comm, half, setup, element, found)
-    contact = bool(scene.obstacle or scene.contact or scene.self_contact)
-    order = _CONTACT_ORDER if contact else setup.stepper.motion.dynamics.integrator.order
-    return {
-        "time steps": (values - coarse) / ((time.steps / found.again) ** order - 1),
+    half = _with_steps(scene, found.again)
+    coarse = _follow(comm, half, setup, found)
+    lifted = _follow(comm, half, setup, found, element)
+    order = _CONTACT_ORDER
+    if setup.stepper.motion and not (scene.obstacle or scene.contact or scene.self_contact):
+        order = setup.stepper.motion.dynamics.integrator.order
+    parts = {
+        "time steps" if scene.time else "load steps": (values - coarse)
+        / ((steps / found.again) ** order - 1),
         "mesh": lifted - coarse,
     }
+    if problem.scale_penalties(1.0):  # there are some
+        stiff = _follow(comm, half, setup, found, stiffer=_STIFFER)
+        parts["penalty"] = (stiff - coarse) * _STIFFER / (_STIFFER - 1)
+    return parts
+
+
+def _steps(scene: scenes.Scene) -> int:
+    """Return the number of a scene's steps; raise NoEstimate if half are no comparison."""
+    if scene.time is None:
+        return scene.steps
+    if scene.time.tolerance is not None:
+        raise NoEstimate("time.tolerance: expected equal time steps, of which half are compared")
+    if scene.time.steps < _FEWEST_STEPS:
+        raise NoEstimate(f"time.steps = {scene.time.steps}: expected at least {_FEWEST_STEPS}")
+    return scene.time.steps
+
+
+def _with_steps(scene: scenes.Scene, steps: int) -> scenes.Scene:
+    """Return a scene with another number of steps."""
+    if scene.time is None:
+        return scene.model_copy(update={"steps": steps})
+    return scene.model_copy(update={"time": scene.time.model_copy(update={"steps": steps})})
 
 
 def _follow(
-    comm: MPI.Comm, scene: scenes.Scene, setup: Setup, element: Element | None, found: Estimate
+    comm: MPI.Comm,
+    scene: scenes.Scene,
+    setup: Setup,
+    found: Estimate,
+    element: Element | None = None,
+    stiffer: float = 1.0,
 ) -> npt.NDArray[Any]:
-    """Return the goals at the end of the motion on the same mesh, in another element if given."""
+    """Return the goals at the end of the path on the same mesh, in another element if given."""
     name = element.name if element else scene.element
     if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
         scene = scene.model_copy(update={"hessian": None, "globalization": None})
     try:
-        again = set_up(comm, scene, mesh=setup.mesh, element=element)
+        stiffness = setup.stiffer * stiffer
+        again = set_up(comm, scene, mesh=setup.mesh, element=element, stiffer=stiffness)
     except BadInput as error:  # a material without a volume term of its own
         raise NoEstimate(f"{name} does not fit: {error}") from None
     try:
@@ -125,7 +153,7 @@ def _follow(
             raise NoEstimate(
                 f"with {found.again} steps of {name}: {again.stepper.failure_message()}"
             )
-        goals = scene_goals(scene, again.mesh, has_energy=False)
+        goals = scene_goals(scene, again.mesh, setup.problem.has_energy)
         values = np.array([v for goal in goals for v in goal.bind(again.problem)()])
     finally:
         again.destroy()

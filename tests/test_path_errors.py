@@ -1,0 +1,104 @@
+"""Errors of scenes whose end depends on the path: friction and multipliers."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from running import solve
+
+from fem_snh import scenes
+from fem_snh.scenes import Accuracy, Geometry, Hold, MaterialChoice, Obstacle, Scene
+from fem_snh.tables.amplitudes import Amplitude
+
+mpi = pytest.mark.mpi
+
+FORCE = "upper.force.y"
+
+
+def seal(cells, **keys):
+    """Return the force on an O-ring that is pressed by 15 % between frictional plates."""
+    keys = {"cells": cells, "steps": 3, "squeeze": 0.15, "error": True} | keys
+    return solve(scenes.load("seal", **keys))
+
+
+def test_corrected_force_does_not_depend_on_the_mesh_nor_on_its_penalty():
+    coarse, fine = (seal(cells).estimate.goals[FORCE] for cells in (4, 8))
+    assert coarse.parts.keys() == {"load steps", "mesh", "penalty"}
+    assert abs(fine.value / coarse.value - 1) > 0.015
+    assert abs(coarse.parts["penalty"]) > 0.05 * abs(coarse.value)
+    # The penalty is inverse to the size of the cells.
+    assert coarse.parts["penalty"] / fine.parts["penalty"] == pytest.approx(2.0, rel=0.1)
+    assert fine.corrected == pytest.approx(coarse.corrected, rel=0.01)
+
+
+def turned_foot(steps, **keys):
+    """Return a ball that is pressed into a cube, then turned about an axis beside it."""
+    foot = {
+        "name": "foot",
+        "shape": {"sphere": {"center": (0.5, 0.5, 1.6), "radius": 0.6}},
+        "translate": (0, 0, -0.15),
+        "table": "down",
+        "rotate": {"axis": (0, 0, 1), "angle": 1.2, "through": (0.3, 0.5, 0), "table": "turn"},
+        "friction": 0.3,
+    }
+    scene = Scene(
+        name="foot",
+        mesh=Geometry(source="cube"),
+        cells=2,
+        element="Q1P0",
+        steps=steps,
+        material=MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.45),
+        hold=[Hold(group="bottom")],
+        table=[
+            Amplitude(name="down", points=[(0, 0), (0.5, 1), (1, 1)]),
+            Amplitude(name="turn", points=[(0, 0), (0.5, 0), (1, 1)]),
+        ],
+        obstacle=[Obstacle.model_validate(foot)],
+        accuracy=Accuracy(goals=["foot.force"]),
+    )
+    return scenes.load(scene, **keys)
+
+
+def test_the_error_of_the_load_steps():
+    """Friction follows a turn by chords: a quarter of the force with four steps of it."""
+    forces = {}
+    for steps in (8, 16, 32):
+        result = solve(turned_foot(steps, error=steps == 8))
+        forces[steps] = np.array(result.steps[-1]["obstacles"]["foot"]["force"])
+        if steps == 8:
+            goals = result.estimate.goals
+    exact = 2 * forces[32] - forces[16]
+    for axis, value, true in zip("xy", forces[8], exact, strict=False):
+        part = goals[f"foot.force.{axis}"].parts["load steps"]
+        assert abs(true - value) > 0.1 * np.linalg.norm(exact[:2])
+        assert 0.6 < part / (true - value) < 1.4
+
+
+def test_one_step_is_compared_with_two():
+    one, two = (solve(turned_foot(steps, error=steps == 1)) for steps in (1, 2))
+    part = one.estimate.goals["foot.force.x"].parts["load steps"]
+    change = two.steps[-1]["obstacles"]["foot"]["force"][0]
+    change -= one.steps[-1]["obstacles"]["foot"]["force"][0]
+    assert part == pytest.approx(2 * change, rel=1e-4)
+
+
+@mpi
+def test_ranks_have_the_same_estimate(comm):
+    scene = scenes.load("seal", cells=4, steps=2, squeeze=0.1, error=True)
+    shared, alone = (solve(scene, ranks).estimate.goals[FORCE] for ranks in (comm, MPI.COMM_SELF))
+    for name, part in alone.parts.items():
+        assert shared.parts[name] == pytest.approx(part, rel=1e-4, abs=1e-4), name
+
+
+def test_levels_follow_the_path_again_with_stiffer_penalties():
+    wanted = Accuracy(goals=[FORCE], within=0.02)
+    result = solve(scenes.load("seal", cells=4, steps=3, squeeze=0.15, accuracy=wanted))
+    found = result.record["accuracy"]
+    assert found["reached"]
+    assert [level["load_steps"] for level in found["levels"]] == [3] * len(found["levels"])
+    first, last = (level["goals"][FORCE] for level in (found["levels"][0], found["levels"][-1]))
+    assert abs(last["parts"]["penalty"]) < 0.3 * abs(first["parts"]["penalty"])
+    known = seal(8).estimate.goals[FORCE].corrected
+    assert last["best"] == pytest.approx(known, rel=0.02)
