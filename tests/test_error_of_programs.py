@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import ufl
 from bodies import PRESS
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx_programs import Bar, Press, converged, unit_cube
 from running import solve
 
 import fem_snh
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Probe, Reaction
+from fem_snh.scenes import Accuracy, Probe, Reaction
 from fem_snh.terms.traction import Traction
 
 SNH = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.49)
@@ -31,6 +31,8 @@ def test_a_program_has_the_errors_of_its_scene(comm):
             "error": True,
         }
     )
+    named = ["side", "top.force", "top.moment", "right.mean", "energy", "volume", "stress"]
+    scene = scene.model_copy(update={"accuracy": Accuracy(goals=named)})
     of_scene = solve(scene, comm=comm)
     body = Press(of_scene.problem.domain, height=-0.5)
     problem = fem_snh.NonlinearProblem(body.u, {SNH: ufl.dx}, bcs=body.bcs)
@@ -38,10 +40,14 @@ def test_a_program_has_the_errors_of_its_scene(comm):
     assert converged(problem)
     before = body.u.x.array.copy()
     goals = {"side": POINT, "top.force": body.bcs[1], "energy": "energy", "volume": "volume"}
-    goals["top.moment"] = (body.bcs[1], (0, 0, -1))
+    goals |= {"top.moment": (body.bcs[1], (0, 0, -1)), "stress": (ufl.dx, "stress")}
+    face = mesh.locate_entities_boundary(body.domain, 2, lambda x: np.isclose(x[0], 1))
+    tags = mesh.meshtags(body.domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
+    goals["right.mean"] = ufl.Measure("ds", domain=body.domain, subdomain_data=tags)(1)
     found = problem.estimate_error(goals)
     assert found.reason == ""
     assert (body.u.x.array == before).all()
+    assert found.goals.keys() == of_scene.goals.keys()
     for name, goal in found.goals.items():
         other = of_scene.goals[name]
         assert goal.value == pytest.approx(other["value"], rel=1e-5, abs=1e-6)
@@ -92,7 +98,8 @@ def test_terms_are_carried_over(comm):
     ("goals", "message"),
     [
         ([(1, 2)], "goals[0] = (1, 2): expected a point [x, y, z]"),
-        (["stress"], "goals[0] = 'stress': expected a point"),
+        (["strain"], "goals[0] = 'strain': expected a point"),
+        ([(ufl.ds, "stress")], "goals[0] = 'ds(everywhere)': expected a measure of cells, dx(...)"),
         ({"far": (3, 0, 0)}, "outside the body"),
         ([], "expected at least one goal"),
         ("energy", "expected a list of goals"),

@@ -121,9 +121,10 @@ def _tagged(measure: Any, domain: Any) -> dict[int, Array]:
     return {i: entities[np.isin(entities, known)].astype(np.int32) for i, entities in found.items()}
 
 
-def is_measure(measure: Any) -> bool:
-    """Return whether an object is a UFL measure of cells (dx)."""
-    return isinstance(measure, ufl.Measure) and measure.integral_type() == "cell"
+def is_measure(measure: Any, facets: bool = False) -> bool:
+    """Return whether an object is a UFL measure of cells (dx), or of exterior ``facets`` (ds)."""
+    kinds = ("cell", "exterior_facet")[: 1 + facets]
+    return isinstance(measure, ufl.Measure) and measure.integral_type() in kinds
 
 
 def mesh_dimension(domain: Any) -> tuple[int, int]:

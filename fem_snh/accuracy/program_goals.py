@@ -28,6 +28,8 @@ from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
 from fem_snh.problem.program_reactions import condition_number, three_numbers
+from fem_snh.tables.types import surface_name
+from fem_snh.terms.body import measure_parts
 from fem_snh.terms.feature import Feature
 from fem_snh.terms.rigid import RESULTS, Rigid
 
@@ -36,7 +38,8 @@ _ACCEPTED = (
     "a pair of a condition and a point (the moment of its force about it), "
     "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, a rigid part (its "
     "displacement) or a pair of one and 'displacement', 'rotation', 'force' or 'moment', "
-    "a UFL form of rank 0 in u, 'volume' or 'energy'"
+    "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', or a pair of a measure of cells and "
+    "one of the last two"
 )
 
 
@@ -61,7 +64,8 @@ class EstimatesErrors:
             force about it), an obstacle or a contact of ``terms`` (the force on the body or on the
             first surface), a cavity (its pressure), a rigid part (the displacement of its point),
             a pair of one and "displacement", "rotation", "force" or "moment", a UFL form of rank 0
-            in ``u``, "volume" (deformed over reference volume) or "energy". A mapping names them.
+            in ``u``, "energy", "volume" (deformed over reference volume), "stress" (mean of von
+            Mises'), or a pair of a measure of cells and one of these two. A mapping names them.
 
         Returns
         -------
@@ -124,17 +128,17 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
 def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: int) -> Goal:
     key, kinematics = f"goals[{name or number}]", problem.kinematics
     components = range(kinematics.components)
+    if isinstance(goal, str) and goal == "energy" and problem.has_energy:
+        return EnergyGoal(name or goal)
+    if of_cells := _of_cells(problem, name, key, goal):
+        return of_cells
     if isinstance(goal, str):
-        if goal == "volume" and problem.regions:
-            return VolumeGoal(name or goal)
-        if goal == "energy" and problem.has_energy:
-            return EnergyGoal(name or goal)
         raise bad_value(key, goal, _ACCEPTED)
     if isinstance(goal, ufl.Form):
         if goal.arguments() or problem.u not in goal.coefficients():
             raise bad_value(key, "a form", "a form of rank 0 that contains u")
         return FunctionalGoal(name or key, goal, problem.u)
-    if _dolfinx.is_measure(goal):
+    if _dolfinx.is_measure(goal, facets=True):
         return MeanGoal(name or f"mean {number}", goal, components)
     part, result = goal if isinstance(goal, tuple) and len(goal) == 2 else (goal, RESULTS[0])
     if isinstance(part, Rigid) and any(part is term for term in problem.given_terms):
@@ -163,6 +167,26 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
     shown = f"({', '.join(f'{x:g}' for x in point)})"
     place = [*map(float, point), *[0.0] * (3 - len(point))]
     return PointGoal(name or shown, place, components)
+
+
+def _of_cells(problem: Problem, name: str, key: str, goal: Any) -> Goal | None:
+    """Return a volume or a stress of the body, or of a pair's measure of cells; None for others."""
+    measure, kind = goal if isinstance(goal, tuple) and len(goal) == 2 else (None, goal)
+    if not isinstance(kind, str) or kind not in ("volume", "stress") or not problem.regions:
+        return None
+    cells, label = None, name or kind
+    if measure is not None:
+        if not _dolfinx.is_measure(measure, facets=True):
+            return None
+        dim, cells = measure_parts(problem.domain, key, measure)
+        if dim < problem.domain.topology.dim:
+            raise bad_value(key, surface_name(measure), "a measure of cells, dx(...)")
+        cells, label = cells[cells < _dolfinx.num_owned(problem.domain)], name or f"{key}.{kind}"
+    if kind == "volume":
+        return VolumeGoal(label, cells)
+    from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
+
+    return StressGoal(label, cells)
 
 
 def _result(problem: Problem, feature: Feature) -> str:
