@@ -36,6 +36,7 @@ LAZY = {
     "contact": "a scene imports only the method of contact that it names",
     "terms": "tables are read and validated without PETSc; their terms need it",
     "scenes": "scenes are listed without sympy, which checks materials; without numpy's bones",
+    "accuracy.program_goals": "sympy splits energies for those who ask for a stress",
     "steps.time_steps": "a quasi-static scene imports no integrator",
     "studies": "pictures and gmsh are for the studies that need them",
     "viewing": "each kind of export and of page imports its own library",

@@ -131,8 +131,8 @@ def test_cells_get_smaller_where_the_error_is():
 def test_decisions():
     """A value serves if its error is within the request, a corrected one if its own error is."""
 
-    def estimate(value, error, scale=1.0, unit=0.0):
-        return Estimate(goals={"a": GoalError(value, error, scale, unit)})
+    def estimate(value, error, scale=1.0):
+        return Estimate(goals={"a": GoalError(value, error, scale)})
 
     levels = Levels(0.01, {"max_dofs": 5000})
     levels.add(LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6, fineness=4), estimate(0.9, 0.1))
@@ -160,7 +160,7 @@ def test_decisions():
     # A component that is small beside the largest displacement is judged by that.
     levels = Levels(0.01)
     row = LevelRow("Q1P0", 1, 64, 500, 1.0, 1e6)
-    levels.add(row, estimate(1e-9, 1e-9, scale=1e-9, unit=1.0))
+    levels.add(row, estimate(1e-9, 1e-9, scale=1e-3))
     assert levels.reached
     levels.add(LevelRow("Q1P0", 1, 512, 4000, 1.0, 1e6), Estimate(reason="far away"))
     assert not levels.reached and levels.lines() == [

@@ -9,7 +9,7 @@ from rigid_bodies import HEIGHT, INNER, MU, OUTER, E, bushing, bushing_mesh, cor
 from running import solve
 
 from fem_snh.geometry.rotations import exponential, logarithm
-from fem_snh.scenes import Geometry, MaterialChoice, Move, Rigid, Scene
+from fem_snh.scenes import Contact, Geometry, MaterialChoice, Move, Rigid, Scene
 from fem_snh.scenes import Hold as HoldTable
 
 mpi = pytest.mark.mpi
@@ -192,3 +192,30 @@ def test_a_steel_sleeve_that_conditions_turn_takes_no_more_iterations(comm, mesh
         assert result.converged and len(result.record["steps"]) == 1
         newton.append(result.record["steps"][0]["newton"])
     assert newton[1] <= 3 * newton[0]
+
+
+@mpi
+def test_rigid_body_in_contact_is_a_moved_surface_and_its_force(comm):
+    """A block that is pressed onto another: moved, rigid and moved, rigid and loaded."""
+    keys = {
+        "mesh": Geometry(source="two_blocks", parameters={"gap": 0.1, "upper_width": 0.6}),
+        "cells": 2,
+        "element": "Q1",
+        "steps": 2,
+        "material": MaterialChoice(name="stable_neo_hookean", E=1e4, nu=0.3),
+        "hold": [HoldTable(group="bottom")],
+        "contact": [Contact(groups=("lower_top", "upper_bottom"))],
+        "petsc": TIGHT,
+    }
+    move = Move(group="upper_surface", translate=(0, 0, -0.3))
+    moved = solve(Scene(name="moved", move=[move], **keys), comm)
+    part = Rigid(group="upper", translate=(0, 0, -0.3))
+    rigid = solve(Scene(name="rigid", rigid=[part], **keys), comm)
+    force = rigid.steps[-1]["rigid"]["upper"]["force"]
+    other = moved.steps[-1]["contacts"]["lower_top/upper_bottom"]["force"]
+    assert force == pytest.approx(other, abs=1e-6) and force[2] < -1000
+    held = {"translate": (0, 0, 0), "free": ("z",), "spring": {"stiffness": 3000.0}}
+    load = Rigid(group="upper", force=(0, 0, force[2] - 3000 * 0.3), **held)
+    pressed = solve(Scene(name="pressed", rigid=[load], **keys), comm)
+    position = pressed.steps[-1]["rigid"]["upper"]["position"]
+    assert position == pytest.approx(rigid.steps[-1]["rigid"]["upper"]["position"], abs=1e-8)

@@ -11,7 +11,7 @@ from running import record, solve
 import fem_snh
 from fem_snh.errors import BadInput
 from fem_snh.geometry.rotations import exponential
-from fem_snh.scenes import BoneChoice, Geometry, MaterialChoice, Rigid, Scene
+from fem_snh.scenes import BoneChoice, Geometry, Hold, MaterialChoice, Rigid, Scene
 from fem_snh.viewing.render.records import obstacle_poses
 
 mpi = pytest.mark.mpi
@@ -113,7 +113,10 @@ def test_surface_of_a_file_is_copied_to_the_folder(tmp_path):
     ("keys", "message"),
     [
         ({"shape": {"sphere": {"center": (9, 0, 0), "radius": 1}}}, "part with nodes of the body"),
-        ({"shape": {"plane": {"point": (0, 0, 0.3)}}}, "rigid.about = None: expected a point"),
+        (
+            {"shape": {"plane": {"point": (0, 0, 0.3)}}},
+            "'about', a point, with a shape that has no",
+        ),
     ],
 )
 def test_shapes_that_do_not_fit_are_refused_on_every_rank(comm, keys, message):
@@ -132,3 +135,22 @@ def test_shapes_that_do_not_fit_are_refused_on_every_rank(comm, keys, message):
 def test_a_part_is_one_thing_and_a_shape_has_a_name(keys, message):
     with pytest.raises(BadInput, match=message):
         fem_snh.Rigid(**keys)
+
+
+@mpi
+def test_shapes_have_no_estimate_of_the_error(comm):
+    """Each element has other nodes in them, so that another mesh contradicts what it would say."""
+    for keys in ({"rigid": parts(joint=HINGE | {"torque": 500.0})}, {"bone": bones(0.2)}):
+        estimate = solve(arm(**keys, error=True), comm).estimate
+        assert "is a shape, of which another element or mesh has other nodes" in estimate.reason
+
+
+def test_polygon_has_a_middle_in_the_plane():
+    corners = [(10, 10), (25, 12), (20, 30)]
+    part = Rigid(name="part", shape={"polygon": {"points": corners}}, translate=(0, 1, 0))
+    scene = arm(
+        cells=12, mesh=Geometry(source="cook"), kinematics="plane_strain", hold=[Hold(group="left")]
+    )
+    scene = scene.model_copy(update={"rigid": [part]})
+    state = solve(scene).steps[-1]["rigid"]["part"]
+    assert state["position"] == pytest.approx((17.5, 21, 0), abs=1e-9)

@@ -48,6 +48,9 @@ _UNSETTLED = 0.2
 _LEAST_NEWTON, _REDUCED = 2, 1e-2
 #: Components below this part of their vector are not printed: the solvers leave that much.
 _SHOWN = 1e-5
+#: Goals are relative to the largest component of the same vector, or to this part of the largest
+#: displacement or force, if that is more.
+_LEAST_SCALE = 1e-3
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -63,20 +66,18 @@ class GoalError:
     error : float or None
         The estimate of what is to be added to it; None: no estimate.
     scale : float
-        The largest size of a component of the same vector.
-    unit : float
-        The size of the largest displacement or force; 0 for other goals.
+        The largest size of a component of the same vector, and at least a thousandth of the largest
+        displacement or force.
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, penalty, time steps; empty if there is one
-        source, the mesh.
+        The parts of the estimate by their source: mesh, penalty, time or load steps; empty if there
+        is one source, the mesh.
     """
 
     value: float
     error: float | None = None
     scale: float = 0.0
-    unit: float = 0.0
     unsettled: float = 0.0
     parts: dict[str, float] = field(default_factory=dict)
 
@@ -190,7 +191,8 @@ class Estimate:
 
     def announcement(self) -> str:
         """Return the line to print before the lifted problem is created."""
-        steps = f"the path again in {self.again:,} steps, and with " if self.again else ""
+        count = f"{self.again:,} step{'s' if self.again > 1 else ''}"
+        steps = f"the path again in {count}, and with " if self.again else ""
         return (
             f"error estimate: {steps}{self.dofs:,} unknowns of {self.element} on the same cells, "
             f"about {self.memory / 1e6:.2g} MB"
@@ -236,6 +238,17 @@ class Estimate:
         }
 
 
+def goals_of(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
+    """Return the goals of a problem at its solution by name, without estimates. Collective."""
+    found: dict[str, GoalError] = {}
+    vectors = [goal.bind(problem)() for goal in goals]
+    for goal, vector in zip(goals, vectors, strict=True):
+        scale = max(*map(abs, vector), _LEAST_SCALE * goal.unit(problem))
+        pairs = zip(goal.names, vector, strict=True)
+        found |= {name: GoalError(value, None, scale) for name, value in pairs}
+    return found
+
+
 def estimate_error(
     problem: Problem,
     make: Callable[[Element], Problem],
@@ -263,13 +276,7 @@ def estimate_error(
         the cells is exactly the linearised error only with the Hessian at the lifted solution,
         which is assembled for "exactly"; otherwise that of the last Newton iteration serves.
     """
-    start, found = perf_counter(), Estimate()
-    vectors = [goal.bind(problem)() for goal in goals]
-    for goal, vector in zip(goals, vectors, strict=True):
-        scale = max(map(abs, vector))
-        pairs = zip(goal.names, vector, strict=True)
-        unit = goal.unit(problem)
-        found.goals |= {name: GoalError(value, None, scale, unit) for name, value in pairs}
+    start, found = perf_counter(), Estimate(goals_of(problem, goals))
     try:
         _find_errors(problem, make, goals, found, announce, locate)
         for name, indicators in found.indicators.items():

@@ -32,9 +32,6 @@ _SAFETY = {1: 1.4, 2: 1.5}
 _SAFETY_OF_P2P0 = 4.0
 #: A corrected value serves if the correction is at most so many times the request.
 _LARGEST_CORRECTION = 20.0
-#: Relative errors are of the largest component of the same vector, or of this part of the largest
-#: displacement or force, if that is more.
-_LEAST_SCALE = 1e-3
 #: Least bound of a component, over the largest one of the same vector.
 _LEAST_OF_VECTOR = 0.1
 #: Order in h of the errors of singular solutions, by the degree of the displacement: the error of
@@ -244,7 +241,7 @@ class Levels:
     ) -> GoalLevel:
         error = goal.error or 0.0
         corrected = goal.value + error
-        scale = max(goal.scale, abs(corrected), _LEAST_SCALE * goal.unit)
+        scale = max(goal.scale, abs(corrected))
         singular = self.dim == 2 and row.element == "P2P0"
         safety = _SAFETY_OF_P2P0 if singular else _SAFETY[row.degree]
         size = sum(map(abs, goal.parts.values())) or abs(error)  # parts may cancel

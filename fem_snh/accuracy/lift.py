@@ -115,8 +115,25 @@ def depends_on_path(problem: Problem) -> bool:
     return any([problem.comm.allreduce(term.history()[1].size) > 0 for term in terms])
 
 
+def check_body(problem: Problem) -> None:
+    """Raise NoEstimate for a body of which each element and each mesh has another shape.
+
+    The nodes in a solid that the mesh does not know are a body whose surface follows the cells: the
+    lifted element has other nodes, and its space does not contain the run's solution.
+    """
+    placed = getattr(problem.dirichlet, "bones", ())
+    solids = {bone.bone.name: "bone" for bone in placed if bone.bone.shape is not None}
+    solids |= dict.fromkeys(problem.rigid.shapes if problem.rigid else (), "rigid part")
+    for name, kind in solids.items():
+        raise NoEstimateOnAnyMesh(
+            f"the {kind} '{name}' is a shape, of which another element or mesh has other nodes: it "
+            "needs a 'group' of the mesh"
+        )
+
+
 def check_problem(problem: Problem) -> None:
-    """Raise NoEstimate for a problem whose state depends on its path. Collective."""
+    """Raise NoEstimate for a state that depends on its path, and as `check_body`. Collective."""
+    check_body(problem)
     if depends_on_path(problem):
         names = " and ".join(f"'{name}'" for name in problem.history.by_name)
         raise NoEstimateOnAnyMesh(

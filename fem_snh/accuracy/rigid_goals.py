@@ -45,11 +45,11 @@ class RigidGoal:
         return values
 
     def unit(self, problem: Problem) -> float:
-        """See `Goal.unit`."""
-        if self._kind == "rotation":
-            return 0.0
+        """See `Goal.unit`. That of a rotation is the displacement over the body's size."""
         if self._kind == "displacement":
             return largest_displacement(problem)
+        if self._kind == "rotation":
+            return largest_displacement(problem) / problem.length
         arm = problem.length if self._kind == "moment" else 1.0
         return arm * problem.largest_force(problem.x)
 

@@ -105,6 +105,8 @@ def run(
     if scene.within:
         from fem_snh.runs.levels import run_levels
 
+        if resume:
+            raise BadInput("--resume: expected without --accuracy, whose levels start again")
         solve = partial(run_levels, comm, solve, printed)
     if out is None:
         return solve(scene)
@@ -168,8 +170,7 @@ def _run(
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
-        rows = recorder.record["steps"]
-        recorder.add_notes(final_notes(setup.problem, rows, setup.make))
+        recorder.add_notes(final_notes(setup.problem, recorder.record["steps"], setup.make))
         recorder.save(status)
         path = folder.path if folder else None
         # PETSc does not report misspelt options.

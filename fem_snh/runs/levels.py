@@ -25,7 +25,6 @@ from fem_snh.accuracy.levels import LevelRow, Levels, target_volumes
 from fem_snh.accuracy.lift import available_memory
 from fem_snh.assembly.elements import ELEMENTS
 from fem_snh.assembly.kinematics import kinematics_of
-from fem_snh.errors import BadInput
 from fem_snh.mesh.bisection import bisect
 from fem_snh.mesh.mesh import Mesh, cell_volumes, distribute, gather
 from fem_snh.problem.problem import Problem
@@ -35,7 +34,6 @@ from fem_snh.runs.result import Result
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
-    from fem_snh.runs.checkpoint import Checkpoint
     from fem_snh.runs.folder import Folder
     from fem_snh.runs.progress import Progress
     from fem_snh.runs.setup import Setup
@@ -124,7 +122,7 @@ def run_levels(
     printed: Progress,
     scene: scenes.Scene,
     folder: Folder | None = None,
-    stored: Checkpoint | None = None,
+    stored: None = None,
 ) -> Result:
     """Solve a scene on finer and finer meshes until its goals are within the request. Collective.
 
@@ -140,21 +138,14 @@ def run_levels(
         The scene, whose ``accuracy.within`` is set.
     folder : Folder, optional
         The folder of the output, which has that of the last level.
-    stored : Checkpoint, optional
-        That of a run to resume, which is refused.
+    stored : None, optional
+        The driver's checkpoint: there is none, as levels are not resumed.
 
     Returns
     -------
     Result
         That of the last level. ``record["accuracy"]`` has all of them.
-
-    Raises
-    ------
-    BadInput
-        On every rank, for a run to resume.
     """
-    if stored is not None:
-        raise BadInput("--resume: expected without --accuracy, whose levels start again")
     wanted = scene.accuracy
     assert wanted is not None and wanted.within is not None
     limits = {key: getattr(wanted, key) for key in ("max_time", "max_memory", "max_dofs")}

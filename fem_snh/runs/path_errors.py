@@ -20,9 +20,17 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.estimate import Estimate, goals_of
 from fem_snh.accuracy.goals import Goal
-from fem_snh.accuracy.lift import NoEstimate, check_memory, lifted_dofs, lifted_elements, memory
+from fem_snh.accuracy.lift import (
+    NoEstimate,
+    NoEstimateOnAnyMesh,
+    check_body,
+    check_memory,
+    lifted_dofs,
+    lifted_elements,
+    memory,
+)
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
 from fem_snh.runs.goals import scene_goals
@@ -59,12 +67,8 @@ def estimate_on_path(
     announce : callable, optional
         Called before the path is followed again, with unknowns and memory.
     """
-    start, found, problem = perf_counter(), Estimate(), setup.problem
-    vectors = [goal.bind(problem)() for goal in goals]
-    for goal, vector in zip(goals, vectors, strict=True):
-        scale, unit = max(map(abs, vector)), goal.unit(problem)
-        pairs = zip(goal.names, vector, strict=True)
-        found.goals |= {name: GoalError(value, None, scale, unit) for name, value in pairs}
+    start, problem = perf_counter(), setup.problem
+    found = Estimate(goals_of(problem, goals))
     try:
         parts = _errors(comm, scene, setup, found, announce)
         for i, (name, known) in enumerate(list(found.goals.items())):
@@ -72,6 +76,7 @@ def estimate_on_path(
             found.goals[name] = replace(known, error=sum(own.values()), parts=own)
     except NoEstimate as reason:
         found.reason = str(reason)
+        found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
     problem.split(problem.x)
     found.seconds = perf_counter() - start
     return found
@@ -86,6 +91,7 @@ def _errors(
 ) -> dict[str, npt.NDArray[Any]]:
     """Return the errors of steps, mesh and penalties; raise NoEstimate if there are none."""
     problem, steps = setup.problem, _steps(scene)
+    check_body(problem)
     element = next(lifted_elements(problem))
     found.element, found.dofs = element.name, lifted_dofs(problem, element)
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2

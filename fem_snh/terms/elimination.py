@@ -34,12 +34,15 @@ class EliminatingTerm(Protocol):
         Their displacement dofs.
     labels : (n,) int
         The part of each of them.
+    shapes : list of str
+        The names of the parts that are shapes, not groups of the mesh.
     """
 
     cells: npt.NDArray[Any]
     nodes: npt.NDArray[Any]
     dofs: npt.NDArray[Any]
     labels: npt.NDArray[Any]
+    shapes: list[str]
 
     @property
     def number(self) -> int:

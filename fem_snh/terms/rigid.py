@@ -215,7 +215,17 @@ class Rigid(Feature):
             raise BadInput("'rigid' and 'bone' exclude each other: expected one of them")
         if features and scene.nu_continuation:
             raise BadInput("'rigid' and 'nu_continuation' exclude each other: expected one of them")
+        obstacles = [obstacle.name for obstacle in scene.obstacle]
+        for part in features:
+            if part.label in obstacles:
+                raise bad_value("rigid.name", part.label, "a name that no obstacle has")
         check_names(features)
+
+    @property
+    def where(self) -> str:
+        """The key that says which nodes it has, for messages."""
+        given = (key for key in ("group", "shape", "surface") if getattr(self, key) is not None)
+        return f"rigid.{next(given)}"
 
     def solid(self) -> Shape | None:
         """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""

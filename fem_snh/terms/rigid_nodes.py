@@ -65,8 +65,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     numbers = np.where(chosen >= 0, order[chosen], -1)
     for i, part in enumerate(parts):
         if not comm.allreduce(int(np.count_nonzero(numbers == i))):
-            key = "rigid.shape" if part.group is None else "rigid.group"
-            raise bad_value(key, part.label, "a part with nodes of the body")
+            raise bad_value(part.where, part.label, "a part with nodes of the body")
     vector = _dolfinx.create_vector(V)
     vector.array[:] = np.repeat(numbers, columns)
     update_ghosts(vector)
@@ -76,11 +75,12 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
 def _solid(part: Rigid, body: Body) -> Shape:
     """Return the shape of a part. Raises BadInput on every rank. Collective."""
     if body.skin is not None:
-        raise bad_value("rigid.shape", part.label, "a 'group', of a lattice")
+        raise bad_value(part.where, part.label, "a 'group': a lattice has no nodes in shapes")
     solid = on_every(body.domain.comm, part.solid)
     assert solid is not None
-    if part.about is None and part.joint is None and not np.isfinite(solid.bounds).all():
-        raise bad_value("rigid.about", None, "a point, of a shape that has no end")
+    ends = np.isfinite(solid.bounds[:, : body.kinematics.dim]).all()
+    if part.about is None and part.joint is None and not ends:
+        raise bad_value(part.where, part.label, "'about', a point, with a shape that has no end")
     return solid
 
 

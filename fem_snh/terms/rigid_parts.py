@@ -72,6 +72,8 @@ class RigidParts:
         The parts' names.
     cells : (n,) int
         This rank's own cells whose nodes all are on one part.
+    shapes : list of str
+        Those of parts that are shapes, not groups of the mesh.
     nodes, labels : (n,) int
         This rank's own nodes of the parts, and the part of each.
     dofs : (n, components) int
@@ -94,6 +96,7 @@ class RigidParts:
         self._V, self._duration = V, body.amplitudes.duration
         self._comm: MPI.Comm = V.mesh.comm
         self.names = [part.label for part in parts]
+        self.shapes = [part.label for part in parts if part.group is None]
         owned = _dolfinx.num_nodes(V)[0]
         self._kinematics = body.kinematics
         #: Which components of a twist there are, (6,), and of a translation.
@@ -197,9 +200,9 @@ class RigidParts:
         counts = np.stack([inside & fixed, fixed, np.ones_like(fixed)], axis=1).astype(float)
         for part, (within, given, every) in zip(self._parts, self._sum(counts), strict=True):
             if within or given == every:
-                accepted = "a part that no Dirichlet condition constrains beyond its surface: it "
-                accepted += "has 'translate', 'rotate' and 'free'"
-                raise bad_value("rigid.group", part.label, accepted)
+                accepted = "a part without constrained nodes inside of it (its own keys "
+                accepted += "'translate', 'rotate' and 'free' constrain it)"
+                raise bad_value(part.where, part.label, accepted)
         dirichlet.release(local >= 0)
 
     def _inner_cells(self, V: Any, local: Array) -> Array:
@@ -214,10 +217,10 @@ class RigidParts:
         inertia = (traces[:, None, None] * np.eye(3) - squares)[:, about][:, :, about]
         for part, moments, trace in zip(self._parts, inertia, traces, strict=True):
             if not np.linalg.eigvalsh(moments).min(initial=1.0) > _ON_A_LINE**2 * trace:
-                accepted = "a group with three nodes that are not on a line"
+                accepted = "a part with three nodes that are not on a line"
                 if self._kinematics.revolved:
-                    accepted = "a group with a node that is not on the axis"
-                raise bad_value("rigid.group", part.label, accepted)
+                    accepted = "a part with a node that is not on the axis"
+                raise bad_value(part.where, part.label, accepted)
         return np.asarray(np.sqrt(np.where(traces > 0, traces, 1.0) / self._counts[:, 0]))
 
     def _link(self, number: int, radius: float, middle: Array) -> Link:
