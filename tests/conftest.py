@@ -53,23 +53,27 @@ def toml(tmp_path: Path) -> Path:
     return path
 
 
-# --- tests that run on one Debian only ------------------------------------------------------------
+# --- tests that run on one Debian or on one rank only ---------------------------------------------
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--other-debian",
         action="store_true",
-        help="leave out the tests whose result is the same on every Debian, and on several ranks "
-        "all but the first parameters of each test",
+        help="leave out the tests whose result is the same on every Debian",
+    )
+    parser.addoption(
+        "--every-parameter",
+        action="store_true",
+        help="on several ranks, run every test with all of its parameters, not the first alone",
     )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if not config.getoption("other_debian"):
-        return
-    kept = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
-    if _ranks(config) > 1:  # the first parameters of each test: all of them run on one rank
+    kept = list(items)
+    if config.getoption("other_debian"):
+        kept = [item for item in items if item.path.stem not in SAME_ON_EVERY_DEBIAN]
+    if _ranks(config) > 1 and not config.getoption("every_parameter"):  # all of them run on one
         kept = list({item.nodeid.split("[")[0]: item for item in reversed(kept)}.values())[::-1]
     left = set(kept)
     config.hook.pytest_deselected(items=[item for item in items if item not in left])
