@@ -149,10 +149,6 @@ class Dynamics:
         self._motion.project(v)
         v += motion.v
         self._rigid = problem.rigid
-        if self._rigid and self.integrator.shift:
-            # Its acceleration is that of another time than the pose, with which it turns.
-            accepted = "newmark, bdf2, backward_euler or semi_implicit, as there are rigid parts"
-            raise bad_value("time.integrator", self.integrator.name, accepted)
         if self._rigid:
             turning = self._rigid.make_rigid(problem.x, self.mass, v)
             motion.a[self._rigid.dofs] = turning
@@ -188,7 +184,7 @@ class Dynamics:
         rate, origin = formulas.acceleration.rate, formulas.acceleration.origin
         inertia = Affine(new * rate, origin - old / (new * rate) * formulas.old_acceleration)
         inertia.set_values(project, motion.u, motion.a + formulas.old_forces * state.a)
-        constant = formulas.old_forces * self._forces if formulas.old_forces else None
+        constant = formulas.old_forces * self._old_forces() if formulas.old_forces else None
         balance.set_step(inertia, formulas.velocity, constant)
 
     def cancel_step(self) -> None:
@@ -200,7 +196,7 @@ class Dynamics:
         h, load, state, formulas = self._step
         u = np.array(local_values(problem.split(problem.x)[0]))
         v, a = formulas.velocity(u), formulas.acceleration(u)
-        if self._rigid:
+        if self._rigid and not self.integrator.shift:  # else they are of other times than the pose
             self._rigid.make_rigid(problem.x, self.mass, v, a)
         weight, moved = self.integrator.end_weight, (u - state.u)[: self.mass.num_owned]
         balance, damping = self._balance, self._balance.damping_forces(v)
@@ -257,6 +253,19 @@ class Dynamics:
             available = self._first_energy + self.work - self.dissipated
             found["numerical_dissipation"] = available - total_energy(found)
         return found
+
+    def _old_forces(self) -> Array:
+        """Return all forces but those of inertia at the step's start, (owned dofs,). Collective.
+
+        On nodes of rigid parts they include those that keep the parts rigid: they turn, and are in
+        balance at each end of the step, but not their mean (Arnold & Brüls 2007).
+        """
+        if not self._rigid:
+            return self._forces
+        a = self._acceleration(self.a.x.array, self._before and self._before.a)
+        forces, dofs = self._forces.copy(), self._rigid.dofs
+        forces[dofs] = -self._balance.inertial_forces(a)[dofs]
+        return forces
 
     @property
     def _needs_forces(self) -> bool:
