@@ -89,7 +89,7 @@ def test_a_mesh_of_one_part_has_no_groups_to_hide(tmp_path):
     solve("twist", cells=1, steps=1, angle=0.1, out=tmp_path / "run")
     assert "cell_groups" not in record(tmp_path / "run")
     message = bad(render.StoredRun, tmp_path / "run", "J", view_options(hide=["body"]))
-    accepted = "a run with obstacles, bones or several groups of cells"
+    accepted = "a run with obstacles, bones, rigid shapes or several groups of cells"
     assert message == f"--hide = 'body': expected {accepted}"
     message = bad(lambda: render.main(tmp_path, modes=True, view=view_options(hide=["body"])))
     assert message == "--modes and --hide: expected one of the two"
