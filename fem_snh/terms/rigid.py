@@ -201,7 +201,7 @@ class Rigid(Feature):
 
     @property
     def unknown_results(self) -> list[str]:
-        """Which of `RESULTS` are unknown: the motions that are free, and forces where none is."""
+        """Which of its results are unknown: the motions that are free, and forces where none is."""
         *translations, rotation = self.free_motions
         moves, turns = any(translations), rotation
         if self.joint:
