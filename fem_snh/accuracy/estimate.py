@@ -238,8 +238,33 @@ class Estimate:
         }
 
 
-def goals_of(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
-    """Return the goals of a problem at its solution by name, without estimates. Collective."""
+def estimated(
+    problem: Problem, goals: Sequence[Goal], find: Callable[[Estimate], None]
+) -> Estimate:
+    """Return the goals of a problem with their errors, or why there are none. Collective.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem at its solution; its state is unchanged.
+    goals : sequence of Goal
+        The goals.
+    find : callable
+        Adds the errors to the goals, or raises NoEstimate.
+    """
+    start, found = perf_counter(), Estimate(_without_errors(problem, goals))
+    try:
+        find(found)
+    except NoEstimate as reason:
+        found.reason = str(reason)
+        found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
+    problem.split(problem.x)
+    found.seconds = perf_counter() - start
+    return found
+
+
+def _without_errors(problem: Problem, goals: Sequence[Goal]) -> dict[str, GoalError]:
+    """Return the goals of a problem at its solution by name. Collective."""
     found: dict[str, GoalError] = {}
     vectors = [goal.bind(problem)() for goal in goals]
     for goal, vector in zip(goals, vectors, strict=True):
@@ -276,18 +301,14 @@ def estimate_error(
         the cells is exactly the linearised error only with the Hessian at the lifted solution,
         which is assembled for "exactly"; otherwise that of the last Newton iteration serves.
     """
-    start, found = perf_counter(), Estimate(goals_of(problem, goals))
-    try:
+
+    def find(found: Estimate) -> None:
         _find_errors(problem, make, goals, found, announce, locate)
         for name, indicators in found.indicators.items():
             if where := place(problem, indicators, mesh):
                 found.places[name] = where
-    except NoEstimate as reason:
-        found.reason = str(reason)
-        found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
-    problem.split(problem.x)
-    found.seconds = perf_counter() - start
-    return found
+
+    return estimated(problem, goals, find)
 
 
 def _find_errors(

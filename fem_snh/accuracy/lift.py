@@ -124,7 +124,8 @@ def check_body(problem: Problem) -> None:
     placed = getattr(problem.dirichlet, "bones", ())
     solids = {bone.bone.name: "bone" for bone in placed if bone.bone.shape is not None}
     solids |= dict.fromkeys(problem.rigid.shapes if problem.rigid else (), "rigid part")
-    for name, kind in solids.items():
+    if solids:
+        name, kind = next(iter(solids.items()))
         raise NoEstimateOnAnyMesh(
             f"the {kind} '{name}' is a shape, of which another element or mesh has other nodes: it "
             "needs a 'group' of the mesh"

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from fem_snh.contact.contact import ContactTable
-from fem_snh.errors import BadInput, bad_value, on_every
+from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.motions import MovingShape, RigidMotion, read_motion
 from fem_snh.geometry.motions.moving import DisplacementMotion
 from fem_snh.geometry.shapes import Box, ClosedSurface, Revolved, Shape, read_polygon
@@ -19,7 +19,7 @@ from fem_snh.tables.amplitudes import MOTION_TABLE, Amplitudes, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, ScaledMotion, check_motion
 from fem_snh.tables.shapes import ShapeChoice
 from fem_snh.tables.types import FilePath, NonNegative, Surface, Text, Vector
-from fem_snh.tables.validation import Expect
+from fem_snh.tables.validation import Expect, given_key
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -69,11 +69,7 @@ class Obstacle(Feature, ContactTable):
 
     @model_validator(mode="after")
     def _check_keys_together(self) -> Obstacle:
-        keys = ("shape", "surface", "profile")
-        given = [key for key in keys if getattr(self, key) is not None]
-        if len(given) != 1:
-            found = ", ".join(given) or "none"
-            raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
+        given_key(self, "shape", "surface", "profile")
         check_motion(self, self.motion)
         return self
 

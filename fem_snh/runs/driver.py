@@ -111,8 +111,8 @@ def run(
     if out is None:
         return solve(scene)
     with Folder(comm, out, scene.files.values(), overwrite, resume) as folder:
-        stored = Checkpoint.read(folder, scene) if resume else None
-        result = solve(scene, folder=folder, stored=stored)
+        stored = {"stored": Checkpoint.read(folder, scene)} if resume else {}
+        result = solve(scene, folder=folder, **stored)
     comm.barrier()  # the files are complete before any rank returns
     return result
 

@@ -122,7 +122,6 @@ def run_levels(
     printed: Progress,
     scene: scenes.Scene,
     folder: Folder | None = None,
-    stored: None = None,
 ) -> Result:
     """Solve a scene on finer and finer meshes until its goals are within the request. Collective.
 
@@ -138,8 +137,6 @@ def run_levels(
         The scene, whose ``accuracy.within`` is set.
     folder : Folder, optional
         The folder of the output, which has that of the last level.
-    stored : None, optional
-        The driver's checkpoint: there is none, as levels are not resumed.
 
     Returns
     -------

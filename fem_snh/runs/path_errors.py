@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import ceil
-from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
@@ -20,11 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import scenes
-from fem_snh.accuracy.estimate import Estimate, goals_of
+from fem_snh.accuracy.estimate import Estimate, estimated
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import (
     NoEstimate,
-    NoEstimateOnAnyMesh,
     check_body,
     check_memory,
     lifted_dofs,
@@ -33,7 +31,6 @@ from fem_snh.accuracy.lift import (
 )
 from fem_snh.assembly.elements import Element
 from fem_snh.errors import BadInput
-from fem_snh.runs.goals import scene_goals
 from fem_snh.runs.setup import Setup, set_up
 
 #: The order of time steps with contact, whose beginning and end fall between steps, and that of
@@ -50,42 +47,27 @@ def estimate_on_path(
     scene: scenes.Scene,
     setup: Setup,
     goals: Sequence[Goal],
-    announce: Callable[[Estimate], None] = lambda estimate: None,
+    announce: Callable[[Estimate], None],
 ) -> Estimate:
     """Return the errors of goals at the end of a motion, or of load steps. Collective.
 
-    Parameters
-    ----------
-    comm : MPI.Comm
-        The communicator.
-    scene : Scene
-        The scene.
-    setup : Setup
-        Its run, at the end.
-    goals : sequence of Goal
-        The goals.
-    announce : callable, optional
-        Called before the path is followed again, with unknowns and memory.
+    The parameters are those of `fem_snh.runs.estimates.estimate_errors`.
     """
-    start, problem = perf_counter(), setup.problem
-    found = Estimate(goals_of(problem, goals))
-    try:
-        parts = _errors(comm, scene, setup, found, announce)
+
+    def find(found: Estimate) -> None:
+        parts = _errors(comm, scene, setup, goals, found, announce)
         for i, (name, known) in enumerate(list(found.goals.items())):
             own = {part: float(errors[i]) for part, errors in parts.items()}
             found.goals[name] = replace(known, error=sum(own.values()), parts=own)
-    except NoEstimate as reason:
-        found.reason = str(reason)
-        found.on_no_mesh = isinstance(reason, NoEstimateOnAnyMesh)
-    problem.split(problem.x)
-    found.seconds = perf_counter() - start
-    return found
+
+    return estimated(setup.problem, goals, find)
 
 
 def _errors(
     comm: MPI.Comm,
     scene: scenes.Scene,
     setup: Setup,
+    goals: Sequence[Goal],
     found: Estimate,
     announce: Callable[[Estimate], None],
 ) -> dict[str, npt.NDArray[Any]]:
@@ -99,8 +81,8 @@ def _errors(
     check_memory(problem, found.memory)
     values = np.array([goal.value for goal in found.goals.values()])
     half = _with_steps(scene, found.again)
-    coarse = _follow(comm, half, setup, found)
-    lifted = _follow(comm, half, setup, found, element)
+    coarse = _follow(comm, half, setup, goals, found)
+    lifted = _follow(comm, half, setup, goals, found, element)
     order = _CONTACT_ORDER
     if setup.stepper.motion and not (scene.obstacle or scene.contact or scene.self_contact):
         order = setup.stepper.motion.dynamics.integrator.order
@@ -110,7 +92,7 @@ def _errors(
         "mesh": lifted - coarse,
     }
     if problem.scale_penalties(1.0):  # there are some
-        stiff = _follow(comm, half, setup, found, stiffer=_STIFFER)
+        stiff = _follow(comm, half, setup, goals, found, stiffer=_STIFFER)
         parts["penalty"] = (stiff - coarse) * _STIFFER / (_STIFFER - 1)
     return parts
 
@@ -137,6 +119,7 @@ def _follow(
     comm: MPI.Comm,
     scene: scenes.Scene,
     setup: Setup,
+    goals: Sequence[Goal],
     found: Estimate,
     element: Element | None = None,
     stiffer: float = 1.0,
@@ -159,7 +142,6 @@ def _follow(
             raise NoEstimate(
                 f"with {found.again} steps of {name}: {again.stepper.failure_message()}"
             )
-        goals = scene_goals(scene, again.mesh, setup.problem.has_energy)
         values = np.array([v for goal in goals for v in goal.bind(again.problem)()])
     finally:
         again.destroy()

@@ -13,7 +13,7 @@ from fem_snh.choices import RESTS
 from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.tables.amplitudes import MOTION_TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate, check_motion
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
 from fem_snh.tables.types import (
     INT32_MAX,
     FilePath,
@@ -25,7 +25,7 @@ from fem_snh.tables.types import (
     Text,
     Vector,
 )
-from fem_snh.tables.validation import Expect, Table, Whole
+from fem_snh.tables.validation import Expect, Table, Whole, given_key
 
 if TYPE_CHECKING:
     from fem_snh.geometry.bones import Clip, RigidAffine
@@ -35,7 +35,6 @@ _MOTION = (
     "the path of a CSV file, a table { bvh, joint }, or a function of the load that returns a 3x4 "
     "matrix"
 )
-SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Function = Callable[[float], npt.ArrayLike]
 
 
@@ -178,10 +177,7 @@ class BoneChoice(Table):
 
     @model_validator(mode="after")
     def _check_keys_together(self) -> BoneChoice:
-        found = [key for key in ("shape", "surface", "group") if getattr(self, key) is not None]
-        if len(found) != 1:
-            listed = ", ".join(found) or "none"
-            raise BadInput(f"expected one of the keys shape, surface, group; found {listed}")
+        given_key(self, "shape", "surface", "group")
         check_motion(self, self.motion)
         if self.rigid and not isinstance(self.motion, Path):
             raise bad_value("rigid", True, "no value without the CSV file of a 'motion'")

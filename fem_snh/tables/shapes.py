@@ -8,9 +8,11 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from fem_snh.errors import BadInput
 from fem_snh.geometry.shapes import Shape, from_record
-from fem_snh.tables.types import Positive, Vector
+from fem_snh.tables.types import FilePath, Positive, Vector
 from fem_snh.tables.validation import Bounded, BoundedPositive, Expect, Table
 
+#: The file of a closed surface, in place of a shape.
+SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 Size = Annotated[
     tuple[BoundedPositive, ...],
     Field(min_length=3, max_length=3),

@@ -197,3 +197,18 @@ def one_line(error: ValidationError) -> str:
     what = _EXPECTED.get(first["type"]) or first["msg"].removeprefix("Input ")
     what = what.replace("should be", "expected")
     return f"{'.'.join(where)} = {shown(first['input'])}: {what}"
+
+
+def given_key(table: Table, *keys: str) -> str:
+    """Return the key that a table has of several that exclude each other.
+
+    Raises
+    ------
+    BadInput
+        For none or more than one of them.
+    """
+    given = [key for key in keys if getattr(table, key) is not None]
+    if len(given) != 1:
+        found = ", ".join(given) or "none"
+        raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
+    return given[0]

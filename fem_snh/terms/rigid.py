@@ -11,9 +11,8 @@ from fem_snh.errors import BadInput, bad_value, choose
 from fem_snh.geometry.shapes import ClosedSurface, Shape
 from fem_snh.tables.amplitudes import MOTION_TABLE, TABLE, TableName
 from fem_snh.tables.motions import TRANSLATE, Rotate
-from fem_snh.tables.shapes import ShapeChoice
+from fem_snh.tables.shapes import ShapeChoice, SurfaceFile
 from fem_snh.tables.types import (
-    FilePath,
     NonNegative,
     Number,
     Part,
@@ -22,7 +21,7 @@ from fem_snh.tables.types import (
     split_text,
     surface_name,
 )
-from fem_snh.tables.validation import Expect, Table
+from fem_snh.tables.validation import Expect, Table, given_key
 from fem_snh.terms.feature import Feature
 
 if TYPE_CHECKING:
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
 #: The motions of a part that may be free where others are prescribed.
 MOTIONS = ("x", "y", "z", "rotation")
-SurfaceFile = Annotated[FilePath, Expect("the path of an STL or OBJ file")]
 #: What each kind of joint leaves.
 KINDS = ("ball", "hinge", "slider")
 #: What may be goals of an error estimate, in the order in which a scene has them.
@@ -165,13 +163,9 @@ class Rigid(Feature):
 
     @model_validator(mode="after")
     def _check_nodes(self) -> Rigid:
-        keys = ("group", "shape", "surface")
-        given = [key for key in keys if getattr(self, key) is not None]
-        if len(given) != 1:
-            found = ", ".join(given) or "none"
-            raise BadInput(f"expected one of the keys {', '.join(keys)}; found {found}")
-        if self.group is None and self.name is None:
-            raise BadInput(f"missing key 'name': expected with '{given[0]}'")
+        given = given_key(self, "group", "shape", "surface")
+        if given != "group" and self.name is None:
+            raise BadInput(f"missing key 'name': expected with '{given}'")
         return self
 
     @model_validator(mode="after")
@@ -224,8 +218,7 @@ class Rigid(Feature):
     @property
     def where(self) -> str:
         """The key that says which nodes it has, for messages."""
-        given = (key for key in ("group", "shape", "surface") if getattr(self, key) is not None)
-        return f"rigid.{next(given)}"
+        return f"rigid.{given_key(self, 'group', 'shape', 'surface')}"
 
     def solid(self) -> Shape | None:
         """Return the shape whose nodes the part has, or None; read its file. Raises BadInput."""
