@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dolfinx_programs import converged
-from rigid_bodies import HEIGHT, INNER, MU, OUTER, E, bushing, bushing_mesh, corner_program
+from rigid_bodies import (
+    HEIGHT,
+    HINGE_BETWEEN,
+    INNER,
+    MU,
+    OUTER,
+    E,
+    bushing,
+    bushing_mesh,
+    corner_program,
+)
 from running import solve
 
 from fem_snh.geometry.rotations import exponential, logarithm
@@ -19,12 +29,7 @@ JOINTED = [
     {"tag": 2, "spring": {"stiffness": 30.0, "rotation": 3.0}},
     {
         "tag": 3,
-        "joint": {
-            "kind": "hinge",
-            "axis": (0.3, 1, 0.2),
-            "through": (0.4, 0.5, 0.8),
-            "to": "dx(2)",
-        },
+        "joint": HINGE_BETWEEN,
         "spring": {"rotation": 5.0},
     },
 ]

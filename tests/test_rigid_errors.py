@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dolfinx_programs import converged, unit_cube
-from rigid_bodies import bushing, bushing_mesh, corner_program
+from rigid_bodies import HINGE_BETWEEN, bushing, bushing_mesh, corner_program
 from running import solve
 
 from fem_snh.accuracy.goals import Linearisation, ReactionGoal
@@ -24,13 +24,7 @@ FREE = [
     {"tag": 2, "spring": {"stiffness": 3e3, "rotation": 300.0}, "force": (0, 100, -150)},
     {
         "tag": 3,
-        "joint": {
-            "kind": "hinge",
-            "axis": (0.3, 1, 0.2),
-            "through": (0.4, 0.5, 0.8),
-            "to": "dx(2)",
-            "torque": 200.0,
-        },
+        "joint": HINGE_BETWEEN | {"torque": 200.0},
         "spring": {"rotation": 500.0},
     },
 ]
