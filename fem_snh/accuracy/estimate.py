@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.accuracy.budget import algebra_errors, penalty_errors
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
@@ -24,7 +25,6 @@ from fem_snh.accuracy.lift import (
     lifted_elements,
     memory,
 )
-from fem_snh.accuracy.penalty import penalty_errors
 from fem_snh.accuracy.pressure_oscillation import may_lock
 from fem_snh.accuracy.saturation import saturation
 from fem_snh.assembly.elements import Element
@@ -51,6 +51,8 @@ _SHOWN = 1e-5
 #: Goals are relative to the largest component of the same vector, or to this part of the largest
 #: displacement or force, if that is more.
 _LEAST_SCALE = 1e-3
+#: What Newton's method left is a part of the errors from this part of one of them on.
+_LEAST_PART = 0.01
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -71,8 +73,8 @@ class GoalError:
     unsettled : float
         By how much further Newton iterations would change the estimate, about.
     parts : dict of float
-        The parts of the estimate by their source: mesh, penalty, time or load steps; empty if there
-        is one source, the mesh.
+        The parts of the estimate by their source: mesh, algebra, penalty, time or load steps; empty
+        if there is one source, the mesh.
     """
 
     value: float
@@ -159,6 +161,9 @@ class Estimate:
         Its unknowns and the memory that it needs [bytes], before it is created.
     saturation : float
         The factor by which the difference of the two solutions was multiplied.
+    algebra : float or None
+        By how much another Newton iteration of the run would change a goal at most, over its scale;
+        None: unknown.
     newton, linear : int
         Its Newton and linear iterations.
     penalty_newton : int
@@ -180,6 +185,7 @@ class Estimate:
     dofs: int = 0
     memory: float = 0.0
     saturation: float = 1.0
+    algebra: float | None = None
     newton: int = 0
     linear: int = 0
     penalty_newton: int = 0
@@ -229,6 +235,7 @@ class Estimate:
             "dofs": self.dofs,
             "memory_mb": self.memory / 1e6,
             "saturation": self.saturation,
+            "algebra": self.algebra,
             "newton": self.newton,
             "linear": self.linear,
             "penalty_newton": self.penalty_newton,
@@ -328,7 +335,7 @@ def _find_errors(
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
-    penalties = _penalty_errors(problem, goals, found)
+    others = _other_parts(problem, goals, found)
     lift = Lift(problem, lifted)
     try:
         errors, unsettled = _differences(lift, goals, found)
@@ -336,7 +343,10 @@ def _find_errors(
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
         locks = may_lock(problem) and not triangles
         found.saturation = factor = 1.0 if locks else saturation(lifted)
-        _add(found, factor * errors, factor * unsettled, penalties)
+        if (algebra := others.get("algebra")) is not None:
+            algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
+            errors = errors - algebra  # the difference to the run has it
+        _add(found, {"mesh": factor * errors} | others, factor * unsettled)
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
             for name, goal in found.goals.items()
@@ -352,26 +362,31 @@ def _find_errors(
         lift.destroy()
 
 
-def _penalty_errors(problem: Problem, goals: Sequence[Goal], found: Estimate) -> Array | None:
-    """Return what penalties change, and count the iterations; None without penalties."""
-    outcome = StepOutcome()
-    values = [goal.value for goal in found.goals.values()]
-    penalties = penalty_errors(problem, goals, values, outcome)
+def _other_parts(problem: Problem, goals: Sequence[Goal], found: Estimate) -> dict[str, Array]:
+    """Return the parts of the errors that are not of the mesh, and note what they cost."""
+    outcome, parts = StepOutcome(), {}
+    values = np.array([goal.value for goal in found.goals.values()])
+    scales = np.array([goal.scale for goal in found.goals.values()])
+    if (algebra := algebra_errors(problem, goals, values)) is not None:
+        relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
+        found.algebra = float(relative.max(initial=0.0))
+        values = values + algebra
+        parts["algebra"] = np.where(np.abs(algebra) > _ROUNDING * scales, algebra, 0.0)
+    if (penalties := penalty_errors(problem, goals, values, outcome)) is not None:
+        parts["penalty"] = penalties
     found.penalty_newton = outcome.newton
-    return penalties
+    return parts
 
 
-def _add(found: Estimate, errors: Array, unsettled: Array, penalties: Array | None) -> None:
-    """Add the errors of the mesh, and those of penalties, to the goals."""
+def _add(found: Estimate, parts: dict[str, Array], unsettled: Array) -> None:
+    """Add the parts of the errors to the goals."""
     for i, (name, goal) in enumerate(list(found.goals.items())):
-        parts = {"mesh": float(errors[i])}
-        if penalties is not None:
-            parts["penalty"] = float(penalties[i])
+        own = {key: float(part[i]) for key, part in parts.items() if part[i] or key == "mesh"}
         found.goals[name] = replace(
             goal,
-            error=sum(parts.values()),
+            error=sum(own.values()),
             unsettled=float(unsettled[i]),
-            parts=parts if len(parts) > 1 else {},
+            parts=own if len(own) > 1 else {},
         )
 
 

@@ -20,9 +20,10 @@ from fem_snh.accuracy.estimate import Estimate, GoalError
 Array = npt.NDArray[Any]
 
 #: Parts of an error below this part of the request are left as they are; others are reduced to this
-#: part of it by time steps that are at most so many times shorter, and by penalties that are at
-#: most so many times stiffer: with more, a level finds no equilibrium from the state of the last.
-_SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER = 0.25, 0.15, 4.0, 10.0
+#: part of it by time steps that are at most so many times shorter, by penalties that are at most so
+#: many times stiffer (with more, a level finds no equilibrium from the state of the last), and by a
+#: tolerance that is at most so many times smaller.
+_SMALL_PART, _PART_AIM, _MOST_SHORTER, _MOST_STIFFER, _MOST_TIGHTER = 0.25, 0.15, 4.0, 10.0, 1e4
 #: Bound of an error over its estimate, by the degree of the displacement: 1.27 is measured with
 #: degree 1 and 1.48 with degree 2, 1.75 in components that are small (docs/results/error.md). What
 #: the corrected value misses is the estimate times this, less one.
@@ -46,6 +47,8 @@ _AIM = 0.7
 #: The parts of an error that are those of steps, and the power of the number of steps with which
 #: they decrease: of load steps friction acts along the chord.
 _STEPS = {"time steps": 2.0, "load steps": 1.0}
+#: The parts that are neither of steps nor of the mesh.
+_OTHERS = ("penalty", "algebra")
 #: Power of the unknowns with which the time of a level grows (docs/results/scaling.md).
 _TIME_POWER = 1.2
 
@@ -285,6 +288,10 @@ class Levels:
         """Return the factor by which the penalties of the next level are to be stiffer."""
         return self._factor("penalty", 1.0, _MOST_STIFFER)
 
+    def tighter_tolerance(self) -> float:
+        """Return the factor by which Newton's tolerance of the next level is to be smaller."""
+        return self._factor("algebra", 1.0, _MOST_TIGHTER)
+
     def _factor(self, source: str, power: float, most: float) -> float:
         """Return the factor that reduces a part of the errors; 1 if it is small."""
         part = self._largest_part(source)
@@ -297,7 +304,7 @@ class Levels:
     def mesh_suffices(self) -> bool:
         """Whether the error of the mesh is small beside the other parts, or the request."""
         part = self._largest_part("mesh")
-        other = max(self._largest_part(source) for source in (*_STEPS, "penalty"))
+        other = max(self._largest_part(source) for source in (*_STEPS, *_OTHERS))
         return other > 0 and part <= _SMALL_PART * max(self.asked, other)
 
     def _largest_part(self, source: str) -> float:

@@ -31,6 +31,7 @@ from fem_snh.problem.problem import Problem
 from fem_snh.problem.transfer import transfer_state
 from fem_snh.runs.first_level import cells_of, first_scene, has_exact_cells, raised_element
 from fem_snh.runs.result import Result
+from fem_snh.solver.options import OPTIONS
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 _TRIES, _LEAST_GROWTH, _MORE = 4, 1.2, 1.2
 #: Cells at which bisection ends.
 _MOST_CELLS = 20_000_000
+#: The option of Newton's tolerance.
+_TOLERANCE = "snes_scaled_tol"
 #: Levels without an estimate after which the run ends: the first meshes may be too coarse.
 _MOST_WITHOUT = 3
 
@@ -198,6 +201,12 @@ def run_levels(
         if stiffer > 1:
             printed.line(f"penalties are {stiffer:.2g} times stiffer")
             stiffness *= stiffer
+        if (tighter := levels.tighter_tolerance()) > 1:
+            given = current.petsc.get(_TOLERANCE)
+            tolerance = float(OPTIONS[_TOLERANCE].default if given is None else given) / tighter
+            printed.line(f"Newton's tolerance is {tolerance:.2g}")
+            petsc = current.petsc | {_TOLERANCE: tolerance}
+            current = current.model_copy(update={"petsc": petsc})
         if current.time:
             steps = ceil(current.time.steps * shorter)
             time = current.time.model_copy(update={"steps": steps})
