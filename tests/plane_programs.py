@@ -69,6 +69,23 @@ def solve(u: Any, material: Any, bcs: Any, **keywords: Any) -> fem_snh.Nonlinear
     return problem
 
 
+def clamped(comm: Any, kinematics: str, cells: int = 4, hold: bool = True) -> Any:
+    """Return a `Problem` on [1, 2] x [0, 1], whose inner side may be held, with its Hessian."""
+    element = "Q1"
+    domain = rectangle(comm, element, (1, 0), (2, 1), (cells, cells))
+    u = displacement(domain, element, kinematics)
+    bcs = prescribe(u.function_space, 0, 1.0, zero) if hold else []
+    snh = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.4)
+    made = fem_snh.NonlinearProblem(
+        u, {snh: ufl.dx}, bcs=bcs, element=element, kinematics=kinematics
+    )._problem
+    nodes = made.coordinates @ np.array([[2.0, 5.0, 3.0], [3.0, 1.0, 4.0], [0.0, 0.0, 0.0]])
+    made.x.array[:] = 0.05 * hold * np.sin(nodes[:, : COMPONENTS[kinematics]]).ravel()
+    made.prescribe(made.x)
+    made.jacobian(made.x, "clamp")
+    return made
+
+
 def deformation(u: Any, kinematics: str) -> tuple[Any, Any]:
     """Return F and the weight of dx, from the textbook (Ogden 1997, section 1.5.6)."""
     if kinematics == "plane_strain":

@@ -12,11 +12,11 @@ import pytest
 from bodies import dense
 from hypothesis import given
 from hypothesis import strategies as st
+from plane_programs import COMPONENTS, clamped
 from test_eisenstat import Reason, body, right_side, solve
 
 from fem_snh._petsc import default_options
 from fem_snh.linalg.coarse_space import coordinate_bisection, linear_functions
-from fem_snh.linalg.library import COLUMNS
 from fem_snh.linalg.ssor_system import _default_subdomains
 from fem_snh.solver import EisenstatCG
 
@@ -92,8 +92,8 @@ def test_the_coarse_matrix_is_the_galerkin_product(comm, subdomains):
     Z = np.zeros((rows, 3, subdomains, 3, 4))
     for k in range(3):
         Z[np.arange(rows), k, coarse.subdomain, k] = coarse.functions[:, k]
-    Z = Z.reshape(3 * rows, COLUMNS * subdomains)
-    AZ = np.zeros((rows, 3, subdomains, COLUMNS))
+    Z = Z.reshape(3 * rows, 12 * subdomains)
+    AZ = np.zeros((rows, 3, subdomains, 12))
     start, near, image = (coarse.arrays[k] for k in ("pair_start", "pair_subdomain", "image"))
     for i in range(rows):
         AZ[i][:, near[start[i] : start[i + 1]]] = image[start[i] : start[i + 1]].swapaxes(0, 1)
@@ -129,9 +129,15 @@ def test_ranks_add_few_iterations(comm, subdomains):
 
 
 def test_more_ranks_have_more_subdomains():
-    assert [_default_subdomains(19517, ranks) for ranks in (1, 2, 4, 16)] == [38, 38, 64, 64]
-    assert _default_subdomains(327_697, 16) == _default_subdomains(327_697, 1) == 327
-    assert _default_subdomains(2047, 16) == 0
+    assert [_default_subdomains(19517, ranks, 3) for ranks in (1, 2, 4, 16)] == [38, 38, 64, 64]
+    assert _default_subdomains(327_697, 16, 3) == _default_subdomains(327_697, 1, 3) == 327
+    assert _default_subdomains(2047, 16, 3) == 0
+
+
+def test_sections_have_more_subdomains_than_bodies():
+    """A section of as many nodes has a longer diameter in nodes."""
+    counts = [_default_subdomains(nodes, 1, 2) for nodes in (255, 256, 1089, 4225, 16641, 66049)]
+    assert counts == [0, 4, 16, 16, 64, 66]
 
 
 @mpi
@@ -224,3 +230,46 @@ def test_every_rank_has_a_subdomain(comm, subdomains):
     p = body(comm, cells=2)
     _, _, residual = solve(p, right_side(p), rtol=1e-6)
     assert comm.allreduce(residual, op=MPI.MAX) < 1e-5
+
+
+# --- meshes of two dimensions --------------------------------------------------------------------
+
+
+def test_the_fourth_function_of_two_coordinates_is_their_product():
+    x = 5.0 + np.random.default_rng(1).random((60, 2))
+    values = linear_functions(x, np.zeros(60, int), np.ones((60, 2), bool)).astype(float)
+    assert values.shape == (60, 2, 4)
+    for component in range(2):
+        G = values[:, component]
+        assert np.allclose(G.T @ G, np.eye(4), atol=1e-6)
+        wanted = 4.0 + x @ (1.0, -2.0) + 3.0 * x.prod(axis=1)
+        assert np.allclose(G @ (G.T @ wanted), wanted, atol=1e-5)
+
+
+@mpi
+@with_subdomains(0, 16)
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_sections_are_solved_to_any_tolerance(comm, subdomains, kinematics):
+    p = clamped(comm, kinematics, cells=24)
+    ksp, _, residual = solve(p, right_side(p), rtol=1e-9)
+    assert ksp.getConvergedReason() == Reason.CONVERGED_RTOL and residual <= 1e-8
+    assert ksp.getIterationNumber() <= (80 if subdomains else 200)
+
+
+@with_subdomains(1)
+@pytest.mark.parametrize("kinematics", COMPONENTS)
+def test_linear_motions_of_a_section_are_in_the_coarse_space(subdomains, kinematics):
+    """A free section that is strained, moved and turned needs no iteration."""
+    p = clamped(MPI.COMM_SELF, kinematics, cells=8, hold=False)
+    X, components = p.coordinates, COMPONENTS[kinematics]
+    motion = {
+        "plane_strain": np.stack([1 - 0.3 * X[:, 1], 2 + 0.1 * X[:, 0]], axis=1),
+        "axisymmetric": np.stack([0.2 * X[:, 0], 1 - 0.1 * X[:, 1]], axis=1),
+        "axisymmetric_torsion": np.stack([0.2 * X[:, 0], X[:, 1], 0.3 * X[:, 0]], axis=1),
+    }[kinematics]
+    assert motion.shape[1] == components
+    x, b = p.x.duplicate(), p.x.duplicate()
+    x.array[:] = motion.ravel()
+    p.A.mult(x, b)
+    ksp, _, residual = solve(p, b)
+    assert ksp.getIterationNumber() <= 1 and ksp.getConvergedReason() > 0 and residual < 1e-3

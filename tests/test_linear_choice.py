@@ -89,3 +89,32 @@ def test_a_stiff_inclusion_that_turns_has_factors(shape, contrast=1e4):
     rigid = inclusion(MPI.COMM_SELF, SHAPES[shape], 3 * contrast, 6, {})
     rigid.solve()
     assert energy == pytest.approx(rigid.solver.computeObjective(rigid.x), rel=30 / contrast)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("scene", "given", "most"),
+    [
+        ("cook", {"kinematics": "plane_strain", "element": "Q1", "cells": 32, "nu": 0.3}, 25),
+        ("cook", {"kinematics": "plane_stress", "element": "P1", "cells": 16, "nu": 0.3}, 25),
+        ("cook", {"kinematics": "plane_strain", "element": "P2", "cells": 8, "nu": 0.3}, 40),
+        ("cook", {"kinematics": "plane_strain", "element": "Q2Q1", "cells": 8}, 12),
+        ("tube", {"kinematics": "axisymmetric", "element": "Q1", "cells": 16, "nu": 0.4}, 25),
+        ("bushing", {"kinematics": "axisymmetric_torsion", "element": "Q1", "nu": 0.4}, 40),
+    ],
+)
+def test_both_solvers_solve_sections(comm, scene, given, most):
+    """The same displacements and forces, and few iterations per Newton iteration."""
+    results = []
+    for solver in ("direct", "iterative"):
+        petsc = {"snes_linear_solver": solver, "snes_scaled_tol": 1e-13}
+        results.append(fem_snh.run(scene, comm=comm, progress=False, petsc=petsc, **given))
+        assert results[-1].converged
+    direct, iterative = (result.steps for result in results)
+    for one, other in zip(direct, iterative, strict=True):
+        assert other["energy"] == pytest.approx(one["energy"], rel=1e-10)
+        for key in one.keys() & {"probes", "reactions"}:
+            for name, value in one[key].items():
+                assert other[key][name] == pytest.approx(value, rel=1e-8, abs=1e-8)
+    newton, linear = (sum(step[key] for step in iterative) for key in ("newton", "linear"))
+    assert linear <= most * newton

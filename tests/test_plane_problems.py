@@ -486,9 +486,6 @@ def test_what_three_dimensions_or_two_refuse():
     torsion = {"kinematics": "axisymmetric_torsion", "terms": [fem_snh.SelfContact()]}
     with pytest.raises(BadInput, match="self_contact = 'reference': expected no self-contact"):
         fem_snh.NonlinearProblem(turning, {SNH: ufl.dx}, **torsion)
-    with pytest.raises(BadInput, match="snes_linear_solver = 'iterative'"):
-        options = {"snes_linear_solver": "iterative"}
-        fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, petsc_options=options, **both)
     with pytest.raises(BadInput, match="element = 'P1': expected one of Q1, Q1P0"):
         fem_snh.NonlinearProblem(flat, {SNH: ufl.dx}, element="P1", **both)
 

@@ -6,6 +6,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from plane_programs import COMPONENTS, clamped
 from test_eisenstat import body, right_side
 
 from fem_snh.linalg.ssor import SSOR
@@ -27,20 +28,22 @@ def solver(A, kind="stcg"):
 
 
 @mpi
-def test_it_is_ssor_of_each_ranks_rows(comm):
+@pytest.mark.parametrize("kinematics", ["3D", *COMPONENTS])
+def test_it_is_ssor_of_each_ranks_rows(comm, kinematics):
     """M = (D + L) D^-1 (D + L)^T to single precision.
 
-    D is the 3x3 blocks on the diagonal, plus 0.35 times the sums of what couples a row to other
-    ranks (docs/theory/linear_solver.md).
+    D is the blocks on the diagonal, plus 0.35 times the sums of what couples a row to other ranks
+    (docs/theory/linear_solver.md).
     """
-    p = body(comm, cells=3)
+    p = body(comm, cells=3) if kinematics == "3D" else clamped(comm, kinematics)
     A, ksp = p.A, solver(p.A)
+    assert A.getBlockSize() == COMPONENTS.get(kinematics, 3)
     first, last = A.getOwnershipRange()
     own = np.arange(first, last, dtype=PETSc.IntType)
     all_columns = np.arange(A.getSize()[1], dtype=PETSc.IntType)
     values = A.getValues(own, all_columns)
     rows, others = values[:, own], np.delete(values, own, axis=1)
-    block = (own - first) // 3
+    block = (own - first) // A.getBlockSize()
     shift = np.diag(0.35 * np.abs(others).sum(axis=1))
     D = np.where(block[:, None] == block, rows, 0.0) + shift
     lower = np.where(block[:, None] >= block, rows, 0.0) + shift

@@ -1,4 +1,4 @@
-"""A symmetric matrix of 3x3 blocks in single precision, and its SSOR sweeps.
+"""A symmetric matrix of 2x2 or 3x3 blocks in single precision, and its SSOR sweeps.
 
 `fem_snh.linalg.ssor_system` sweeps over it; `fem_snh.linalg.coarse_space` reads its pattern.
 """
@@ -23,14 +23,16 @@ _LANES = 4
 
 
 class SymmetricBlockMatrix:
-    """One rank's rows of a symmetric matrix of 3x3 blocks in single precision (block_matrix_api.h).
+    """One rank's rows of a symmetric block matrix in single precision (block_matrix_api.h).
 
-    Vectors are (3 rows,) float32.
+    Vectors are (size rows,) float32.
 
     Parameters
     ----------
     path : Path
-        The library compiled from `fem_snh.linalg.library.source`.
+        The library compiled from `fem_snh.linalg.library.source` for blocks of this size.
+    size : int
+        Rows of a block: 2 or 3.
     diagonal : BlockRows
         The blocks in this rank's columns: each row sorted, the pattern symmetric.
     off_diagonal : BlockRows or None
@@ -42,10 +44,12 @@ class SymmetricBlockMatrix:
         For a row without a diagonal block.
     """
 
-    def __init__(self, path: Path, diagonal: BlockRows, off_diagonal: BlockRows | None) -> None:
+    def __init__(
+        self, path: Path, size: int, diagonal: BlockRows, off_diagonal: BlockRows | None
+    ) -> None:
         self.ffi, self.lib = build.load(path, declarations())
         indptr, indices = diagonal.indptr, diagonal.indices
-        self.rows = len(indptr) - 1
+        self.rows, self.size, entries = len(indptr) - 1, size, size**2
         row = np.repeat(np.arange(self.rows), np.diff(indptr))
         on_diagonal = np.flatnonzero(indices == row)
         if len(on_diagonal) != self.rows:
@@ -62,9 +66,9 @@ class SymmetricBlockMatrix:
             "aij_diagonal": (on_diagonal - indptr[:-1]).astype(np.int32),
             "aij_offset": diagonal.row_offset,
             "aij_stride": diagonal.stride,
-            "upper": np.zeros(9 * upper_start[-1] + _LANES, np.float32),
-            "diagonal": np.zeros(9 * self.rows, np.float32),
-            "diagonal_inverse": np.zeros(9 * self.rows, np.float32),
+            "upper": np.zeros(entries * upper_start[-1] + _LANES, np.float32),
+            "diagonal": np.zeros(entries * self.rows + _LANES, np.float32),
+            "diagonal_inverse": np.zeros(entries * self.rows + _LANES, np.float32),
             "lanes": np.zeros(8 * self.rows, np.float32),
         }
         if off_diagonal is not None:
@@ -72,8 +76,8 @@ class SymmetricBlockMatrix:
             arrays["off_diagonal_column"] = np.ascontiguousarray(off_diagonal.indices, np.int32)
             arrays["off_diagonal_value"] = off_diagonal.offset
             arrays["off_diagonal_stride"] = off_diagonal.stride
-            arrays["off_diagonal"] = np.zeros(9 * len(off_diagonal.indices), np.float32)
-            arrays["shift"] = np.zeros(3 * self.rows, np.float32)
+            arrays["off_diagonal"] = np.zeros(entries * len(off_diagonal.indices), np.float32)
+            arrays["shift"] = np.zeros(size * self.rows, np.float32)
         self._arrays = arrays  # the struct holds pointers: the arrays must live as long
         self.nbytes = sum(array.nbytes for array in arrays.values())
         pointers = {name: self.pointer(array) for name, array in arrays.items()}
@@ -89,8 +93,8 @@ class SymmetricBlockMatrix:
 
     def weighted_norm_squared(self, p: Array) -> float:
         """Return p.D^-1 p."""
-        inverse = self._arrays["diagonal_inverse"].reshape(-1, 3, 3)
-        rows = p.reshape(-1, 3)
+        inverse = self._arrays["diagonal_inverse"][:-_LANES].reshape(-1, self.size, self.size)
+        rows = p.reshape(-1, self.size)
         return float(np.einsum("ni,nij,nj->", rows, inverse, rows, dtype=float))
 
     def fill(self, values: int, off_diagonal: int, scale: float) -> int:

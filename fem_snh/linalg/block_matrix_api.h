@@ -1,9 +1,10 @@
 /* The block matrix of SSOR-preconditioned conjugate gradients. The C compiler and cffi read this one file;
- * Python fills the struct by field name. Vectors are [rows][3] floats unless stated. */
+ * Python fills the struct by field name. A block has BLOCK rows, 2 or 3, the components of a displacement, and
+ * ENTRIES = BLOCK^2 entries. Vectors are [rows][BLOCK] floats unless stated. */
 
-/* One rank's rows of a symmetric matrix of 3x3 blocks in single precision. Its columns are those of this
+/* One rank's rows of a symmetric matrix of blocks in single precision. Its columns are those of this
  * rank, A = L + D - shift + L^T, and those of other ranks (the off-diagonal block of PETSc's AIJ format). D is block
- * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is three rows of 3 n floats. */
+ * diagonal; of L + L^T only U = L^T is stored. A block row of U with n blocks is BLOCK rows of BLOCK n floats. */
 typedef struct {
   int rows;                     /* block rows */
   const int *upper_start;       /* [rows + 1] index of a row's first block in U */
@@ -11,17 +12,17 @@ typedef struct {
   const int *aij_start;         /* [rows + 1] index of a row's first block in the AIJ matrix */
   const int *aij_diagonal;      /* [rows] position of the diagonal block in a row of the AIJ matrix */
   const long *aij_offset;       /* [rows] offset of a block row's first value in the AIJ matrix */
-  const int *aij_stride;        /* [rows] values in each of its three rows: its blocks', then others */
+  const int *aij_stride;        /* [rows] values in each of its rows: its blocks', then others */
   float *upper;                 /* U, and four floats more, as loads of a last block read beyond it */
-  float *diagonal;              /* [rows][9] D, of the preconditioner: A's plus `shift` */
-  float *diagonal_inverse;      /* [rows][9] D^-1 */
+  float *diagonal;              /* [rows][ENTRIES] and four more: D, of the preconditioner: A's plus `shift` */
+  float *diagonal_inverse;      /* [rows][ENTRIES] and four more: D^-1 */
   float *lanes;                 /* [rows][2][4] work space of the sweeps */
   const int *off_diagonal_start;  /* [rows + 1] the same of the other ranks' columns; NULL on one rank */
   const int *off_diagonal_column; /* ghost nodes */
   const long *off_diagonal_value;   /* offset of each block's first value in the AIJ matrix */
   const int *off_diagonal_stride;   /* [rows] values in each row of unknowns of the AIJ matrix */
   float *off_diagonal;            /* rows of blocks as in U */
-  float *shift;                   /* [rows][3] part of their absolute row sums */
+  float *shift;                   /* [rows][BLOCK] part of their absolute row sums */
 } SymmetricBlockMatrix;
 
 /* Copy the values of an AIJ matrix, times `scale`, shift D and invert it. Returns the number of block rows whose

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.linalg.direct_solver import set_direct_factors
-from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
 
@@ -41,20 +40,24 @@ class CoarseMatrix:
         Subdomains of the blocks that this rank computes: all blocks of its own subdomains' rows.
     subdomains : int
         Number of subdomains on all ranks.
+    columns : int
+        Columns of Z per subdomain: rows of a block.
 
     Attributes
     ----------
-    null_space : (COLUMNS subdomains, n)
+    null_space : (columns subdomains, n)
         An orthonormal basis of the vectors y with E y = 0: the rigid motions of a free body.
     """
 
     null_space: Array
 
-    def __init__(self, comm: MPI.Intracomm, row: Array, column: Array, subdomains: int) -> None:
+    def __init__(
+        self, comm: MPI.Intracomm, row: Array, column: Array, subdomains: int, columns: int
+    ) -> None:
         self._comm = comm
         self._row, self._column = (np.concatenate(comm.allgather(of)) for of in (row, column))
-        self._counts = [COLUMNS**2 * count for count in comm.allgather(len(row))]
-        self._size = COLUMNS * subdomains
+        self._counts = [columns**2 * count for count in comm.allgather(len(row))]
+        self._columns, self._size = columns, columns * subdomains
         self._solver: _Solver = _Inverse() if subdomains <= MAX_INVERTED else _Factors()
 
     def update(self, own: Array) -> int:
@@ -62,7 +65,7 @@ class CoarseMatrix:
 
         Parameters
         ----------
-        own : (blocks, COLUMNS, COLUMNS)
+        own : (blocks, columns, columns)
             The values.
 
         Returns
@@ -70,11 +73,11 @@ class CoarseMatrix:
         int
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        blocks = np.empty((len(self._row), COLUMNS, COLUMNS))
+        blocks = np.empty((len(self._row), self._columns, self._columns))
         self._comm.Allgatherv(own, [blocks, self._counts])
         if not np.isfinite(blocks).all():
             return int(_Reason.DIVERGED_NANORINF)
-        diagonal = np.zeros((self._size // COLUMNS, COLUMNS))
+        diagonal = np.zeros((self._size // self._columns, self._columns))
         on_diagonal = self._row == self._column
         diagonal[self._row[on_diagonal]] = np.einsum("bii->bi", blocks[on_diagonal])
         largest = diagonal.max(initial=0.0)
@@ -85,7 +88,7 @@ class CoarseMatrix:
         scale = 1 / np.sqrt(np.maximum(diagonal, _MIN_DIAGONAL * (largest or 1.0)))
         self._scale = np.where(zero, 0.0, scale)
         blocks *= self._scale[self._row][:, :, None] * self._scale[self._column][:, None]
-        blocks[on_diagonal] += np.eye(COLUMNS) * zero[self._row[on_diagonal]][:, None]
+        blocks[on_diagonal] += np.eye(self._columns) * zero[self._row[on_diagonal]][:, None]
         if not self._solver.update(self._row, self._column, blocks, self._size):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
         null = self._scale.ravel()[:, None] * self._solver.null_space
@@ -93,7 +96,7 @@ class CoarseMatrix:
         return 0
 
     def solve(self, rhs: Array) -> Array:
-        """Return E^-1 times a vector of COLUMNS entries for each subdomain."""
+        """Return E^-1 times a vector of ``columns`` entries for each subdomain."""
         scale = self._scale.ravel()
         return scale * self._solver.solve(scale * rhs)
 
@@ -126,7 +129,8 @@ class _Inverse:
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
         E = np.zeros((size, size))
-        E.reshape(size // COLUMNS, COLUMNS, -1, COLUMNS)[row, :, column] = blocks
+        columns = blocks.shape[1]
+        E.reshape(size // columns, columns, -1, columns)[row, :, column] = blocks
         self.null_space = np.zeros((size, 0))
         factor, failed = lapack.dpotrf(E, lower=1)
         if not failed:
@@ -162,7 +166,7 @@ class _Factors:
     def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
         """See `_Solver`. The pattern is always that of the first call."""
         if not hasattr(self, "_pc"):
-            self._create(row, column, size)
+            self._create(row, column, size, blocks.shape[1])
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
         self._E.assemble()
         self._pc.setUp()
@@ -185,13 +189,13 @@ class _Factors:
         solution: Array = self._solution.array - null @ (null.T @ self._solution.array)
         return solution
 
-    def _create(self, row: Array, column: Array, size: int) -> None:
+    def _create(self, row: Array, column: Array, size: int, columns: int) -> None:
         """Create the matrix of the upper blocks and its PC, which orders the unknowns once."""
         upper = np.flatnonzero(column >= row)
         self._upper = upper = upper[np.lexsort((column[upper], row[upper]))]
-        start = np.searchsorted(row[upper], np.arange(size // COLUMNS + 1))
+        start = np.searchsorted(row[upper], np.arange(size // columns + 1))
         self._pattern = tuple(of.astype(PETSc.IntType) for of in (start, column[upper]))
-        self._E = PETSc.Mat().createSBAIJ(size, COLUMNS, csr=self._pattern, comm=PETSc.COMM_SELF)
+        self._E = PETSc.Mat().createSBAIJ(size, columns, csr=self._pattern, comm=PETSc.COMM_SELF)
         self._rhs, self._solution = self._E.createVecs()
         self._pc = PETSc.PC().create(PETSc.COMM_SELF)
         self._pc.setOperators(self._E)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.displacement_blocks import BlockRows
-from fem_snh.linalg.library import COLUMNS
+from fem_snh.linalg.library import FUNCTIONS, columns
 
 Array = npt.NDArray[Any]
 
@@ -28,7 +28,7 @@ def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
 
     Parameters
     ----------
-    coordinates : (n, 3)
+    coordinates : (n, dim)
         Coordinates of the nodes.
     subdomains : int
         Number of subdomains; none is empty if n >= subdomains.
@@ -57,32 +57,37 @@ def coordinate_bisection(coordinates: Array, subdomains: int) -> Array:
 def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array:
     """Return orthonormal linear functions of the coordinates in every subdomain, per component.
 
-    Functions that the free nodes of a subdomain do not distinguish from others are zero.
+    In two dimensions the fourth is the product of the coordinates. Functions that the free nodes of
+    a subdomain do not distinguish from others are zero.
 
     Parameters
     ----------
-    coordinates : (n, 3)
+    coordinates : (n, dim)
         Reference coordinates of the nodes.
     subdomain : (n,)
         Subdomain of each node.
-    free : (n, 3) bool
+    free : (n, components) bool
         False where the functions must vanish (constrained components).
 
     Returns
     -------
-    (n, 3, 4) float32
+    (n, components, 4) float32
         Value of each of the four functions at each node, for each component.
     """
-    functions = np.zeros((len(coordinates), 3, 4), np.float32)
+    components = free.shape[1]
+    functions = np.zeros((len(coordinates), components, FUNCTIONS), np.float32)
     order = np.argsort(subdomain, kind="stable")
     for nodes in np.split(order, np.flatnonzero(np.diff(subdomain[order])) + 1):
-        for component in range(3):
+        for component in range(components):
             here = nodes[free[nodes, component]]
             if len(here) == 0:
                 continue
             X = coordinates[here] - coordinates[here].mean(axis=0)
             size = np.abs(X).max(initial=0.0)
-            X = np.column_stack([np.ones(len(here)), X / (size or 1.0)])
+            X /= size or 1.0
+            if X.shape[1] < FUNCTIONS - 1:  # a register has a lane for it; a fifth fewer iterations
+                X = np.column_stack([X, X.prod(axis=1)])
+            X = np.column_stack([np.ones(len(here)), X])
             U, sigma, _ = np.linalg.svd(X, full_matrices=False)
             kept = sigma > _RANK_TOLERANCE * sigma[0]
             functions[here, component, : kept.sum()] = U[:, kept]
@@ -92,7 +97,7 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
 class CoarseSpace:
     """Z and A Z in single precision (coarse_space_api.h).
 
-    Coarse vectors are (COLUMNS * subdomains,), nodal vectors (3 rows,) float32.
+    Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32.
 
     Parameters
     ----------
@@ -107,7 +112,7 @@ class CoarseSpace:
 
     Attributes
     ----------
-    functions : (rows + ghosts, 3, 4) float32
+    functions : (rows + ghosts, size, 4) float32
         Z by node, component and function; the caller sets it before `assemble`.
     block_row, block_column : (blocks,)
         The subdomains of the blocks of E = Z^T A Z to which this rank's rows contribute.
@@ -122,7 +127,8 @@ class CoarseSpace:
         subdomains: int,
     ) -> None:
         self._matrix, self.subdomain, self.subdomains = matrix, subdomain, subdomains
-        self.functions = np.zeros((len(subdomain), 3, 4), np.float32)
+        size, self.columns = matrix.size, columns(matrix.size)
+        self.functions = np.zeros((len(subdomain), size, FUNCTIONS), np.float32)
         rows = matrix.rows
         keys = []
         for blocks, shift in ((diagonal, 0), (off_diagonal, rows)):
@@ -141,7 +147,7 @@ class CoarseSpace:
             "pair_start": pair_start.astype(np.int32),
             "pair_subdomain": pair_subdomain.astype(np.int32),
             "pair_block": pair_block.astype(np.int32),
-            "image": np.zeros((len(pair_subdomain), 3, COLUMNS), np.float32),
+            "image": np.zeros((len(pair_subdomain), size, self.columns), np.float32),
         }
         read = ("image", "pair_start", "pair_subdomain")
         self.nbytes = sum(self.arrays[name].nbytes for name in read)
@@ -158,9 +164,9 @@ class CoarseSpace:
 
         Returns
         -------
-        (rows, 3) bool
+        (rows, size) bool
         """
-        coupled = np.zeros((self._matrix.rows, 3), np.uint8)
+        coupled = np.zeros((self._matrix.rows, self._matrix.size), np.uint8)
         addresses = self._matrix.addresses(values, off_diagonal)
         pointer = self._matrix.pointer(coupled)
         self._matrix.lib.matrix_coupled_unknowns(self._matrix.struct, *addresses, pointer)
@@ -176,9 +182,10 @@ class CoarseSpace:
 
         Returns
         -------
-        (blocks, COLUMNS, COLUMNS)
+        (blocks, columns, columns)
         """
-        E, matrix = np.zeros((len(self.block_row), COLUMNS, COLUMNS)), self._matrix
+        matrix = self._matrix
+        E = np.zeros((len(self.block_row), self.columns, self.columns))
         addresses = matrix.addresses(values, off_diagonal)
         matrix.lib.coarse_assemble(matrix.struct, self.struct, *addresses, scale, matrix.pointer(E))
         return E

@@ -1,11 +1,11 @@
-/* The functions of coarse_space_api.h. COLUMNS is 12, three components times the four lanes of f4. */
+/* The functions of coarse_space_api.h. COLUMNS is BLOCK components times the four lanes of f4. */
 typedef double d4 __attribute__((vector_size(32), aligned(8)));
 
-/* acc[3][3] += scale * a 3x3 block, whose rows are `step` doubles apart, times a node's functions g. */
+/* acc[BLOCK][BLOCK] += scale * a block, whose rows are `step` doubles apart, times a node's functions g. */
 static inline void add_block(d4 *acc, const double *block, long step, double scale, const float *g) {
-  for (int r = 0; r < 3; r++)
-    for (int k = 0; k < 3; k++)
-      acc[3 * r + k] += block[step * r + k] * scale * __builtin_convertvector(load4(g + 4 * k), d4);
+  for (int r = 0; r < BLOCK; r++)
+    for (int k = 0; k < BLOCK; k++)
+      acc[BLOCK * r + k] += block[step * r + k] * scale * __builtin_convertvector(load4(g + 4 * k), d4);
 }
 
 /* Position of (row, subdomain) among the pairs of the row. */
@@ -19,53 +19,53 @@ void coarse_assemble(const SymmetricBlockMatrix *b, const CoarseSpace *c, const 
                      double scale, double *E) {
   for (int i = 0; i < c->rows; i++) {
     const int pairs = c->pair_start[i + 1] - c->pair_start[i], all = b->aij_start[i + 1] - b->aij_start[i];
-    d4 acc[9 * pairs];
+    d4 acc[ENTRIES * pairs];
     memset(acc, 0, sizeof acc);
     const double *row = values + b->aij_offset[i];
     for (int k = 0; k < all; k++) {
       const int j = c->aij_column[b->aij_start[i] + k];
-      add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), row + 3 * k, b->aij_stride[i], scale,
+      add_block(acc + ENTRIES * find_pair(c, i, c->subdomain[j]), row + BLOCK * k, b->aij_stride[i], scale,
                 c->functions + COLUMNS * (long)j);
     }
     if (b->off_diagonal_start) {
       const int from = b->off_diagonal_start[i], n = b->off_diagonal_start[i + 1] - from;
       for (int k = 0; k < n; k++) {
         const int j = c->rows + b->off_diagonal_column[from + k];
-        add_block(acc + 9 * find_pair(c, i, c->subdomain[j]), off_diagonal + b->off_diagonal_value[from + k],
+        add_block(acc + ENTRIES * find_pair(c, i, c->subdomain[j]), off_diagonal + b->off_diagonal_value[from + k],
                   b->off_diagonal_stride[i], scale, c->functions + COLUMNS * (long)j);
       }
     }
     const float *g = c->functions + COLUMNS * (long)i;
     for (int s = 0; s < pairs; s++) {
-      const d4 *at = acc + 9 * s;
-      float *image = c->image + 3L * COLUMNS * (c->pair_start[i] + s);
-      for (int m = 0; m < 9; m++) *(f4 *)(image + 4 * m) = __builtin_convertvector(at[m], f4);
+      const d4 *at = acc + ENTRIES * s;
+      float *image = c->image + (long)BLOCK * COLUMNS * (c->pair_start[i] + s);
+      for (int m = 0; m < ENTRIES; m++) *(f4 *)(image + 4 * m) = __builtin_convertvector(at[m], f4);
       double *to = E + COLUMNS * COLUMNS * (long)c->pair_block[c->pair_start[i] + s];
       for (int a = 0; a < COLUMNS; a++)
-        for (int m = 0; m < 3; m++)
-          *(d4 *)(to + COLUMNS * a + 4 * m) += (double)g[a] * at[3 * (a / 4) + m];
+        for (int m = 0; m < BLOCK; m++)
+          *(d4 *)(to + COLUMNS * a + 4 * m) += (double)g[a] * at[BLOCK * (a / 4) + m];
     }
   }
 }
 
 void coarse_image_transposed(const CoarseSpace *c, const float *t, double *y) {
-  for (int i = 0; i < c->rows; i++, t += 3)
+  for (int i = 0; i < c->rows; i++, t += BLOCK)
     for (int s = c->pair_start[i]; s < c->pair_start[i + 1]; s++) {
-      const float *w = c->image + 3L * COLUMNS * s;
+      const float *w = c->image + (long)BLOCK * COLUMNS * s;
       double *to = y + COLUMNS * (long)c->pair_subdomain[s];
       for (int m = 0; m < COLUMNS; m += 4) {
-        const f4 v = load4(w + m) * t[0] + load4(w + COLUMNS + m) * t[1] + load4(w + 2 * COLUMNS + m) * t[2];
+        const f4 v = load4(w + m) * t[0] + load4(w + COLUMNS + m) * t[1] THIRD(+ load4(w + 2 * COLUMNS + m) * t[2]);
         *(d4 *)(to + m) += __builtin_convertvector(v, d4);
       }
     }
 }
 
 void coarse_image_subtract(const CoarseSpace *c, const float *y, float *r) {
-  for (int i = 0; i < c->rows; i++, r += 3)
+  for (int i = 0; i < c->rows; i++, r += BLOCK)
     for (int s = c->pair_start[i]; s < c->pair_start[i + 1]; s++) {
-      const float *w = c->image + 3L * COLUMNS * s, *of = y + COLUMNS * (long)c->pair_subdomain[s];
-      for (int k = 0; k < 3; k++, w += COLUMNS) {
-        const f4 v = load4(w) * load4(of) + load4(w + 4) * load4(of + 4) + load4(w + 8) * load4(of + 8);
+      const float *w = c->image + (long)BLOCK * COLUMNS * s, *of = y + COLUMNS * (long)c->pair_subdomain[s];
+      for (int k = 0; k < BLOCK; k++, w += COLUMNS) {
+        const f4 v = load4(w) * load4(of) + load4(w + 4) * load4(of + 4) THIRD(+ load4(w + 8) * load4(of + 8));
         r[k] -= (v[0] + v[2]) + (v[1] + v[3]);
       }
     }
@@ -74,29 +74,29 @@ void coarse_image_subtract(const CoarseSpace *c, const float *y, float *r) {
 void coarse_restrict(const CoarseSpace *c, const float *r, double *y) {
   for (long i = 0; i < c->rows; i++)
     for (int a = 0; a < COLUMNS; a++)
-      y[COLUMNS * (long)c->subdomain[i] + a] += (double)c->functions[COLUMNS * i + a] * r[3 * i + a / 4];
+      y[COLUMNS * (long)c->subdomain[i] + a] += (double)c->functions[COLUMNS * i + a] * r[BLOCK * i + a / 4];
 }
 
 void coarse_prolong(const CoarseSpace *c, const float *y, float *x) {
   for (long i = 0; i < c->rows; i++)
     for (int a = 0; a < COLUMNS; a++)
-      x[3 * i + a / 4] += c->functions[COLUMNS * i + a] * y[COLUMNS * (long)c->subdomain[i] + a];
+      x[BLOCK * i + a / 4] += c->functions[COLUMNS * i + a] * y[COLUMNS * (long)c->subdomain[i] + a];
 }
 
 void matrix_coupled_unknowns(const SymmetricBlockMatrix *b, const double *values, const double *off_diagonal, unsigned char *coupled) {
   for (int i = 0; i < b->rows; i++) {
-    const long all = 3L * (b->aij_start[i + 1] - b->aij_start[i]);
-    for (int r = 0; r < 3; r++) {
+    const long all = (long)BLOCK * (b->aij_start[i + 1] - b->aij_start[i]);
+    for (int r = 0; r < BLOCK; r++) {
       const double *row = values + b->aij_offset[i] + r * (long)b->aij_stride[i];
-      const long diagonal = 3L * b->aij_diagonal[i] + r;
+      const long diagonal = (long)BLOCK * b->aij_diagonal[i] + r;
       int any = 0;
       for (long k = 0; k < all && !any; k++) any = k != diagonal && row[k] != 0;
       if (b->off_diagonal_start)
         for (int k = b->off_diagonal_start[i]; k < b->off_diagonal_start[i + 1] && !any; k++) {
           const double *block = off_diagonal + b->off_diagonal_value[k] + r * (long)b->off_diagonal_stride[i];
-          any = block[0] != 0 || block[1] != 0 || block[2] != 0;
+          any = block[0] != 0 || block[1] != 0 THIRD(|| block[2] != 0);
         }
-      coupled[3L * i + r] = any;
+      coupled[(long)BLOCK * i + r] = any;
     }
   }
 }

@@ -38,7 +38,6 @@ from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.halo import Halo
-from fem_snh.linalg.library import COLUMNS
 
 Array = npt.NDArray[Any]
 
@@ -46,7 +45,7 @@ Array = npt.NDArray[Any]
 class Deflation:
     """The deflation space of a matrix: the operators P, Q and P^T. Collective.
 
-    Vectors of the methods are (3 rows,) float32, passed as C pointers.
+    Vectors of the methods are (size rows,) float32, passed as C pointers.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ class Deflation:
         Its blocks, as `SymmetricBlockMatrix` takes them.
     halo : Halo or None
         Exchange of the ghost nodes; None on one rank.
-    coordinates : (rows, 3)
+    coordinates : (rows, dim)
         Reference coordinates of this rank's nodes.
     subdomains : int
         Number of subdomains on all ranks together; every rank has at least one.
@@ -82,14 +81,14 @@ class Deflation:
         counts = comm.allgather(own)
         subdomain = sum(counts[: comm.rank]) + coordinate_bisection(coordinates, own)
         if halo:
-            halo.exchange(np.repeat(subdomain, 3).astype(np.float32))  # exact up to 2^24
+            halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0]])
         subdomain = subdomain.astype(np.int32)
         self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, sum(counts))
         rows_and_columns = self._coarse.block_row, self._coarse.block_column
-        self._E = CoarseMatrix(comm, *rows_and_columns, sum(counts))
+        self._E = CoarseMatrix(comm, *rows_and_columns, sum(counts), self._coarse.columns)
         self._free: Array | None = None
-        size = COLUMNS * sum(counts)
+        size = self._coarse.columns * sum(counts)
         self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
         self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
         self._rhs_pointer = matrix.pointer(self._rhs)

@@ -1,4 +1,4 @@
-"""Where an AIJ matrix stores the 3x3 blocks of the displacement.
+"""Where an AIJ matrix stores the blocks of the displacement.
 
 The matrix may be one of the displacement alone, or of displacement and pressure, of which every
 rank numbers its displacement first (`fem_snh.assembly.numbering`). `part_of` makes the
@@ -88,7 +88,7 @@ class _Part:
             vector.destroy()
 
 
-def part_of(A: PETSc.Mat, unknowns: int) -> PETSc.Mat:
+def part_of(A: PETSc.Mat, unknowns: int, components: int) -> PETSc.Mat:
     """Return the displacement's part of an AIJ matrix, without values of its own. Collective.
 
     Its state does not follow that of ``A``: ``stateIncrease`` tells solvers to read the values.
@@ -98,9 +98,11 @@ def part_of(A: PETSc.Mat, unknowns: int) -> PETSc.Mat:
     A : PETSc.Mat
     unknowns : int
         Unknowns of the displacement that this rank owns, the first of its rows.
+    components : int
+        Components of the displacement.
     """
     part = PETSc.Mat().create(A.comm)
-    part.setSizes(((unknowns, None),) * 2, bsize=3)
+    part.setSizes(((unknowns, None),) * 2, bsize=components)
     part.setType(PETSc.Mat.Type.PYTHON)
     part.setPythonContext(_Part(A, unknowns))
     part.setUp()
@@ -115,7 +117,7 @@ def stored_in(A: PETSc.Mat) -> PETSc.Mat:
 
 
 def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
-    """Return where the values of a matrix of 3x3 blocks are stored. Collective.
+    """Return where the values of a matrix of blocks are stored. Collective.
 
     Parameters
     ----------
@@ -123,40 +125,43 @@ def displacement_blocks(A: PETSc.Mat) -> DisplacementBlocks:
         An AIJ matrix of the displacement alone, or one of `part_of`.
     """
     whole, comm = stored_in(A), A.comm.tompi4py()
-    counts = np.array(comm.allgather(A.getLocalSize()[0])) // 3
+    size = A.getBlockSize()
+    counts = np.array(comm.allgather(A.getLocalSize()[0])) // size
     first = np.concatenate([[0], np.cumsum(counts)])
     rows = int(counts[comm.rank])
     with aij_blocks(whole, read_only=True) as (diagonal, *off_diagonal):
-        own = _leading_blocks(diagonal, rows)
+        own = _leading_blocks(diagonal, rows, size)
         if not off_diagonal:
             return DisplacementBlocks(own, None, first, np.empty(0, np.int32))
         ranges, columns = whole.getOwnershipRanges(), off_diagonal[0].ghosts
         owner = np.searchsorted(ranges, columns, side="right") - 1
-        node, component = np.divmod(columns - ranges[owner], 3)
+        node, component = np.divmod(columns - ranges[owner], size)
         chosen = (node < counts[owner]) & (component == 0)
         number = np.full(len(columns), -1, np.int32)
         number[chosen] = np.arange(chosen.sum())
-        others = _chosen_blocks(off_diagonal[0], rows, number)
+        others = _chosen_blocks(off_diagonal[0], rows, size, number)
         return DisplacementBlocks(own, others, first, (first[owner] + node)[chosen])
 
 
-def _leading_blocks(block: AIJBlock, rows: int) -> BlockRows:
+def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
     """Return the blocks of a diagonal block, whose rows begin with those of the displacement."""
     start, column = block.csr()
-    begin, stride = start[: 3 * rows : 3].astype(np.int64), np.diff(start[: 3 * rows + 1])[::3]
-    count = stride // 3
-    if len(start) - 1 > 3 * rows:  # pressures
+    unknowns = size * rows
+    begin = start[:unknowns:size].astype(np.int64)
+    stride = np.diff(start[: unknowns + 1])[::size]
+    count = stride // size
+    if len(start) - 1 > unknowns:  # pressures
         for low in range(0, rows, _ROWS_AT_ONCE):
             high = min(low + _ROWS_AT_ONCE, rows)
-            first = start[3 * low : 3 * high : 3]
-            ours = column[first[0] : start[3 * high]] < 3 * rows
-            count[low:high] = np.add.reduceat(ours, first - first[0], dtype=np.int32) // 9
+            first = start[size * low : size * high : size]
+            ours = column[first[0] : start[size * high]] < unknowns
+            count[low:high] = np.add.reduceat(ours, first - first[0], dtype=np.int32) // size**2
     indptr = np.concatenate([[0], np.cumsum(count)])
-    offset = np.arange(indptr[-1]) * 3 + np.repeat(begin - 3 * indptr[:-1], count)
-    return BlockRows(indptr, column[offset] // 3, begin, offset, stride.astype(np.int32))
+    offset = np.arange(indptr[-1]) * size + np.repeat(begin - size * indptr[:-1], count)
+    return BlockRows(indptr, column[offset] // size, begin, offset, stride.astype(np.int32))
 
 
-def _chosen_blocks(block: AIJBlock, rows: int, number: Array) -> BlockRows:
+def _chosen_blocks(block: AIJBlock, rows: int, size: int, number: Array) -> BlockRows:
     """Return the blocks of an off-diagonal block.
 
     Parameters
@@ -165,7 +170,9 @@ def _chosen_blocks(block: AIJBlock, rows: int, number: Array) -> BlockRows:
         The node of which a column is the first; -1 for other columns.
     """
     start, column = block.csr()
-    begin, stride = start[: 3 * rows : 3].astype(np.int64), np.diff(start[: 3 * rows + 1])[::3]
+    unknowns = size * rows
+    begin = start[:unknowns:size].astype(np.int64)
+    stride = np.diff(start[: unknowns + 1])[::size]
     offset = concatenated_ranges(begin, stride)
     node = number[column[offset]]
     chosen = node >= 0

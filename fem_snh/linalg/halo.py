@@ -49,7 +49,7 @@ class Halo:
         comm: MPI.Comm,
         first: np.ndarray,
         nodes: np.ndarray,
-        width: int = 3,
+        width: int,
         dtype: npt.DTypeLike = np.float32,
     ) -> None:
         owner = np.searchsorted(first, nodes, side="right") - 1

@@ -10,7 +10,7 @@ from fem_snh.linalg.ssor_system import SSORSystem
 
 
 class SSOR:
-    r"""A PC of type "python" for a symmetric AIJ matrix of 3x3 blocks. Collective.
+    r"""A PC of type "python" for a symmetric AIJ matrix of 2x2 or 3x3 blocks. Collective.
 
     .. math:: M = (D + L)\, D^{-1} (D + L)^T \text{ on each rank's rows}
 

@@ -30,7 +30,7 @@ _MIN_ITERATION_LIMIT = 100
 
 
 class EisenstatCG:
-    """A KSP of type "python" for a symmetric matrix of 3x3 blocks. Collective.
+    """A KSP of type "python" for a symmetric matrix of 2x2 or 3x3 blocks. Collective.
 
     The matrix is an AIJ matrix or one of `fem_snh.linalg.displacement_blocks.part_of`.
 
@@ -40,7 +40,7 @@ class EisenstatCG:
 
     Parameters
     ----------
-    coordinates : (rows, 3), optional
+    coordinates : (rows, dim), optional
         Reference coordinates of this rank's nodes; without them there is no deflation.
 
     Attributes
@@ -51,7 +51,7 @@ class EisenstatCG:
     Raises
     ------
     BadInput
-        From `solve`, for a matrix whose blocks are not 3x3.
+        From `solve`, for a matrix whose blocks are neither 2x2 nor 3x3.
 
     Notes
     -----

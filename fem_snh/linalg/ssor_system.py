@@ -1,6 +1,6 @@
 r"""The SSOR-preconditioned system in single precision: matrix, vectors, steps of an iteration.
 
-On each rank's rows let A = L + D + L^T with the 3x3 block diagonal D. The preconditioner is block
+On each rank's rows let A = L + D + L^T with the block diagonal D. The preconditioner is block
 SSOR (Saad 2003, sec. 4.1 and 10.2),
 
 .. math::
@@ -56,10 +56,15 @@ _Reason = PETSc.KSP.ConvergedReason
 #: deflation below 4 (docs/results/speed.md). On smaller bodies the coarse solves cost as much as
 #: the iterations saved.
 _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000, 4
+#: In two dimensions coarse solves cost less, and few nodes have the bandwidth of many: at least one
+#: for 64 nodes up to 16, then one for 256 up to 64 (docs/results/linear_solver.md).
+_NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
 #: On more ranks than this twice as many, up to 64: the sweeps of a rank leave out what couples it
 #: to others (docs/results/scaling.md).
 _FEW_RANKS = 2
 AUTOMATIC = -1
+#: Components of a displacement: the sizes of blocks for which there are kernels.
+BLOCK_SIZES = (2, 3)
 
 
 class CycleStart(NamedTuple):
@@ -85,7 +90,7 @@ class CycleStart(NamedTuple):
 
 
 class SSORSystem:
-    r"""A symmetric AIJ matrix of 3x3 blocks, its preconditioner and the vectors of CG. Collective.
+    r"""A symmetric AIJ matrix, its preconditioner and the vectors of CG. Collective.
 
     The vectors are those of Saad's algorithm for :math:`\hat A`: x, r, z, p, q = A-hat p, and
     t = (D + L)^-T p, whose multiples add up to x.
@@ -93,9 +98,9 @@ class SSORSystem:
     Parameters
     ----------
     A : PETSc.Mat
-        The matrix, or one of `displacement_blocks.part_of`; its pattern is read here, its values by
-        `update`.
-    coordinates : (rows, 3) or None
+        A matrix of 2x2 or 3x3 blocks, or one of `displacement_blocks.part_of`; its pattern is read
+        here, its values by `update`.
+    coordinates : (rows, dim) or None
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
         Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
@@ -103,33 +108,36 @@ class SSORSystem:
     Raises
     ------
     BadInput
-        On every rank, for a matrix whose blocks are not 3x3 or miss on one rank's diagonal.
+        On every rank, for a matrix whose blocks are neither 2x2 nor 3x3, or miss on one rank's
+        diagonal.
     """
 
     def __init__(
         self, A: PETSc.Mat, coordinates: np.ndarray | None, subdomains: int = AUTOMATIC
     ) -> None:
-        if A.getBlockSize() != 3:
+        block = A.getBlockSize()
+        if block not in BLOCK_SIZES:
             raise BadInput(
-                f"matrix block size = {A.getBlockSize()}: expected 3x3 blocks (a displacement) for "
+                f"matrix block size = {block}: expected 2x2 or 3x3 blocks (a displacement) for "
                 "the built-in linear solver"
             )
         self.comm, self.unknowns = A.comm.tompi4py(), A.getSize()[0]
         self._pattern = _pattern(A)
-        path = on_root(self.comm, build.library, library.source())
+        path = on_root(self.comm, build.library, library.source(block))
         stored = displacement_blocks(A)
         blocks = stored.diagonal, stored.off_diagonal
-        self._matrix = on_every(self.comm, SymmetricBlockMatrix, path, *blocks)
+        self._matrix = on_every(self.comm, SymmetricBlockMatrix, path, block, *blocks)
         shared = stored.off_diagonal is not None
-        self._halo = Halo(self.comm, stored.first, stored.ghosts) if shared else None
+        self._halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
         self.deflation = None
-        if subdomains == AUTOMATIC:
-            subdomains = _default_subdomains(self.unknowns // 3, self.comm.size)
+        if subdomains == AUTOMATIC and coordinates is not None:
+            nodes, dim = self.unknowns // block, coordinates.shape[1]
+            subdomains = _default_subdomains(nodes, self.comm.size, dim)
         if coordinates is not None and subdomains > 0:
             self.deflation = Deflation(
                 self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains
             )
-        size = 3 * self._matrix.rows
+        size = block * self._matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
             key: np.zeros(size, np.float32) for key in "xrzptwq"
         }
@@ -241,9 +249,12 @@ def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
     return A.handle, nonzero_state(stored_in(A))
 
 
-def _default_subdomains(nodes: int, ranks: int) -> int:
+def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
     """Return the number of deflation subdomains of a body with so many nodes, 0 for none."""
     subdomains = nodes // _NODES_PER_SUBDOMAIN
+    if dim == 2:
+        few = min(nodes // _NODES_OF_FEW, _FEW)
+        subdomains = max(few, min(nodes // _NODES_OF_MANY, MAX_INVERTED))
     if subdomains < _MIN_SUBDOMAINS:
         return 0
     subdomains = min(subdomains * (1 if ranks <= _FEW_RANKS else 2), MAX_INVERTED)

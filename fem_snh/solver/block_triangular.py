@@ -69,8 +69,9 @@ class BlockTriangular:
         rtol: float,
         max_it: int,
     ) -> None:
-        self._unknowns = 3 * len(coordinates)
-        self._H, S = part_of(A, self._unknowns), saddle_point.schur_approximation
+        components = saddle_point.index_sets["u"].getBlockSize()
+        self._unknowns = components * len(coordinates)
+        self._H, S = part_of(A, self._unknowns, components), saddle_point.schur_approximation
         self._cg = EisenstatCG(coordinates)
         self._blocks = BlockProduct(A, saddle_point.index_sets, self._cg.residual)
         self.operator = PETSc.Mat().createPython(A.getSizes(), self._blocks, comm=A.comm)

@@ -20,7 +20,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from fem_snh.errors import bad_value, choose
+from fem_snh.errors import choose
 from fem_snh.solver.protocol import SolvableProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
@@ -71,9 +71,7 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         For an unknown value.
     """
     regime = problem.regime
-    if choose("snes_linear_solver", wanted, CHOICES) == "iterative" and regime.dimension == 2:
-        accepted = "'automatic' or 'direct' on a mesh of 2 dimensions"
-        raise bad_value("snes_linear_solver", wanted, accepted)
+    choose("snes_linear_solver", wanted, CHOICES)
     if wanted != CHOICES[0]:
         return LinearChoice(wanted == "direct")
     if problem.operator != problem.A:

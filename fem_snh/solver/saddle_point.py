@@ -73,7 +73,7 @@ def configure(
     ksp : KSP
     A : Mat
     saddle_point : SaddlePoint
-    coordinates : (rows, 3)
+    coordinates : (rows, dim)
         Reference coordinates [m] of this rank's nodes.
     prefix : str
         Prefix of the PETSc options.

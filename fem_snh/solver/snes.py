@@ -169,24 +169,26 @@ def _configure_linear_solver(ksp: PETSc.KSP, problem: SolvableProblem, prefix: s
     ksp.setTolerances(rtol=_LINEAR_RTOL, atol=0.0, max_it=_LINEAR_MAX_IT)
     wanted = str(database.getString("snes_linear_solver", CHOICES[0]))
     choice = LinearChoice(False) if named else choose_linear_solver(problem, wanted)
+    dimension = problem.regime.dimension
+    coordinates = problem.coordinates[:, :dimension]
     if choice.direct:
         set_direct_solver(ksp)
         if problem.pressure_level_is_free:
             expect_singular_matrix(ksp)
     elif problem.saddle_point:
-        saddle_point.configure(ksp, problem.A, problem.saddle_point, problem.coordinates, prefix)
+        saddle_point.configure(ksp, problem.A, problem.saddle_point, coordinates, prefix)
     elif problem.operator != problem.A:
         # EisenstatCG needs an assembled matrix. A preconditioner of its sparse part leaves one
         # large eigenvalue for each matrix of rank one, which costs conjugate gradients one step. In
         # two dimensions these are the sparse factors of that part.
-        if problem.regime.dimension == 2:
+        if dimension == 2:
             set_direct_solver(ksp)
         else:
             ksp.getPC().setType(PETSc.PC.Type.SOR)
         ksp.setType(PETSc.KSP.Type.CG)
     elif not named:
         ksp.setType(PETSc.KSP.Type.PYTHON)
-        ksp.setPythonContext(EisenstatCG(problem.coordinates))
+        ksp.setPythonContext(EisenstatCG(coordinates))
         ksp.getPC().setType(PETSc.PC.Type.NONE)
     else:
         ksp.setType(PETSc.KSP.Type.CG)
