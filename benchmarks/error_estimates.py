@@ -10,7 +10,7 @@ import fem_snh
 from benchmarks import Row, split_list
 from benchmarks.accuracy_cases import goals_of
 from fem_snh.assembly.elements import ELEMENTS
-from fem_snh.scenes import Geometry, Hold, MaterialChoice, Probe, Scene, Traction, load
+from fem_snh.scenes import Geometry, Hold, MaterialChoice, Modes, Probe, Scene, Traction, load
 
 #: Elements, those of degree 2 on half the cells along an edge.
 _ELEMENTS = "P1,Q1,Q1P0,P2,P2P0,P2P1,Q2,Q2Q1"
@@ -22,6 +22,7 @@ _REFERENCES = {
     "block": ((2, 4, 8), "Q2Q1"),
     "shear": ((3, 6, 12), "Q2Q1"),
     "bar": ((2, 4, 8), "P2P0"),
+    "vibrations": ((3, 6, 12), "Q2"),
     "plane": ((16, 32, 64), "Q2Q1"),
     "sheet": ((16, 32, 64), "Q2"),
     "tube": ((8, 16, 32), "Q2Q1"),
@@ -34,6 +35,7 @@ _GOALS = {
     "block": ("middle.z", "energy"),
     "shear": ("corner.x", "corner.z", "energy"),
     "bar": ("end.z", "energy"),
+    "vibrations": ("frequency.1", "frequency.3", "frequency.4", "frequency.5"),
     "plane": ("corner.y", "tip.x", "energy"),
     "sheet": ("corner.y", "tip.x", "energy"),
     "tube": ("inner.x", "outer.x", "energy"),
@@ -48,6 +50,8 @@ _SECTIONS: dict[str, tuple[str, Row]] = {
     "rod": ("stretch", {"kinematics": "axisymmetric", "stretch": 2.0, "steps": 4}),
     "bushing": ("bushing", {}),
 }
+#: Treatments of the volume term that a scene does not have.
+_WITHOUT = {"sheet": ("mean", "pressure"), "vibrations": ("pressure",)}
 #: Goals are estimated well in this range of the effectivity, and acceptably in that.
 _WELL, _ACCEPTABLE = (0.7, 1.4), (0.5, 2.0)
 #: An error below this part of the value is not compared: the extrapolation has one of its own.
@@ -67,9 +71,10 @@ def rows(
     scenes : str
         cook; twist: a cube turned by 1 radian; block: pressed on a quarter of its top; shear: a
         cube on a clamped bottom, sheared by a dead load; bar: two materials, of which one is a
-        hundred times as stiff, bent by a dead load. Of two dimensions: plane and sheet, Cook's
-        membrane in plane strain and plane stress; tube, inflated; rod, stretched to twice its
-        length; bushing, turned and pushed.
+        hundred times as stiff, bent by a dead load; vibrations: frequencies of a cube that is
+        clamped at a face, elements without an unknown pressure. Of two dimensions: plane and
+        sheet, Cook's membrane in plane strain and plane stress; tube, inflated; rod, stretched
+        to twice its length; bushing, turned and pushed.
     elements, nus, cells : str
         Elements, Poisson's ratios, cells along an edge (degree 2: half).
 
@@ -85,7 +90,7 @@ def rows(
     for scene in split_list(scenes):
         for nu in map(float, split_list(nus)):
             for element in split_list(elements):
-                if scene == "sheet" and ELEMENTS[element].volume != "pointwise":
+                if ELEMENTS[element].volume in _WITHOUT.get(scene, ()):
                     continue
                 for number in map(int, split_list(cells)):
                     for row in _compared(scene, nu, element, number // ELEMENTS[element].degree):
@@ -149,7 +154,9 @@ def exact(scene: str, nu: float) -> Mapping[str, float]:
     found = []
     for cells in meshes:
         result = fem_snh.run(scene_of(scene, nu, element, cells, estimate=False), progress=False)
-        found.append(goals_of(result.steps[-1]) if result.converged else {})
+        values = goals_of(result.steps[-1]) if result.converged else {}
+        frequencies = enumerate(result.frequencies, 1)
+        found.append(values | {f"frequency.{i}": value for i, value in frequencies})
     return {name: _extrapolated([goals.get(name, nan) for goals in found]) for name in found[0]}
 
 
@@ -174,6 +181,15 @@ def scene_of(name: str, nu: float, element: str, cells: int, estimate: bool) -> 
     if name == "block":
         return load(name, nu=nu, **common)
     one = MaterialChoice(name="stable_neo_hookean", E=1.0, nu=nu)
+    if name == "vibrations":
+        return Scene(
+            name="vibrations",
+            mesh=Geometry(source="cube"),
+            material=one,
+            hold=[Hold(group="left")],
+            modes=Modes(count=6, density=1.0),
+            **common,
+        )
     if name == "shear":
         return Scene(
             name="shear",

@@ -151,10 +151,10 @@ def test_a_solution_of_degree_2_leaves_nothing():
     X = other.coordinates
     values = np.stack([X[:, 0] * X[:, 1], X[:, 2] ** 2, 0 * X[:, 0]], axis=1)
     other.x.array[: values.size] = values.ravel()
-    assert saturation(other) == pytest.approx(1.0, abs=0.01)
+    assert saturation(other, other.split(other.x)[0]) == pytest.approx(1.0, abs=0.01)
     # x^3 has both parts in each cell.
     other.x.array[: values.size] = (X[:, :1] ** 3 * [1.0, 0, 0]).ravel()
-    assert 1 < saturation(other) < 1.6
+    assert 1 < saturation(other, other.split(other.x)[0]) < 1.6
 
 
 def test_effectivity_on_a_twisted_bar():

@@ -12,6 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
+from fem_snh.accuracy.frequency_goals import (
+    FrequencyGoal,
+    LiftedModes,
+    lifted_modes,
+)
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
@@ -26,7 +31,7 @@ from fem_snh.accuracy.lift import (
     memory,
 )
 from fem_snh.accuracy.pressure_oscillation import may_lock
-from fem_snh.accuracy.saturation import saturation
+from fem_snh.accuracy.saturation import cell_squares, saturation
 from fem_snh.assembly.elements import Element
 from fem_snh.mesh.mesh import Mesh
 from fem_snh.problem.problem import Problem
@@ -53,6 +58,8 @@ _SHOWN = 1e-5
 _LEAST_SCALE = 1e-3
 #: What Newton's method left is a part of the errors from this part of one of them on.
 _LEAST_PART = 0.01
+#: What a goal's errors are compared with.
+_SIZES = ("value", "scale")
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -335,18 +342,21 @@ def _find_errors(
     check_memory(problem, found.memory)
     lifted = create_lifted(problem, make)
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
-    others = _other_parts(problem, goals, found)
+    static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
+    frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
+    others = _other_parts(problem, static, found)
     lift = Lift(problem, lifted)
     try:
-        errors, unsettled = _differences(lift, goals, found)
+        errors, unsettled = _differences(lift, static, found)
         # Locking is no part of what the lifted solution leaves; P2 on triangles hardly locks.
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
-        locks = may_lock(problem) and not triangles
-        found.saturation = factor = 1.0 if locks else saturation(lifted)
+        locks = bool(may_lock(problem)) and not triangles
+        found.saturation = factor = 1.0 if locks else saturation(lifted, lifted.split(lifted.x)[0])
         if (algebra := others.get("algebra")) is not None:
             algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
             errors = errors - algebra  # the difference to the run has it
-        _add(found, {"mesh": factor * errors} | others, factor * unsettled)
+        _add(found, _names(static), {"mesh": factor * errors} | others, factor * unsettled)
+        modes = _frequency_errors(lift, frequencies, found, locks) if frequencies else None
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
             for name, goal in found.goals.items()
@@ -355,18 +365,45 @@ def _find_errors(
         if sizes and locate == "largest":
             largest = max(sizes, key=sizes.__getitem__)
             sizes = {largest: sizes[largest]}
-        cells = cell_indicators(lift, goals, sizes.__contains__, accurate=locate == "exactly")
+        cells = cell_indicators(lift, static, sizes.__contains__, accurate=locate == "exactly")
         found.indicators = {name: factor * values for name, values in cells.items()}
+        for name, goal in zip(_names(frequencies), frequencies, strict=True):
+            if modes and name in sizes:
+                squares = cell_squares(lifted, modes.changes[goal.number - 1])
+                total = lifted.comm.allreduce(squares.sum())
+                found.indicators[name] = squares * ((found.goals[name].error or 0.0) / total)
         found.linear = lift.linear
     finally:
         lift.destroy()
 
 
+def _names(goals: Sequence[Goal]) -> list[str]:
+    return [name for goal in goals for name in goal.names]
+
+
+def _frequency_errors(
+    lift: Lift, goals: Sequence[FrequencyGoal], found: Estimate, locks: bool
+) -> LiftedModes | None:
+    """Add the errors of frequencies, and return the lifted modes; None without any."""
+    if (modes := lifted_modes(lift, goals[0].modes)) is None:
+        return None
+    names, numbers = _names(goals), [goal.number - 1 for goal in goals]
+    values = np.array([found.goals[name].value for name in names])
+    shapes = [] if locks else [modes.shapes[i] for i in numbers]
+    # The root: smooth modes leave nothing, those of clamped bodies the factor.
+    factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
+    parts = {"mesh": factors * (modes.frequencies[numbers] - values)}
+    if (penalties := penalty_errors(lift.problem, goals, values, StepOutcome())) is not None:
+        parts["penalty"] = penalties
+    _add(found, names, parts, factors * modes.unsettled[numbers])
+    return modes
+
+
 def _other_parts(problem: Problem, goals: Sequence[Goal], found: Estimate) -> dict[str, Array]:
     """Return the parts of the errors that are not of the mesh, and note what they cost."""
     outcome, parts = StepOutcome(), {}
-    values = np.array([goal.value for goal in found.goals.values()])
-    scales = np.array([goal.scale for goal in found.goals.values()])
+    known = [found.goals[name] for name in _names(goals)]
+    values, scales = (np.array([getattr(goal, key) for goal in known]) for key in _SIZES)
     if (algebra := algebra_errors(problem, goals, values)) is not None:
         relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
         found.algebra = float(relative.max(initial=0.0))
@@ -378,12 +415,12 @@ def _other_parts(problem: Problem, goals: Sequence[Goal], found: Estimate) -> di
     return parts
 
 
-def _add(found: Estimate, parts: dict[str, Array], unsettled: Array) -> None:
-    """Add the parts of the errors to the goals."""
-    for i, (name, goal) in enumerate(list(found.goals.items())):
+def _add(found: Estimate, names: Sequence[str], parts: dict[str, Array], unsettled: Array) -> None:
+    """Add the parts of the errors to the goals of these names."""
+    for i, name in enumerate(names):
         own = {key: float(part[i]) for key, part in parts.items() if part[i] or key == "mesh"}
         found.goals[name] = replace(
-            goal,
+            found.goals[name],
             error=sum(own.values()),
             unsettled=float(unsettled[i]),
             parts=own if len(own) > 1 else {},
@@ -400,8 +437,8 @@ def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Ar
     """
     name = lift.lifted.element.name
     functions = [goal.bind(lift.lifted) for goal in goals]
-    values = np.array([goal.value for goal in found.goals.values()])
-    scales = np.array([goal.scale for goal in found.goals.values()])
+    known = [found.goals[name] for name in _names(goals)]
+    values, scales = (np.array([getattr(goal, key) for goal in known]) for key in _SIZES)
     errors = np.zeros(len(values))
     while True:
         before = errors

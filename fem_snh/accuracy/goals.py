@@ -58,13 +58,17 @@ class Linearisation:
     def solve_free(self, g: PETSc.Vec) -> PETSc.Vec:
         """Return z for the derivative of a goal by all displacements and pressures."""
         problem = self.problem
-        if problem.rigid:
-            problem.rigid.reduce_vector(problem.x, g)
-        problem.project(g.array)
+        self.reduce(g)
         z = self.solve(g)
         if problem.rigid:
             problem.rigid.expand(problem.x, z.array)
         return z
+
+    def reduce(self, g: PETSc.Vec) -> None:
+        """Reduce a derivative to the unknowns: of rigid parts, and of what is not constrained."""
+        if self.problem.rigid:
+            self.problem.rigid.reduce_vector(self.problem.x, g)
+        self.problem.project(g.array)
 
 
 class Goal(Protocol):

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.estimate import Estimate, GoalError
+from fem_snh.accuracy.goals import AXES
 
 Array = npt.NDArray[Any]
 
@@ -191,14 +192,19 @@ def _with_least_bounds(goals: Mapping[str, GoalLevel]) -> dict[str, GoalLevel]:
     """
     largest: dict[str, float] = {}
     for name, goal in goals.items():
-        vector = name.rpartition(".")[0] or name
-        largest[vector] = max(largest.get(vector, 0.0), goal.uncertainty)
+        largest[_vector(name)] = max(largest.get(_vector(name), 0.0), goal.uncertainty)
     found = {}
     for name, goal in goals.items():
-        least = _LEAST_OF_VECTOR * largest[name.rpartition(".")[0] or name]
+        least = _LEAST_OF_VECTOR * largest[_vector(name)]
         bounds = max(goal.bound, least), max(goal.uncertainty, least)
         found[name] = replace(goal, bound=bounds[0], uncertainty=bounds[1])
     return found
+
+
+def _vector(name: str) -> str:
+    """Return the name of the vector of which a goal is a component, or the goal's own."""
+    rest, _, last = name.rpartition(".")
+    return rest if last in AXES else name
 
 
 class Levels:
@@ -228,8 +234,12 @@ class Levels:
 
     def add(self, row: LevelRow, estimate: Estimate | None) -> None:
         """Add a level with its estimate."""
+        known = estimate.goals if estimate else {}
+        unknown = [name for name, goal in known.items() if goal.error is None]
         if estimate is None or estimate.reason:
             row.reason = estimate.reason if estimate else "the load steps did not converge"
+        elif unknown:
+            row.reason = f"no estimate of {', '.join(unknown)}"
         else:
             before = self.rows[-1] if self.rows else None
             goals = {

@@ -10,7 +10,7 @@ and the solver is that of the run, so that a few Newton iterations suffice (docs
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -281,7 +281,12 @@ class Lift:
                 f"({outcome.reason} after {self.newton} Newton iterations)"
             )
 
-    def linear_solves(self, accurate: bool) -> Callable[[PETSc.Vec], PETSc.Vec]:
+    def linear_solves(
+        self,
+        accurate: bool,
+        tolerance: float = _DUAL,
+        filters: Sequence[str] = ("exact", "clamp"),
+    ) -> Callable[[PETSc.Vec], PETSc.Vec]:
         """Return the solver with the Hessian at the present state. Collective.
 
         If it need not be ``accurate``, that of the last Newton iteration serves.
@@ -291,7 +296,7 @@ class Lift:
         """
         assembled = not accurate and self._last_filter == "exact"
         ksp = self._snes.getKSP()
-        solver_of_duals = HessianSolver(self.lifted, ksp, _DUAL, assembled=assembled)
+        solver_of_duals = HessianSolver(self.lifted, ksp, tolerance, filters, assembled)
 
         def solve(rhs: PETSc.Vec) -> PETSc.Vec:
             before = solver_of_duals.iterations

@@ -13,9 +13,12 @@ over all cells, divided by that of degree 3.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import log
 from typing import Any
+
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -36,14 +39,15 @@ _EXPONENTS = np.linspace(1.5, 12.0, 211)
 _BATCH = 2000
 
 
-def saturation(lifted: Problem) -> float:
-    """Return the factor of estimates by the lifted solution, at least 1. Collective.
+def saturation(lifted: Problem, u: PETSc.Vec) -> float:
+    """Return the factor of estimates by a lifted displacement, at least 1. Collective.
 
+    ``u`` is a ghosted vector: the solution, or a mode of vibration.
     A lifted solution of degree 2 has one part alone, and no ratio: the factor is 1.
     """
     if lifted.element.degree < 3:
         return 1.0
-    second, third = _parts(lifted)
+    second, third = _parts(lifted, u)
     ratio = np.divide(third, second, out=np.zeros_like(third), where=second > 0)
     further = np.interp(ratio, *_table())
     sums = lifted.comm.allreduce(np.array([third.sum(), (third * further).sum()]))
@@ -58,36 +62,66 @@ def _table() -> tuple[Array, Array]:
     return ratio[::-1], further[::-1]
 
 
-def _parts(lifted: Problem) -> tuple[Array, Array]:
+def cell_squares(problem: Problem, vector: PETSc.Vec) -> Array:
+    """Return the integral of the squared gradient of a displacement over each owned cell.
+
+    ``vector`` is ghosted.
+    """
+
+    def squares(u: Array, X: Array) -> Array:
+        volumes, (gradient,) = _gradients(problem, u, X, [problem.element.degree])
+        return np.asarray((volumes * (gradient**2).sum(axis=(2, 3))).sum(axis=1))
+
+    return _in_batches(problem, vector, squares)
+
+
+def _parts(lifted: Problem, vector: PETSc.Vec) -> tuple[Array, Array]:
     """Return a_2 and a_3 of each cell of this rank."""
-    u = local_values(lifted.split(lifted.x)[0]).reshape(-1, lifted.kinematics.components)
-    nodes = _dolfinx.node_dofs(lifted.V)
-    geometry = _dolfinx.geometry_dofs(lifted.domain)
-    X = _dolfinx.geometry_x(lifted.domain)[:, : lifted.kinematics.dim]
-    batches: list[Array] = [np.empty((0, 2))]
-    for first in range(0, len(nodes), _BATCH):
-        batch = slice(first, first + _BATCH)
-        batches.append(_parts_of(lifted, u[nodes[batch]], X[geometry[batch]]))
-    second, third = np.concatenate(batches).T
+
+    def parts(u: Array, X: Array) -> Array:
+        volumes, gradients = _gradients(lifted, u, X, [1, 2, 3])
+        steps = [new - old for old, new in pairwise(gradients)]
+        return np.stack([(volumes * (d**2).sum(axis=(2, 3))).sum(axis=1) for d in steps], axis=1)
+
+    second, third = _in_batches(lifted, vector, parts).reshape(-1, 2).T
     return second, third
 
 
-def _parts_of(lifted: Problem, u: Array, X: Array) -> Array:
-    """Return a_2 and a_3, (cells, 2), from displacements and coordinates of the cells' nodes."""
-    cell, degree = lifted.element.cell, lifted.element.degree
-    points, weights = _dolfinx.quadrature(cell, lifted.element.quadrature)
-    jacobians = np.einsum("cgi,pgj->cpij", X, _dolfinx.tabulate_geometry(lifted.domain, points))
+def _in_batches(
+    problem: Problem, vector: PETSc.Vec, evaluate: Callable[[Array, Array], Array]
+) -> Array:
+    """Return a function of the displacements and coordinates of the nodes of owned cells."""
+    u = local_values(vector).reshape(-1, problem.kinematics.components)
+    nodes = _dolfinx.node_dofs(problem.V)
+    geometry = _dolfinx.geometry_dofs(problem.domain)
+    X = _dolfinx.geometry_x(problem.domain)[:, : problem.kinematics.dim]
+    batches: list[Array] = []
+    for first in range(0, len(nodes), _BATCH):
+        batch = slice(first, first + _BATCH)
+        batches.append(evaluate(u[nodes[batch]], X[geometry[batch]]))
+    return np.concatenate(batches) if batches else np.empty(0)
+
+
+def _gradients(
+    problem: Problem, u: Array, X: Array, degrees: Sequence[int]
+) -> tuple[Array, list[Array]]:
+    """Return the volumes of quadrature points, and gradients of interpolations by degree.
+
+    From displacements and coordinates of the cells' nodes: (cells, points), and for each degree
+    (cells, points, components, dim).
+    """
+    cell, degree = problem.element.cell, problem.element.degree
+    points, weights = _dolfinx.quadrature(cell, problem.element.quadrature)
+    jacobians = np.einsum("cgi,pgj->cpij", X, _dolfinx.tabulate_geometry(problem.domain, points))
     volumes = weights * np.abs(np.linalg.det(jacobians))
-    if lifted.kinematics.revolved:
-        volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(lifted.domain, points).T
+    if problem.kinematics.revolved:
+        volumes *= X[..., 0] @ _dolfinx.tabulate_geometry_values(problem.domain, points).T
     inverse = np.linalg.inv(jacobians)
     gradients = []
-    for k in (1, 2, 3):
+    for k in degrees:
         nodes = _dolfinx.reference_nodes(cell, k)
         values = np.einsum("ka,cai->cki", _dolfinx.tabulate_element(cell, degree, nodes, 0)[0], u)
         basis = _dolfinx.tabulate_element(cell, k, points, 1)[1:]
         reference = np.einsum("jpk,cki->cpij", basis, values)
         gradients.append(np.einsum("cpij,cpjl->cpil", reference, inverse))
-    steps = [new - old for old, new in pairwise(gradients)]
-    squares = [(volumes * (step**2).sum(axis=(2, 3))).sum(axis=1) for step in steps]
-    return np.stack(squares, axis=1)
+    return volumes, gradients

@@ -29,13 +29,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
-from fem_snh.assembly.regions import cell_constant, volume_mean
+from fem_snh.assembly.regions import Region, cell_constant, density_of, volume_mean
 from fem_snh.errors import BadInput
 from fem_snh.problem.problem import Problem
 from fem_snh.terms.mass import mass_matrix
 
 #: First shift, in units of E / (density length^2), the scale of the eigenvalues.
-_SHIFT = 1e-2
+SHIFT = 1e-2
 #: Shift, in the same units, at which the search for a bound below all eigenvalues stops.
 _LOWEST_SHIFT = 1e20
 #: Relative distance of the bound below which eigenvalues are counted from the highest one found:
@@ -45,6 +45,11 @@ _GAP = 1e-5
 _TOLERANCE = 1e-12
 #: Restarts after which SLEPc gives up.
 _MAX_RESTARTS = 1000
+
+
+def regions_with(problem: Problem, density: float) -> list[Region]:
+    """Return the regions of a problem, with a density [kg/m^3] where they have none."""
+    return [r if r.density is not None else r._replace(density=density) for r in problem.regions]
 
 
 class Eigenproblem:
@@ -67,9 +72,9 @@ class Eigenproblem:
 
     def __init__(self, problem: Problem, density: float, prefix: str) -> None:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
-        domain, regions = problem.domain, problem.regions
-        densities = [density if r.density is None else r.density for r in regions]
-        revolved = problem.kinematics.revolved
+        domain, revolved = problem.domain, problem.kinematics.revolved
+        regions = regions_with(problem, density)
+        densities = [density_of(region, "modes") for region in regions]
         self.density = volume_mean(domain, regions, densities, revolved)
         same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
         rho = densities[0] if same else cell_constant(domain, regions, densities)
@@ -92,7 +97,7 @@ class Eigenproblem:
         BadInput
             If no shift is below all eigenvalues, or a solver fails.
         """
-        shift = -_SHIFT * self._scale
+        shift = -SHIFT * self._scale
         while below := self._count_below(shift):
             shift *= 10
             if abs(shift) > _LOWEST_SHIFT * self._scale:
@@ -344,6 +349,45 @@ def lowest(
         [eigenproblem.shape(v, np.sqrt(mass) * problem.length) for v in vectors],
         perf_counter() - start,
     )
+
+
+class LowestModes:
+    """The modes that a scene asks for, computed once for each state of a problem.
+
+    Parameters
+    ----------
+    density : float
+        Mass per reference volume [kg/m^3] of the regions that have none of their own.
+    count : int
+        Number of modes.
+    """
+
+    def __init__(self, density: float, count: int) -> None:
+        self._density, self._count = density, count
+        self._last: tuple[int, VibrationModes] | None = None
+
+    def __call__(self, problem: Problem) -> VibrationModes:
+        """Return the modes about the state of a problem; see `lowest`. Collective."""
+        state = problem.x.stateGet()
+        if self._last is None or self._last[0] != state or self._last[1].problem is not problem:
+            self._last = state, lowest(problem, self._density, self._count)
+        return self._last[1]
+
+    def check(self, problem: Problem) -> None:
+        """Check that the modes can be computed; see `check`. Collective."""
+        check(problem, self._count)
+
+    def regions(self, problem: Problem) -> list[Region]:
+        """Return the regions of a problem, all with their densities."""
+        return regions_with(problem, self._density)
+
+    def scale(self, problem: Problem) -> float:
+        """Return the scale of eigenvalues, E / (density length^2) [1/s^2]. Collective."""
+        regions = self.regions(problem)
+        densities = [density_of(region, "modes") for region in regions]
+        revolved = problem.kinematics.revolved
+        density = volume_mean(problem.domain, regions, densities, revolved)
+        return float(problem.modulus / (density * problem.length**2))
 
 
 def check(problem: Problem, count: int) -> None:

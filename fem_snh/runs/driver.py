@@ -26,10 +26,12 @@ from fem_snh.runs.progress import Progress
 from fem_snh.runs.recorder import Recorder
 from fem_snh.runs.result import Result
 from fem_snh.runs.setup import Setup, set_up
+from fem_snh.runs.vibrations import vibrations
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
     from fem_snh.accuracy.goals import Goal
+    from fem_snh.problem.modes import LowestModes
     from fem_snh.runs.levels import Level
 
 #: Seconds for which the other ranks continue after an interruption, so that rank 0 can write
@@ -154,19 +156,19 @@ def _run(
             if stored.finished and not (scene.estimates_error and "estimate" not in stored.record):
                 setup.destroy()
                 return setup.result(True, "converged", stored.record, folder.path)
-        earlier = stored.record if stored else None
         goals: list[Goal] = []
+        modes = vibrations(scene, setup.problem)
         if scene.estimates_error:
             from fem_snh.runs.goals import scene_goals
 
-            goals = scene_goals(scene, setup.mesh, setup.problem.has_energy)
-        names = [name for goal in goals for name in goal.names]
-        recorder = Recorder(about, scene, setup, folder, start, earlier, names)
+            goals = scene_goals(scene, setup.mesh, setup.problem.has_energy, modes)
+        former = stored.record if stored else None
+        recorder = Recorder(about, scene, setup, folder, start, former, goals)
         if folder and (scene.obstacle or scene.bone or scene.rigid):
             from fem_snh.runs.obstacle_records import copy_surfaces
 
             on_root(comm, copy_surfaces, scene, folder)
-        estimate = _solve(comm, scene, setup, recorder, printed, goals)
+        estimate = _solve(comm, scene, setup, recorder, printed, goals, modes)
         if level:
             level.end(recorder.record, estimate)
         status = "converged" if setup.stepper.done else setup.stepper.failure_message()
@@ -177,9 +179,7 @@ def _run(
         unused = [key for key in given if not option_used(solver.PREFIX + key)]
         printed.end(recorder.record, path, unused)
         setup.destroy()
-    result = setup.result(setup.stepper.done, status, recorder.record, path)
-    result.estimate = estimate
-    return result
+    return setup.result(setup.stepper.done, status, recorder.record, path, estimate)
 
 
 def _solve(
@@ -189,6 +189,7 @@ def _solve(
     recorder: Recorder,
     printed: Progress,
     goals: Sequence[Goal],
+    modes: LowestModes | None,
 ) -> Estimate | None:
     """Solve all load steps, then compute modes and errors; record each result. Collective."""
     estimate = None
@@ -198,11 +199,8 @@ def _solve(
             printed.step(step)
             with interrupts.postponed():
                 recorder.add_step(step)
-        if scene.modes and setup.stepper.done:
-            prefix = f"{solver.PREFIX}modes_"
-            from fem_snh.problem import modes
-
-            found = modes.lowest(setup.problem, scene.modes.density, scene.modes.count, prefix)
+        if modes and setup.stepper.done:
+            found = modes(setup.problem)
             with interrupts.postponed():
                 recorder.add_modes(found)
         if goals and setup.stepper.done:

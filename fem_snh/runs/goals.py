@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from fem_snh.problem.problem import Problem
 from fem_snh.scenes import Scene, read_goal, term_goals
 from fem_snh.terms.body import group_facets
 
+if TYPE_CHECKING:
+    from fem_snh.problem.modes import LowestModes
+
 #: Key of the goals' names.
 _KEY = "accuracy.goals"
 #: The point of the moment of a group that the scene does not name in ``reactions``.
@@ -35,7 +38,9 @@ _ORIGIN = (0.0, 0.0, 0.0)
 _MEAN_DEGREE = 5
 
 
-def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
+def scene_goals(
+    scene: Scene, mesh: Mesh, has_energy: bool, modes: LowestModes | None = None
+) -> list[Goal]:
     """Return the goals of a scene, by default those of `default_goals`.
 
     Parameters
@@ -46,6 +51,8 @@ def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
         Its mesh.
     has_energy : bool
         Whether all its forces have an energy.
+    modes : LowestModes, optional
+        What computes its modes.
 
     Raises
     ------
@@ -57,7 +64,7 @@ def scene_goals(scene: Scene, mesh: Mesh, has_energy: bool) -> list[Goal]:
     names = named or default_goals(scene, has_energy)
     if "energy" in names and not has_energy:
         raise bad_value(_KEY, "energy", "another goal, in time or with a force without an energy")
-    return [_goal(scene, mesh, name) for name in dict.fromkeys(names)]
+    return [_goal(scene, mesh, name, modes) for name in dict.fromkeys(names)]
 
 
 def named_goals(scene: Scene, mesh: Mesh, names: Sequence[str]) -> list[Goal]:
@@ -103,13 +110,20 @@ def default_goals(scene: Scene, has_energy: bool) -> list[str]:
         *results,
         *(f"{reaction.group}.moment" for reaction in turned if kinematics.moment_axes),
         *(f"{group}.volume" for group in scene.volumes),
+        *(scene.modes.goals if scene.modes else []),
         "volume",
         *(["energy"] if has_energy else []),
     ]
 
 
-def _goal(scene: Scene, mesh: Mesh, text: str) -> Goal:
+def _goal(scene: Scene, mesh: Mesh, text: str, modes: LowestModes | None = None) -> Goal:
     kind, name, components = read_goal(text, scene)
+    if kind == "frequency":
+        if modes is None:
+            raise bad_value("goal", text, "a displacement, a force, a moment or a volume")
+        from fem_snh.accuracy.frequency_goals import FrequencyGoal  # imports fem_snh.problem.modes
+
+        return FrequencyGoal(int(name), modes)
     if kind == "energy":
         return EnergyGoal()
     if kind == "term":

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from fem_snh import scenes
 from fem_snh.accuracy.estimate import Estimate, estimated
+from fem_snh.accuracy.frequency_goals import FrequencyGoal
 from fem_snh.accuracy.goals import Goal
 from fem_snh.accuracy.lift import (
     NoEstimate,
@@ -55,10 +56,12 @@ def estimate_on_path(
     """
 
     def find(found: Estimate) -> None:
-        parts = _errors(comm, scene, setup, goals, found, announce)
-        for i, (name, known) in enumerate(list(found.goals.items())):
+        known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
+        found.on_no_mesh = len(known) < len(goals)
+        parts = _errors(comm, scene, setup, known, found, announce)
+        for i, name in enumerate(name for goal in known for name in goal.names):
             own = {part: float(errors[i]) for part, errors in parts.items()}
-            found.goals[name] = replace(known, error=sum(own.values()), parts=own)
+            found.goals[name] = replace(found.goals[name], error=sum(own.values()), parts=own)
 
     return estimated(setup.problem, goals, find)
 
@@ -79,7 +82,7 @@ def _errors(
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
     check_memory(problem, found.memory)
-    values = np.array([goal.value for goal in found.goals.values()])
+    values = np.array([found.goals[name].value for goal in goals for name in goal.names])
     half = _with_steps(scene, found.again)
     coarse = _follow(comm, half, setup, goals, found)
     lifted = _follow(comm, half, setup, goals, found, element)

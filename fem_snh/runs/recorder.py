@@ -18,6 +18,7 @@ from fem_snh.steps.jump import jump_note
 
 if TYPE_CHECKING:
     from fem_snh.accuracy.estimate import Estimate
+    from fem_snh.accuracy.goals import Goal
     from fem_snh.problem.modes import VibrationModes
     from fem_snh.runs.setup import Setup
 
@@ -42,7 +43,7 @@ class Recorder:
         The value of `time.perf_counter` at the start of the run.
     earlier : mapping, optional
         The record of the run that is resumed: its steps are kept and its seconds are added.
-    goals : sequence of str, optional
+    goals : sequence of Goal, optional
         The goals whose errors `add_estimate` adds.
     """
 
@@ -54,7 +55,7 @@ class Recorder:
         folder: Folder | None,
         start: float,
         earlier: Mapping[str, Any] | None = None,
-        goals: Sequence[str] = (),
+        goals: Sequence[Goal] = (),
     ) -> None:
         self.record, self._folder, self._start = record, folder, start
         self._stepper, self._problem = setup.stepper, setup.problem
@@ -89,7 +90,7 @@ class Recorder:
                 scene.fields_at,
                 self._stepper.motion,
                 folder.files,
-                goals,
+                [name for goal in goals for name in goal.names],
                 groups,
             )
             jit = self._seconds["jit"] + self._fields.jit_seconds

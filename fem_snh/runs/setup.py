@@ -31,6 +31,7 @@ from fem_snh.steps.step_solver import StepSolver
 from fem_snh.steps.stepping import Stepper
 
 if TYPE_CHECKING:
+    from fem_snh.accuracy.estimate import Estimate
     from fem_snh.problem.bone_nodes import BoneNodes
 
 
@@ -74,12 +75,13 @@ class Setup:
     stiffer: float = 1.0
 
     def result(
-        self, converged: bool, status: str, record: dict[str, Any], out: Path | None
-    ) -> Result:
+        self, converged: bool, status: str, record: dict[str, Any], out: Path | None,
+        estimate: Estimate | None = None,
+    ) -> Result:  # fmt: skip
         """Return the result of the run."""
         steps = self.stepper.motion
         motion = steps.dynamics if steps else None
-        return Result(converged, status, record, self.problem, out, motion)
+        return Result(converged, status, record, self.problem, out, motion, estimate)
 
     def destroy(self) -> None:
         """Destroy the solvers; the problem remains. Collective."""
@@ -125,10 +127,6 @@ def set_up(
     elif scene.start and (scene.start.displaces or not scene.time):
         set_initial_state(problem, scene.start)
     probes = Probes(problem.u, scene.probe) if scene.probe else None
-    if scene.modes:
-        from fem_snh.problem import modes
-
-        modes.check(problem, scene.modes.count)
     choices = scene.hessian, scene.globalization
     snes = solver.create(problem, *choices)
     ratios = scene.nu_continuation

@@ -92,6 +92,11 @@ class Modes(Table):
         description="Mass per reference volume [kg/m^3] of materials without a density.",
     )
 
+    @property
+    def goals(self) -> list[str]:
+        """The names of the frequencies as goals."""
+        return [f"frequency.{number}" for number in range(1, self.count + 1)]
+
 
 def _check_fields(names: list[str]) -> list[str]:
     """Return the names without repetition; raise BadInput for an unknown one."""
@@ -160,7 +165,7 @@ _ACCEPTED = (
     "'core.stress' (mean of von Mises' stress), "
     "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure', of a rigid part "
     "'lid.displacement.z', 'lid.rotation.z', 'lid.force.z', 'lid.moment.z'; without the component: "
-    "all of them"
+    "all of them; with [modes] 'frequency.1'"
 )
 
 
@@ -169,10 +174,12 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term", "rigid"}
+    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term", "rigid", \
+"frequency"}
         What it is; "term": the result of a feature, "rigid": that of a rigid part.
     name : str
-        The probe, the physical group or the result; empty for the whole body.
+        The probe, the physical group, the result or the number of the frequency; empty for the
+        whole body.
     components : tuple of int
         The components of a vector.
     """
@@ -261,6 +268,10 @@ class HasGoals(Protocol):
     def features(self) -> Sequence[Feature]:
         """Its features."""
 
+    @property
+    def modes(self) -> Modes | None:
+        """Its modes of vibration."""
+
 
 def term_goals(features: Sequence[Feature]) -> list[str]:
     """Return the names of the goals that are results of features."""
@@ -278,6 +289,8 @@ def read_goal(text: str, scene: HasGoals) -> GoalName:
     kinematics = kinematics_of(scene.kinematics)
     if text in _OF_BODY:
         return GoalName(text)
+    if scene.modes and text in (known := scene.modes.goals):
+        return GoalName("frequency", str(1 + known.index(text)))
     results = term_goals(scene.features)
     if text in results and not text.endswith(".force"):
         return GoalName("term", text)
