@@ -67,21 +67,25 @@ INLINE real determinant(const real *F, real *cofactor) {
 
 enum { PAIRS = NODES * (NODES + 1) / 2 };
 
-/* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. */
+/* K += weight * G^T C G: the 3x3 blocks (a, b) with a <= b, ordered by b, then a, each row-major. Of blocks with
+ * fewer COMPONENTS the leading ones are set. */
 INLINE void add_stiffness(const real *C, const real *G, real weight, real *K) {
   real *block = K;
   for (int b = 0; b < NODES; ++b) {
     real T[27]; /* T[9 k + 3 i + j] = sum_l C[(i,k),(j,l)] G_bl */
-    const real g0 = G[3 * b] * weight, g1 = G[3 * b + 1] * weight, g2 = G[3 * b + 2] * weight;
-    for (int k = 0; k < 3; ++k)
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
+    const real g0 = G[3 * b] * weight, g1 = G[3 * b + 1] * weight THIRD(, g2 = G[3 * b + 2] * weight);
+    for (int k = 0; k < DERIVATIVES; ++k)
+      for (int i = 0; i < COMPONENTS; ++i)
+        for (int j = 0; j < COMPONENTS; ++j) {
           const real *row = C + 9 * (3 * k + i) + j;
-          T[9 * k + 3 * i + j] = row[0] * g0 + row[3] * g1 + row[6] * g2;
+          T[9 * k + 3 * i + j] = row[0] * g0 + row[3] * g1 THIRD(+ row[6] * g2);
         }
     for (int a = 0; a <= b; ++a, block += 9)
-      for (int m = 0; m < 9; ++m)
-        block[m] += G[3 * a] * T[m] + G[3 * a + 1] * T[9 + m] + G[3 * a + 2] * T[18 + m];
+      for (int i = 0; i < COMPONENTS; ++i)
+        for (int j = 0; j < COMPONENTS; ++j) {
+          const int m = 3 * i + j;
+          block[m] += G[3 * a] * T[m] + G[3 * a + 1] * T[9 + m] THIRD(+ G[3 * a + 2] * T[18 + m]);
+        }
   }
 }
 

@@ -1,6 +1,7 @@
 /* The kinematics: how nodal values become the displacement gradient H (3x3, by columns, F = I + H).
  *
- * The code generator defines COMPONENTS, the displacement components of a node (2 or 3), and KINEMATICS:
+ * The code generator defines COMPONENTS, the displacement components of a node (2 or 3), ENTRIES, the entries of
+ * vec(H) that may vary if not all do, and KINEMATICS:
  *   SOLID ....... H = sum_a u_a (grad N_a)^T
  *   PLANE ....... the same with d/dx_3 = 0: F_33 = 1
  *   PLANE_STRESS  PLANE with the F_33 > 0 at which P_33 = 0 (third_stretch)
@@ -14,6 +15,15 @@
 #define PLANE 1
 #define REVOLVED 2
 #define PLANE_STRESS 3
+
+/* Basis gradients G_aj that are not zero, and the terms of the third. */
+#if KINEMATICS == PLANE || KINEMATICS == PLANE_STRESS
+#define DERIVATIVES 2
+#define THIRD(...)
+#else
+#define DERIVATIVES 3
+#define THIRD(...) __VA_ARGS__
+#endif
 
 /* v[NODES][3] = the nodal displacements of W cells. */
 #if COMPONENTS == 3

@@ -8,6 +8,18 @@
  * Outside the domain of psi, where F is not finite and where a result overflows, the energy is +inf and
  * stress and Hessian are 0: no result is NaN. 9-vectors are vec(.) by columns (Smith et al. 2018, eq. 17). */
 
+/* Loops over the entries of vec(F) that an element's kinematics varies: the list ENTRIES, or all. */
+#ifdef ENTRIES
+static const int entries[] = {ENTRIES};
+#define NUM_ENTRIES ((int)(sizeof entries / sizeof *entries))
+#define ENTRY(m) entries[m]
+#else
+#define NUM_ENTRIES 9
+#define ENTRY(m) (m)
+#endif
+#define FOR_ENTRIES(first, i) for (int i##_ = first, i; i##_ < NUM_ENTRIES && (i = ENTRY(i##_), 1); ++i##_)
+#define FOR_UPPER_ENTRIES(i, j) FOR_ENTRIES(0, i) FOR_ENTRIES(i##_, j)
+
 /* The eigenvalue after the filter: clamp to >= 0, absolute value, or unchanged. */
 INLINE real filter_eigenvalue(int filter, real e) {
   return filter == EXACT ? e : filter == ABS ? absolute(e) : lane_max(e, splat(0));
@@ -168,7 +180,8 @@ INLINE void objective_pair(real sa, real sb, real *same, real *other) {
 }
 
 /* The filtered 9x9 Hessian C of psi (row-major, on vec(F)) [Pa]. Returns the lanes where the exact Hessian
- * has a negative eigenvalue.
+ * has a negative eigenvalue. Where an element reads some rows and columns only, ENTRIES (kinematics.h), the others
+ * are zero.
  *
  * C is assembled in the basis of the nine products u_a v_b^T: the scaling block couples u_i v_i^T, and each
  * twist/flip pair couples u_a v_b^T with u_b v_a^T, so the eigenvectors of these pairs are not needed. */
@@ -179,14 +192,12 @@ INLINE mask hessian_point(Parameters p, const real *F, int filter, int solver, r
   mask negative = filter_scaling_block(filter, solver, A);
   for (int a = 0; a < 3; ++a)
     for (int b = 0; b < 3; ++b)
-      for (int j = 0; j < 3; ++j)
-        for (int i = 0; i < 3; ++i) o[3 * a + b][3 * j + i] = U[3 * a + i] * V[3 * b + j];
+      FOR_ENTRIES(0, i) o[3 * a + b][i] = U[3 * a + i % 3] * V[3 * b + i / 3];
   for (int i = 0; i < 81; ++i) C[i] = splat(0);
   const real S[9] = {A[0], A[3], A[4], A[3], A[1], A[5], A[4], A[5], A[2]};
   for (int k = 0; k < 3; ++k) {
-    for (int i = 0; i < 9; ++i) y[i] = S[3 * k] * o[0][i] + S[3 * k + 1] * o[4][i] + S[3 * k + 2] * o[8][i];
-    for (int i = 0; i < 9; ++i)
-      for (int j = i; j < 9; ++j) C[9 * i + j] += y[i] * o[4 * k][j];
+    FOR_ENTRIES(0, i) y[i] = S[3 * k] * o[0][i] + S[3 * k + 1] * o[4][i] + S[3 * k + 2] * o[8][i];
+    FOR_UPPER_ENTRIES(i, j) C[9 * i + j] += y[i] * o[4 * k][j];
   }
   for (int k = 0; k < 3; ++k) {
     negative |= (twist[k] < 0) | (flip[k] < 0);
@@ -196,12 +207,10 @@ INLINE mask hessian_point(Parameters p, const real *F, int filter, int solver, r
     if (filter == OBJECTIVE) objective_pair(s[a], s[b], same, &other);
     for (int side = 0; side < 2; ++side) {
       const real *mine = side ? o[3 * b + a] : o[3 * a + b], *theirs = side ? o[3 * a + b] : o[3 * b + a];
-      for (int i = 0; i < 9; ++i) y[i] = same[side] * mine[i] + other * theirs[i];
-      for (int i = 0; i < 9; ++i)
-        for (int j = i; j < 9; ++j) C[9 * i + j] += y[i] * mine[j];
+      FOR_ENTRIES(0, i) y[i] = same[side] * mine[i] + other * theirs[i];
+      FOR_UPPER_ENTRIES(i, j) C[9 * i + j] += y[i] * mine[j];
     }
   }
-  for (int i = 1; i < 9; ++i)
-    for (int j = 0; j < i; ++j) C[9 * i + j] = C[9 * j + i];
+  FOR_UPPER_ENTRIES(i, j) C[9 * j + i] = C[9 * i + j];
   return negative;
 }
