@@ -9,11 +9,21 @@ from benchmarks import Row, split_list
 from fem_snh.errors import choose
 from fem_snh.runs import run
 
-#: Scene, meshes and settings of each body: a cube, a bar ten times as long as thick, and a layer.
+#: Scene, meshes and settings of each body: a cube, a bar ten times as long as thick, and a layer;
+#: and of each section, on a mesh of two dimensions.
 BODIES: dict[str, tuple[str, list[int], dict[str, Any]]] = {
     "cube": ("twist", [4, 8], {"steps": 1, "angle": 0.5}),
     "bar": ("stretch", [4, 6], {"steps": 1, "stretch": 1.1, "aspect": 10.0}),
     "layer": ("cook", [8, 16, 32], {"kinematics": "layer", "steps": 1, "force": 25.0}),
+    "membrane": ("cook", [16, 32, 64, 128], {"kinematics": "plane_strain"}),
+    "tube": ("tube", [16, 32, 64], {"kinematics": "plane_strain"}),
+    "bushing": ("bushing", [16, 32, 64], {"kinematics": "axisymmetric_torsion"}),
+    "cylinder": (
+        "stretch",
+        [32, 64, 128],
+        {"kinematics": "axisymmetric", "steps": 2, "stretch": 1.5},
+    ),
+    "seal": ("seal", [32, 64], {"kinematics": "axisymmetric", "steps": 3, "squeeze": 0.15}),
 }
 #: Largest time of the chosen solver over the other one's. Both cost the same near the rule's limit,
 #: where the number of Newton iterations decides, which depends on rounding.

@@ -46,7 +46,7 @@ def test_record_names_kinematics_and_solver(comm):
     assert record["kinematics"] == "plane_strain"
     assert record["linear_solver"] == "preonly+cholesky"
     assert record["dofs"] == 2 * 25
-    assert "2 dimensions: sparse factors" in json.dumps(record["defaults"])
+    assert "2 dimensions, 25 nodes < 1000" in json.dumps(record["defaults"])
 
 
 def test_stretch_is_that_of_the_cylinder():

@@ -10,10 +10,11 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.assembly.couplings import CouplingTerm
 from fem_snh.assembly.elements import Element
 from fem_snh.solver.protocol import Regime
 from fem_snh.terms.elastic import Part
-from fem_snh.terms.term import Term
+from fem_snh.terms.term import PenaltyTerm, Term
 
 Array = npt.NDArray[Any]
 
@@ -53,13 +54,15 @@ def regime_of(
     return Regime(
         comm.allreduce(len(coordinates)),
         element.kinematics.dim,
+        element.degree,
         section_nodes(comm, coordinates, cells, element.degree),
         max((float(lam / (2 * (lam + mu))) for mu, lam in moduli), default=0.0),
         any(term.name == "inertia" for term in terms),
-        cell_aspect(comm, cells),
+        cell_aspect(comm, cells[..., : element.kinematics.dim]),
         supported(comm, coordinates, constrained),
         float(comm.allreduce(constrained.sum()) / max(1, comm.allreduce(len(constrained)))),
         max(shear) / min(shear) if shear else 1.0,
+        any(isinstance(term, PenaltyTerm | CouplingTerm) for term in terms),
     )
 
 
@@ -100,12 +103,12 @@ def cell_aspect(comm: MPI.Comm, cells: Array) -> float:
 
     The extents are the standard deviations of the corners along their principal axes, the same in
     every direction for a cube and for a regular tetrahedron. ``cells``, of shape
-    (cells, corners, 3), are those of this rank [m].
+    (cells, corners, dim), are those of this rank [m].
     """
     centred = cells - cells.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.einsum("cki,ckj->cij", centred, centred))
-    smallest = np.maximum(squares[:, 0], np.finfo(float).eps * squares[:, 2])
-    ratios = np.sqrt(squares[:, 2] / smallest)
+    largest = squares[:, -1]
+    ratios = np.sqrt(largest / np.maximum(squares[:, 0], np.finfo(float).eps * largest))
     total, number = comm.allreduce(np.array([ratios.sum(), len(ratios)]))
     return float(total / number) if number else 1.0
 

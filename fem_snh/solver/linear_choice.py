@@ -13,6 +13,11 @@ linear cells, 5 for two layers and :math:`n^{3/2}` for a cube of n cells along a
 size of bar or layer. A bar that can bend has factors at any ratio: iterations stop at unstable
 equilibria without a word (`fem_snh.solver.stability`). A body that is constrained along its axis,
 as by a skeleton, needs few iterations. docs/results/linear_solver.md measures both solvers.
+
+In two dimensions the cost of factors is nearly proportional to N, and so is that of the iterations,
+whose number does not grow with N by the deflation. Iterations cost less where
+:math:`\sqrt{1 - 2 \nu}/k` is large, k the degree of the displacement, and the problem has neither
+contact nor unknown pressures nor anything else that takes iterations.
 """
 
 from __future__ import annotations
@@ -21,7 +26,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from fem_snh.errors import choose
-from fem_snh.solver.protocol import SolvableProblem
+from fem_snh.solver.protocol import Regime, SolvableProblem
 
 #: Values of ``-snes_linear_solver``; the default first.
 CHOICES = ("automatic", "iterative", "direct")
@@ -38,8 +43,12 @@ _MIN_ASPECT = 4.0
 #: Contrast of the shear moduli from which a body has factors (measured:
 #: python -m benchmarks contrast; docs/results/linear_solver.md).
 _CONTRAST = 1e4
-#: Nodes above which factors are never chosen; measured up to 33,282.
+#: Nodes of a body above which factors are never chosen; measured up to 33,282.
 _MAX_NODES = 50_000
+#: On meshes of two dimensions: for iterations, the least number of nodes and the least
+#: sqrt(1 - 2 nu) / k; the largest N/s^2 of a section that does not buckle like a bar (measured:
+#: python -m benchmarks linear_solvers --bodies membrane,tube,bushing,cylinder,seal).
+_MIN_SECTION_NODES, _MIN_SECTION, _MAX_SLENDERNESS = 1000, 0.12, 4.0
 
 
 class LinearChoice(NamedTuple):
@@ -71,16 +80,15 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
         For an unknown value.
     """
     regime = problem.regime
-    choose("snes_linear_solver", wanted, CHOICES)
-    if wanted != CHOICES[0]:
+    if choose("snes_linear_solver", wanted, CHOICES) != CHOICES[0]:
         return LinearChoice(wanted == "direct")
     if problem.operator != problem.A:
         reason = "a load adds matrices of rank one, which are applied without being assembled"
         if regime.dimension == 2:
             reason += ": CG with sparse factors of the rest"
         return LinearChoice(False, reason)
-    if regime.dimension == 2:  # measured: docs/results/linear_solver.md
-        return LinearChoice(True, "a mesh of 2 dimensions: sparse factors cost little")
+    if regime.dimension == 2:
+        return _choose_for_section(regime, problem.saddle_point is not None)
     direct = not regime.inertia and regime.nodes <= _MAX_NODES
     if direct and regime.contrast >= _CONTRAST:
         reason = f"contrast of the moduli = {regime.contrast:.2g} >= {_CONTRAST:g}"
@@ -106,3 +114,27 @@ def choose_linear_solver(problem: SolvableProblem, wanted: str = CHOICES[0]) -> 
     if value <= _MAX:
         return LinearChoice(True, f"{measured}: factors cost less than many iterations")
     return LinearChoice(False, f"{measured}: iterations cost less time and memory than factors")
+
+
+def _choose_for_section(regime: Regime, saddle_point: bool) -> LinearChoice:
+    """Return the linear solver of a problem on a mesh of two dimensions."""
+    slenderness = regime.nodes / regime.section_nodes**2
+    value, name = sqrt(max(0.0, 1 - 2 * regime.poisson_ratio)), "sqrt(1 - 2 nu)"
+    if regime.degree > 1:
+        value, name = value / regime.degree, f"{name} / {regime.degree}"
+    for_factors = {
+        "an unknown pressure": saddle_point,
+        "contact": regime.contact,
+        f"contrast of the moduli = {regime.contrast:.2g}": regime.contrast >= _CONTRAST,
+        f"mean aspect of the cells = {regime.cell_aspect:.2g}": regime.cell_aspect >= _MIN_ASPECT,
+        f"N/s^2 = {slenderness:.2g} > {_MAX_SLENDERNESS:g}, which may buckle": (
+            slenderness > _MAX_SLENDERNESS and regime.supported <= _CONSTRAINED
+        ),
+        f"{regime.nodes} nodes < {_MIN_SECTION_NODES}": regime.nodes < _MIN_SECTION_NODES,
+        f"{name} = {value:.2g} < {_MIN_SECTION:g}": value < _MIN_SECTION,
+    }
+    for reason, holds in for_factors.items():
+        if holds:
+            return LinearChoice(True, f"a mesh of 2 dimensions, {reason}: factors cost little")
+    measured = f"{name} = {value:.2g} >= {_MIN_SECTION:g}"
+    return LinearChoice(False, f"a mesh of 2 dimensions, {measured}: few iterations")

@@ -105,8 +105,8 @@ OPTIONS: dict[str, Option] = {
     ),
     "snes_linear_solver": Option(
         CHOICES[0],
-        "iterative, direct (sparse factors), or automatic: direct for bars, thin sheets, and "
-        "layers near nu = 1/2",
+        "iterative, direct (sparse factors), or automatic: direct for bars, thin sheets, layers "
+        "near nu = 1/2, and in two dimensions unless iterations are few",
         "measured: python -m benchmarks linear_solvers",
     ),
     "snes_adaptive_filter": Option(

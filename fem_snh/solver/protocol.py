@@ -22,6 +22,8 @@ class Regime(NamedTuple):
         Displacement nodes on all ranks.
     dimension : int
         Dimension of the mesh, 2 or 3.
+    degree : int
+        Degree of the displacement.
     section_nodes : float
         Their mean number in a section across the longest axis.
     poisson_ratio : float
@@ -38,10 +40,13 @@ class Regime(NamedTuple):
         The part of the nodes that are constrained: all of a layer in plane strain.
     contrast : float
         The largest shear modulus of the materials over the smallest.
+    contact : bool
+        Whether a term has penalties or couples nodes without a common cell.
     """
 
     nodes: int
     dimension: int
+    degree: int
     section_nodes: float
     poisson_ratio: float
     inertia: bool
@@ -49,6 +54,7 @@ class Regime(NamedTuple):
     supported: float = 0.0
     constrained: float = 0.0
     contrast: float = 1.0
+    contact: bool = False
 
 
 class SaddlePoint(Protocol):
