@@ -26,12 +26,13 @@ def test_a_program_has_the_errors_of_its_scene(comm):
             "material": PRESS.material.model_copy(
                 update={"name": "stable_neo_hookean", "nu": 0.49}
             ),
-            "probe": [Probe(name="side", point=POINT)],
+            "probe": [Probe(name="side", point=POINT, radius=0.3)],
             "reactions": [Reaction("top", (0, 0, -1))],
             "error": True,
         }
     )
     named = ["side", "top.force", "top.moment", "right.mean", "energy", "volume", "stress"]
+    named.append("side.stress")
     scene = scene.model_copy(update={"accuracy": Accuracy(goals=named)})
     of_scene = solve(scene, comm=comm)
     body = Press(of_scene.problem.domain, height=-0.5)
@@ -41,6 +42,7 @@ def test_a_program_has_the_errors_of_its_scene(comm):
     before = body.u.x.array.copy()
     goals = {"side": POINT, "top.force": body.bcs[1], "energy": "energy", "volume": "volume"}
     goals |= {"top.moment": (body.bcs[1], (0, 0, -1)), "stress": (ufl.dx, "stress")}
+    goals["side.stress"] = (POINT, "stress", 0.3)
     face = mesh.locate_entities_boundary(body.domain, 2, lambda x: np.isclose(x[0], 1))
     tags = mesh.meshtags(body.domain, 2, np.sort(face), np.full(len(face), 1, np.int32))
     goals["right.mean"] = ufl.Measure("ds", domain=body.domain, subdomain_data=tags)(1)

@@ -1,4 +1,4 @@
-"""The mean of von Mises' stress as a goal: closed forms, effectivity, indicators, refusals."""
+"""Means of von Mises' stress as goals: closed forms, effectivity, indicators, refusals."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from running import solve
 from test_error_estimate import stretched
 
 import fem_snh
+from fem_snh import _dolfinx
+from fem_snh.accuracy.stress_goals import PointStressGoal
 from fem_snh.errors import BadInput
-from fem_snh.scenes import Accuracy, MaterialChoice
+from fem_snh.mesh.mesh import generate
+from fem_snh.scenes import Accuracy, MaterialChoice, Probe, load
 
 #: Of Cook's membrane in plane strain at nu = 0.4999: 32 and 64 cells of Q2Q1, corrected.
 COOK = 9.7943
@@ -65,3 +68,48 @@ def test_stresses_that_are_none():
         solve("cook", kinematics="plane_stress", **keys)
     with pytest.raises(BadInput, match=r"goals = 'stress\.x': expected .*'core.stress'"):
         solve("cook", **keys | {"accuracy.goals": "stress.x"})
+
+
+#: Around (24, 35) with a radius of 4 mm, of the same membrane at nu = 0.49: Q2Q1 on 32 cells,
+#: corrected; that of Q2 is 9.143 and of Q1P0 9.146.
+AROUND, POINT, RADIUS = 9.1404, (24.0, 35.0, 0.0), 4.0
+
+
+def around(element, cells, comm=None, point=POINT, radius=RADIUS, **keys):
+    probes = [Probe(name="inside", point=point, radius=radius)]
+    given = {"kinematics": "plane_strain", "element": element, "cells": cells, "nu": 0.49} | keys
+    scene = load("cook", steps=2, probe=probes, error=True, **given)
+    update = {"accuracy": Accuracy(goals=["inside.stress"])}
+    return solve(scene.model_copy(update=update), **({"comm": comm} if comm else {}))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("element", "cells"), [("Q2Q1", 4), ("Q2Q1", 8), ("Q2", 8), ("Q1P0", 8)])
+def test_the_stress_around_a_point(comm, element, cells):
+    goal = around(element, cells, comm).goals["inside.stress"]
+    error = AROUND - goal["value"]
+    assert 0.7 < goal["error"] / error < 1.4
+    assert abs(goal["corrected"] - AROUND) < abs(error) / 3
+
+
+def test_cells_near_the_point_have_the_error():
+    result = around("Q2Q1", 16)
+    indicators = result.estimate.indicators["inside.stress"]
+    assert indicators.sum() == pytest.approx(result.goals["inside.stress"]["error"], rel=0.3)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_the_weight_is_integrated(comm, cell):
+    """Its integral in three dimensions is (pi/2)^(3/2) r^3, on cells of three radii, too."""
+    domain = generate(comm, "cube", cell, cells=4).domain
+    goal = PointStressGoal("stress", (0.5, 0.5, 0.5), 0.09, domain)
+    weight, degree = goal._weight(domain)
+    dx = _dolfinx.cell_measures(domain, [np.arange(0)], cell, degree)[0]
+    total = _dolfinx.assemble_scalar(_dolfinx.form(weight * dx))
+    assert total == pytest.approx((np.pi / 2) ** 1.5 * 0.09**3, rel=1e-3)
+
+
+def test_a_radius_that_is_too_small():
+    message = r"radius = '0.1': expected at least 1\.32, as cells have a size of 7\.94 there"
+    with pytest.raises(BadInput, match=message):
+        around("Q1", 8, radius=0.1)

@@ -23,7 +23,7 @@ from fem_snh.accuracy.goals import (
     VolumeGoal,
 )
 from fem_snh.accuracy.rigid_goals import RigidGoal
-from fem_snh.errors import BadInput, bad_value, choose
+from fem_snh.errors import BadInput, bad_value, check_number, choose
 from fem_snh.problem.dolfinx_problem import DolfinxConditions
 from fem_snh.problem.lifted_problem import lifted_problem
 from fem_snh.problem.problem import Problem
@@ -38,8 +38,8 @@ _ACCEPTED = (
     "a pair of a condition and a point (the moment of its force about it), "
     "an obstacle, a contact (its force) or a cavity (its pressure) of its terms, a rigid part (its "
     "displacement) or a pair of one and 'displacement', 'rotation', 'force' or 'moment', "
-    "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', or a pair of a measure of cells and "
-    "one of the last two"
+    "a UFL form of rank 0 in u, 'energy', 'volume', 'stress', a pair of a measure of cells and "
+    "one of the last two, or ([x, y, z], 'stress', radius)"
 )
 
 
@@ -65,7 +65,8 @@ class EstimatesErrors:
             first surface), a cavity (its pressure), a rigid part (the displacement of its point),
             a pair of one and "displacement", "rotation", "force" or "moment", a UFL form of rank 0
             in ``u``, "energy", "volume" (deformed over reference volume), "stress" (mean of von
-            Mises'), or a pair of a measure of cells and one of these two. A mapping names them.
+            Mises'), a pair of a measure of cells and one of these two, or a triple of a point,
+            "stress" and a radius [m] (its mean around the point). A mapping names them.
 
         Returns
         -------
@@ -134,6 +135,14 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         return of_cells
     if isinstance(goal, str):
         raise bad_value(key, goal, _ACCEPTED)
+    if isinstance(goal, tuple) and len(goal) == 3 and goal[1] == "stress" and problem.regions:
+        from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
+
+        check_number(f"{key} radius", goal[2], 0.0, exclusive=True)
+        centre = _point(goal[0], kinematics.dim)
+        if centre is None:
+            raise bad_value(key, goal, _ACCEPTED)
+        return PointStressGoal(name or f"{key}.stress", centre, goal[2], problem.domain)
     if isinstance(goal, ufl.Form):
         if goal.arguments() or problem.u not in goal.coefficients():
             raise bad_value(key, "a form", "a form of rank 0 that contains u")
@@ -158,15 +167,21 @@ def _goal(problem: Problem, bcs: Sequence[Any], name: str, goal: Any, number: in
         if not axes:
             raise bad_value(key, "a moment", f"a force, with kinematics = '{kinematics.name}'")
         return ReactionGoal(name or f"bcs[{i}].moment", mask, [*map(AXES.index, axes)], about)
-    try:
-        point = np.asarray(goal, dtype=float)
-    except (TypeError, ValueError):
-        point = np.empty(0)
-    if point.shape not in ((3,), (kinematics.dim,)) or not np.isfinite(point).all():
+    if (place := _point(goal, kinematics.dim)) is None:
         raise bad_value(key, goal, _ACCEPTED)
-    shown = f"({', '.join(f'{x:g}' for x in point)})"
-    place = [*map(float, point), *[0.0] * (3 - len(point))]
+    shown = f"({', '.join(f'{x:g}' for x in np.ravel(goal))})"
     return PointGoal(name or shown, place, components)
+
+
+def _point(given: Any, dim: int) -> list[float] | None:
+    """Return a point [x, y, z], of a plane also [x, y]; None for what is none."""
+    try:
+        point = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    if point.shape not in ((3,), (dim,)) or not np.isfinite(point).all():
+        return None
+    return [*map(float, point), *[0.0] * (3 - len(point))]
 
 
 def _of_cells(problem: Problem, name: str, key: str, goal: Any) -> Goal | None:

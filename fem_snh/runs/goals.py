@@ -133,6 +133,12 @@ def _goal(scene: Scene, mesh: Mesh, text: str, modes: LowestModes | None = None)
         if result not in ("force", "moment") or part not in [str(r.group) for r in scene.reactions]:
             return RigidGoal(part, result, components)
         kind, name = result, part  # about the point that ``reactions`` names
+    if kind == "stress_at":
+        from fem_snh.accuracy.stress_goals import PointStressGoal  # imports sympy
+
+        probe = next(probe for probe in scene.probe if probe.name == name)
+        assert probe.radius is not None
+        return PointStressGoal(text, probe.point, probe.radius, mesh.domain)
     if kind == "stress":
         from fem_snh.accuracy.stress_goals import StressGoal  # imports sympy
 

@@ -40,6 +40,11 @@ class Probe(Table):
 
     name: Text = Field(description="Name of the point in the results.")
     point: Vector = Field(description="Reference coordinates [length].")
+    radius: Positive | None = Field(
+        default=None,
+        description="Of the goal NAME.stress, the mean of von Mises' stress around the point: the "
+        "distance at which the weight is 0.14 of that at the point [length].",
+    )
 
 
 class Reaction(Table):
@@ -162,7 +167,7 @@ _OF_BODY = ("energy", "volume", "stress")
 _ACCEPTED = (
     "'energy', 'volume', 'stress', a probe with a component, 'corner.y', of a physical group "
     "'top.force.z', 'top.moment.z' (reaction), 'top.mean.z' (mean displacement), 'core.volume', "
-    "'core.stress' (mean of von Mises' stress), "
+    "'core.stress' (mean of von Mises' stress), of a probe with a radius 'corner.stress', "
     "of an obstacle or a contact 'plate.force.z', of a cavity 'inner.pressure', of a rigid part "
     "'lid.displacement.z', 'lid.rotation.z', 'lid.force.z', 'lid.moment.z'; without the component: "
     "all of them; with [modes] 'frequency.1'"
@@ -174,9 +179,9 @@ class GoalName(NamedTuple):
 
     Attributes
     ----------
-    kind : {"energy", "volume", "stress", "point", "force", "moment", "mean", "term", "rigid", \
-"frequency"}
-        What it is; "term": the result of a feature, "rigid": that of a rigid part.
+    kind : str
+        What it is: "energy", "volume", "stress", "force", "moment", "mean", "point", "stress_at" a
+        probe, "term", the result of a feature, "rigid", that of a rigid part, "frequency".
     name : str
         The probe, the physical group, the result or the number of the frequency; empty for the
         whole body.
@@ -191,7 +196,7 @@ class GoalName(NamedTuple):
     @property
     def is_of_group(self) -> bool:
         """Whether it names a physical group."""
-        return self.kind not in ("point", "term", "rigid") and bool(self.name)
+        return self.kind in _OF_GROUPS and bool(self.name)
 
 
 def _read_share(value: Any) -> Any:
@@ -312,7 +317,8 @@ def read_goal(text: str, scene: HasGoals) -> GoalName:
         known = [*names, *results, *rigid]
         raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, known))
     elif not _OF_GROUPS[kind]:
-        return GoalName(kind, group)
+        probed = [probe.name for probe in scene.probe if probe.radius is not None]
+        return GoalName("stress_at" if kind == "stress" and group in probed else kind, group)
     axes = kinematics.moment_axes if about_axes else kinematics.axes
     if not axes or (has_component and last not in axes):
         accepted = f"a component {' or '.join(axes)}" if axes else "another goal"
