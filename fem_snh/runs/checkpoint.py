@@ -195,6 +195,7 @@ class Checkpoint:
         problem.split(problem.x)
         problem.matrix.set_constrained_diagonal(about["diagonal"])
         stepper.size.next = about["size"]
+        stepper.taken = sum(row["converged"] for row in self.record["steps"])
         restore_terms(problem, self._arrays)
         if before is not None:
             stepper.solver.predictor.before = (about["load_before"], before)

@@ -39,6 +39,8 @@ from fem_snh.runs.setup import Setup, set_up
 _CONTACT_ORDER = 1
 #: Fewest time steps of which half are worth comparing.
 _FEWEST_STEPS = 4
+#: The least ratio of the numbers of steps that are compared.
+_LEAST_RATIO = 1.5
 #: Factor of the penalties' stiffness.
 _STIFFER = 4.0
 
@@ -84,18 +86,23 @@ def _errors(
     check_memory(problem, found.memory)
     values = np.array([found.goals[name].value for goal in goals for name in goal.names])
     half = _with_steps(scene, found.again)
-    coarse = _follow(comm, half, setup, goals, found)
-    lifted = _follow(comm, half, setup, goals, found, element)
+    coarse, taken = _follow(comm, half, setup, goals, found)
+    finer = setup.stepper.taken / taken  # with more steps than in the run, of one step, below 1
+    if 1 / _LEAST_RATIO < finer < _LEAST_RATIO:
+        raise NoEstimate(
+            f"with half the steps some failed and were halved: {taken} steps beside the run's "
+            f"{setup.stepper.taken} are no comparison"
+        )
+    lifted, _ = _follow(comm, half, setup, goals, found, element)
     order = _CONTACT_ORDER
     if setup.stepper.motion and not (scene.obstacle or scene.contact or scene.self_contact):
         order = setup.stepper.motion.dynamics.integrator.order
     parts = {
-        "time steps" if scene.time else "load steps": (values - coarse)
-        / ((steps / found.again) ** order - 1),
+        "time steps" if scene.time else "load steps": (values - coarse) / (finer**order - 1),
         "mesh": lifted - coarse,
     }
     if problem.scale_penalties(1.0):  # there are some
-        stiff = _follow(comm, half, setup, goals, found, stiffer=_STIFFER)
+        stiff, _ = _follow(comm, half, setup, goals, found, stiffer=_STIFFER)
         parts["penalty"] = (stiff - coarse) * _STIFFER / (_STIFFER - 1)
     return parts
 
@@ -126,8 +133,11 @@ def _follow(
     found: Estimate,
     element: Element | None = None,
     stiffer: float = 1.0,
-) -> npt.NDArray[Any]:
-    """Return the goals at the end of the path on the same mesh, in another element if given."""
+) -> tuple[npt.NDArray[Any], int]:
+    """Return the goals at the end of the path on the same mesh, and the number of its steps.
+
+    In another element if one is given.
+    """
     name = element.name if element else scene.element
     if element and element.has_pressure:  # whose defaults are those of a saddle-point problem
         scene = scene.model_copy(update={"hessian": None, "globalization": None})
@@ -150,4 +160,4 @@ def _follow(
         again.destroy()
     if not np.isfinite(values).all():
         raise NoEstimate(f"a goal is not finite with {found.again} steps of {name}")
-    return values
+    return values, again.stepper.taken

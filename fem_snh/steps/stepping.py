@@ -46,6 +46,8 @@ class Stepper:
         The loads that are reached; the multiples of 1/steps, unless they are set.
     done : bool
         Whether the last of them is reached.
+    taken : int
+        The steps that converged: more than the nominal ones where some were halved.
     seconds : float
         Elapsed seconds of the steps.
     processor : float
@@ -74,7 +76,7 @@ class Stepper:
         self._jumps = JumpDetector.of(self.problem, solver.snes, motion is not None)
         solver.guessed = self._jumps.begin if self._jumps else None
         self.jump: Jump | None = None
-        self.done = False
+        self.done, self.taken = False, 0
         self.seconds = self.processor = 0.0
         self._last: dict[str, Any] = {}
         #: Whether memory was exhausted, in which case a shorter step fails as well.
@@ -89,6 +91,7 @@ class Stepper:
                 row = self._attempt(load, to)
                 if row["converged"]:
                     self.size.accept(to, target)
+                    self.taken += 1
                     proceed = True
                 else:
                     proceed = self.size.reject(load, to) and not self._out_of_memory
