@@ -253,7 +253,7 @@ def test_goals_in_the_files(tmp_path, capsys):
     ("goal", "message"),
     [
         ("corner.w", "accuracy.goals = 'corner.w': expected 'energy', 'volume', 'stress', a"),
-        ("cornr.x", "did you mean 'corner'"),
+        ("cornr.x", "did you mean 'corner.x'"),
         ("top.momemt.z", "accuracy.goals = 'top.momemt.z': expected"),
         ("body.volume.x", "accuracy.goals = 'body.volume.x': expected"),
         ("", "accuracy.goals"),

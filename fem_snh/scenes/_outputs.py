@@ -314,8 +314,10 @@ def read_goal(text: str, scene: HasGoals) -> GoalName:
     elif vector in names:
         group, kind = vector, "point"
     elif not group or kind not in _OF_GROUPS or (has_component and not _OF_GROUPS[kind]):
-        known = [*names, *results, *rigid]
-        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(vector, known))
+        vectors = [*names, *(name for name in results if name.endswith(".force")), *rigid]
+        known = [f"{name}.{last}" for name in vectors] if has_component else [*vectors, *results]
+        known += scene.modes.goals if scene.modes else []
+        raise bad_value("accuracy.goals", text, _ACCEPTED + nearest(text, known))
     elif not _OF_GROUPS[kind]:
         probed = [probe.name for probe in scene.probe if probe.radius is not None]
         return GoalName("stress_at" if kind == "stress" and group in probed else kind, group)
