@@ -47,13 +47,17 @@ class Interrupts:
             signal.signal(number, handler)
 
     def _interrupt(self, number: int, _: Any) -> None:
-        """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt, once."""
-        if self._received:
-            return  # the run is ending already, and writes its status
+        """Handle a signal: start the timer of the delay, or raise KeyboardInterrupt, once.
+
+        Further signals are ignored, as the run is ending already, and writes its status: a handler
+        in Python, called while the exception is on its way through PETSc, would disturb it.
+        """
         if self._delay and number != signal.SIGALRM:
             signal.setitimer(signal.ITIMER_REAL, self._delay)
             return
         self._received = True
+        for known in self._previous:
+            signal.signal(known, signal.SIG_IGN)
         if not self._postponed:
             raise KeyboardInterrupt
 
