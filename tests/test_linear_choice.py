@@ -9,7 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from plane_programs import displacement, prescribe, rectangle, zero
+from dolfinx import fem
+from plane_programs import displacement, prescribe, rectangle, sides, zero
 
 import fem_snh
 from benchmarks.contrast import SHAPES, inclusion
@@ -106,6 +107,26 @@ def test_a_strip_that_may_buckle_has_factors():
         slender, compact = (strip(kinematics, height) for height in (12, 50))
         assert slender.direct and "which may buckle: factors" in slender.reason
         assert not compact.direct
+
+
+def test_a_short_strip_buckles():
+    """Just beyond the critical load of a perfect strip iterations may stay at the straight one."""
+    domain = rectangle(MPI.COMM_SELF, "Q1", (0, 0), (1, 3.5), (20, 70))
+    u = displacement(domain, "Q1", "plane_strain")
+    V = u.function_space
+    lid = fem.Function(V)
+    top = [fem.dirichletbc(lid, sides(V, 1, 3.5))]
+    snh = fem_snh.material("stable_neo_hookean", E=1.0, nu=0.3)
+    problem = fem_snh.NonlinearProblem(
+        u, {snh: ufl.dx}, bcs=prescribe(V, 1, 0.0, zero) + top, kinematics="plane_strain"
+    )
+    for squeeze in np.linspace(0.025, 0.2, 8):
+        lid.x.array[1::2] = -3.5 * squeeze
+        problem.solve()
+        assert problem.reason.startswith("CONVERGED")
+    middle = np.isclose(V.tabulate_dof_coordinates()[:, 0], 0.5)
+    assert abs(u.x.array.reshape(-1, 2)[middle, 0]).max() > 0.1
+    assert problem.solver.computeObjective(problem.x) < 0.08355  # straight: 0.083558
 
 
 def test_the_user_chooses_the_linear_solver():
