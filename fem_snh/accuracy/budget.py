@@ -6,6 +6,7 @@ The state is followed to stiffer penalties, or by one more Newton iteration; the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -21,7 +22,7 @@ from fem_snh.problem.problem import Problem
 PREFIX, _ALGEBRA_PREFIX = f"{solver.PREFIX}penalty_", f"{solver.PREFIX}algebra_"
 #: Factor of the stiffness. The error is c/k: from k to 4 k it loses three quarters, which is more
 #: than what Newton's method leaves, and the state is near enough for a few iterations.
-_FACTOR = 4.0
+STIFFER = 4.0
 #: An iteration that does not reduce the residual to this part is followed by another one, of which
 #: there are so many at most.
 _REDUCED, _MOST_NEWTON = 0.999, 3
@@ -50,19 +51,24 @@ def penalty_errors(
     NoEstimate
         If no equilibrium with the larger stiffness is found.
     """
-    if not problem.scale_penalties(_FACTOR):
+    if not problem.scale_penalties(STIFFER):
         return None
     snes = solver.create(problem, prefix=PREFIX)
     try:
         stiff = _goals_after(problem, snes, goals, outcome)
     finally:
-        problem.scale_penalties(1 / _FACTOR)
+        problem.scale_penalties(1 / STIFFER)
     if stiff is None:
         raise NoEstimate(
-            f"no equilibrium was found with {_FACTOR:g} times the stiffness of the "
+            f"no equilibrium was found with {STIFFER:g} times the stiffness of the "
             f"penalties ({outcome.reason} after {outcome.newton} Newton iterations)"
         )
-    return (stiff - np.asarray(values)) * _FACTOR / (_FACTOR - 1)
+    return penalty_part(np.asarray(values), stiff)
+
+
+def penalty_part(values: npt.NDArray[Any], stiff: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return what goals would change by without penalties, from those with `STIFFER` ones."""
+    return (stiff - values) * STIFFER / (STIFFER - 1)
 
 
 def algebra_errors(

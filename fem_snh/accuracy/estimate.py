@@ -12,12 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.accuracy.budget import algebra_errors, penalty_errors
-from fem_snh.accuracy.frequency_goals import (
-    FrequencyGoal,
-    LiftedModes,
-    lifted_modes,
-)
-from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.frequency_goals import FrequencyGoal, LiftedModes, lifted_modes
+from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.indicators import Place, cell_indicators, place
 from fem_snh.accuracy.lift import (
     Lift,
@@ -58,8 +54,6 @@ _SHOWN = 1e-5
 _LEAST_SCALE = 1e-3
 #: What Newton's method left is a part of the errors from this part of one of them on.
 _LEAST_PART = 0.01
-#: What a goal's errors are compared with.
-_SIZES = ("value", "scale")
 #: Errors below this part of the goal are not located: their indicators are sums that cancel.
 _LOCATED = 1e-4
 
@@ -344,7 +338,7 @@ def _find_errors(
     found.element, found.jit = lifted.element.name, lifted.seconds["jit"]
     static = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
     frequencies = [goal for goal in goals if isinstance(goal, FrequencyGoal)]
-    others = _other_parts(problem, static, found)
+    others = _other_parts(problem, static, frequencies, found)
     lift = Lift(problem, lifted)
     try:
         errors, unsettled = _differences(lift, static, found)
@@ -352,11 +346,17 @@ def _find_errors(
         triangles = problem.element.name == "P2" and problem.kinematics.dim == 2
         locks = bool(may_lock(problem)) and not triangles
         found.saturation = factor = 1.0 if locks else saturation(lifted, lifted.split(lifted.x)[0])
-        if (algebra := others.get("algebra")) is not None:
+        count = len(errors)
+        if "algebra" in others:
+            algebra = others["algebra"][:count]
             algebra[np.abs(algebra) <= _LEAST_PART * np.abs(errors)] = 0.0
             errors = errors - algebra  # the difference to the run has it
-        _add(found, _names(static), {"mesh": factor * errors} | others, factor * unsettled)
-        modes = _frequency_errors(lift, frequencies, found, locks) if frequencies else None
+        _add(found, static, factor * errors, others, factor * unsettled)
+        modes = lifted_modes(lift, frequencies[0].modes) if frequencies else None
+        if modes:
+            of_modes = {source: part[count:] for source, part in others.items()}
+            mesh, unsettled = _frequency_errors(lifted, modes, frequencies, found, locks)
+            _add(found, frequencies, mesh, of_modes, unsettled)
         sizes = {
             name: abs(goal.error or 0.0) / goal.scale
             for name, goal in found.goals.items()
@@ -367,7 +367,7 @@ def _find_errors(
             sizes = {largest: sizes[largest]}
         cells = cell_indicators(lift, static, sizes.__contains__, accurate=locate == "exactly")
         found.indicators = {name: factor * values for name, values in cells.items()}
-        for name, goal in zip(_names(frequencies), frequencies, strict=True):
+        for name, goal in zip(names_of(frequencies), frequencies, strict=True):
             if modes and name in sizes:
                 squares = cell_squares(lifted, modes.changes[goal.number - 1])
                 total = lifted.comm.allreduce(squares.sum())
@@ -377,53 +377,66 @@ def _find_errors(
         lift.destroy()
 
 
-def _names(goals: Sequence[Goal]) -> list[str]:
-    return [name for goal in goals for name in goal.names]
+def _values(found: Estimate, goals: Sequence[Goal]) -> tuple[Array, Array]:
+    """Return the values of some goals, and what their errors are compared with."""
+    known = [found.goals[name] for name in names_of(goals)]
+    return np.array([goal.value for goal in known]), np.array([goal.scale for goal in known])
 
 
 def _frequency_errors(
-    lift: Lift, goals: Sequence[FrequencyGoal], found: Estimate, locks: bool
-) -> LiftedModes | None:
-    """Add the errors of frequencies, and return the lifted modes; None without any."""
-    if (modes := lifted_modes(lift, goals[0].modes)) is None:
-        return None
-    names, numbers = _names(goals), [goal.number - 1 for goal in goals]
-    values = np.array([found.goals[name].value for name in names])
+    lifted: Problem,
+    modes: LiftedModes,
+    goals: Sequence[FrequencyGoal],
+    found: Estimate,
+    locks: bool,
+) -> tuple[Array, Array]:
+    """Return the errors of frequencies that are of the mesh, and what is unsettled of them."""
+    numbers = [goal.number - 1 for goal in goals]
     shapes = [] if locks else [modes.shapes[i] for i in numbers]
     # The root: smooth modes leave nothing, those of clamped bodies the factor.
-    factors = np.sqrt([saturation(lift.lifted, shape) for shape in shapes]) if shapes else 1.0
-    parts = {"mesh": factors * (modes.frequencies[numbers] - values)}
-    if (penalties := penalty_errors(lift.problem, goals, values, StepOutcome())) is not None:
-        parts["penalty"] = penalties
-    _add(found, names, parts, factors * modes.unsettled[numbers])
-    return modes
+    factors = np.sqrt([saturation(lifted, shape) for shape in shapes]) if shapes else 1.0
+    errors = modes.frequencies[numbers] - _values(found, goals)[0]
+    return factors * errors, factors * modes.unsettled[numbers]
 
 
-def _other_parts(problem: Problem, goals: Sequence[Goal], found: Estimate) -> dict[str, Array]:
-    """Return the parts of the errors that are not of the mesh, and note what they cost."""
+def _other_parts(
+    problem: Problem, static: Sequence[Goal], frequencies: Sequence[Goal], found: Estimate
+) -> dict[str, Array]:
+    """Return the parts of the errors that are not of the mesh, and note what they cost.
+
+    What Newton's method left of frequencies is zero here: it would cost the modes of its state.
+    """
     outcome, parts = StepOutcome(), {}
-    known = [found.goals[name] for name in _names(goals)]
-    values, scales = (np.array([getattr(goal, key) for goal in known]) for key in _SIZES)
-    if (algebra := algebra_errors(problem, goals, values)) is not None:
+    values, scales = _values(found, static)
+    if (algebra := algebra_errors(problem, static, values)) is not None:
         relative = np.abs(algebra[scales > 0]) / scales[scales > 0]
         found.algebra = float(relative.max(initial=0.0))
         values = values + algebra
-        parts["algebra"] = np.where(np.abs(algebra) > _ROUNDING * scales, algebra, 0.0)
-    if (penalties := penalty_errors(problem, goals, values, outcome)) is not None:
+        algebra[np.abs(algebra) <= _ROUNDING * scales] = 0.0
+        parts["algebra"] = np.append(algebra, np.zeros(len(frequencies)))
+    values = np.append(values, _values(found, frequencies)[0])
+    if (penalties := penalty_errors(problem, [*static, *frequencies], values, outcome)) is not None:
         parts["penalty"] = penalties
     found.penalty_newton = outcome.newton
     return parts
 
 
-def _add(found: Estimate, names: Sequence[str], parts: dict[str, Array], unsettled: Array) -> None:
-    """Add the parts of the errors to the goals of these names."""
-    for i, name in enumerate(names):
-        own = {key: float(part[i]) for key, part in parts.items() if part[i] or key == "mesh"}
+def _add(
+    found: Estimate,
+    goals: Sequence[Goal],
+    mesh: Array,
+    others: dict[str, Array],
+    unsettled: Array,
+) -> None:
+    """Add the parts of the errors to some goals."""
+    for i, name in enumerate(names_of(goals)):
+        parts = {"mesh": float(mesh[i])}
+        parts |= {source: float(part[i]) for source, part in others.items() if part[i]}
         found.goals[name] = replace(
             found.goals[name],
-            error=sum(own.values()),
+            error=sum(parts.values()),
             unsettled=float(unsettled[i]),
-            parts=own if len(own) > 1 else {},
+            parts=parts if len(parts) > 1 else {},
         )
 
 
@@ -437,8 +450,7 @@ def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Ar
     """
     name = lift.lifted.element.name
     functions = [goal.bind(lift.lifted) for goal in goals]
-    known = [found.goals[name] for name in _names(goals)]
-    values, scales = (np.array([getattr(goal, key) for goal in known]) for key in _SIZES)
+    values, scales = _values(found, goals)
     errors = np.zeros(len(values))
     while True:
         before = errors

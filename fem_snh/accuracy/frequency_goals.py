@@ -34,6 +34,7 @@ from fem_snh.assembly.assembled_matrix import BlockMatrix
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
     copy_to_function,
+    ghosted,
     local_values,
     set_to_zero,
     update_ghosts,
@@ -182,9 +183,9 @@ class _Shift:
 def _interpolated(problem: Problem, lifted: Problem, shape: PETSc.Vec) -> PETSc.Vec:
     """Return a mode of a problem in the space of the lifted one, a ghosted vector. Collective."""
     source, target = (_dolfinx.function(p.V, "mode") for p in (problem, lifted))
-    copy_to_function(_ghosted(problem.V, shape.array_r), source)
+    copy_to_function(ghosted(problem.V, shape.array_r), source)
     target.interpolate(source)
-    return _ghosted(lifted.V, target.x.array)
+    return ghosted(lifted.V, target.x.array[: lifted.owned_displacements])
 
 
 def _load(at: Linearisation, mass: NodalMass, shape: PETSc.Vec) -> PETSc.Vec:
@@ -202,15 +203,7 @@ def _displacement(problem: Problem, x: PETSc.Vec) -> PETSc.Vec:
     x = x.copy()
     if problem.rigid:
         problem.rigid.expand(problem.x, x.array)
-    return _ghosted(problem.V, x.array_r)
-
-
-def _ghosted(V: Any, values: Array) -> PETSc.Vec:
-    """Return the ghosted vector of owned values, which come first. Collective."""
-    vector = _dolfinx.create_vector(V)
-    vector.array[:] = values[: vector.getLocalSize()]
-    update_ghosts(vector)
-    return vector
+    return ghosted(problem.V, x.array_r[: problem.owned_displacements])
 
 
 def _product(mass: NodalMass, vector: PETSc.Vec) -> PETSc.Vec:

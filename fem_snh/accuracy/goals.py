@@ -92,6 +92,11 @@ class Goal(Protocol):
         """
 
 
+def names_of(goals: Sequence[Goal]) -> list[str]:
+    """Return the names of all scalars of some goals."""
+    return [name for goal in goals for name in goal.names]
+
+
 class _Point(NamedTuple):
     name: str
     point: Sequence[float]

@@ -21,6 +21,7 @@ from fem_snh.accuracy.goals import (
     ReactionGoal,
     TermGoal,
     VolumeGoal,
+    names_of,
 )
 from fem_snh.accuracy.rigid_goals import RigidGoal
 from fem_snh.errors import BadInput, bad_value, check_number, choose
@@ -120,7 +121,7 @@ def program_goals(problem: Problem, bcs: Sequence[Any], goals: Any) -> list[Goal
     if not named:
         raise bad_value("goals", goals, "at least one goal")
     found = [_goal(problem, bcs, name, goal, i) for i, (name, goal) in enumerate(named)]
-    names = [name for goal in found for name in goal.names]
+    names = names_of(found)
     if doubled := {name for name in names if names.count(name) > 1}:
         raise bad_value("goals", sorted(doubled)[0], "a different name for each goal")
     return found

@@ -13,7 +13,17 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh import _dolfinx
+
 Array = npt.NDArray[Any]
+
+
+def ghosted(V: Any, owned: Array) -> PETSc.Vec:
+    """Return the ghosted vector of a space with the values of owned dofs. Collective."""
+    vector = _dolfinx.create_vector(V)
+    vector.array[:] = owned
+    update_ghosts(vector)
+    return vector
 
 
 def local_values(vector: PETSc.Vec) -> Array:

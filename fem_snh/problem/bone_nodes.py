@@ -14,8 +14,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
+    ghosted,
     local_values,
-    update_ghosts,
     writable_values,
 )
 from fem_snh.errors import BadInput, bad_value
@@ -130,10 +130,7 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     number = deepest(depths, tolerance)
     if bones and not comm.allreduce(int(np.count_nonzero(number < 0))):
         raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
-    vector = _dolfinx.create_vector(V)
-    vector.array[:] = np.repeat(number, 3)
-    update_ghosts(vector)
-    local = local_values(vector).reshape(-1, 3)[:, 0].astype(int)
+    local = local_values(ghosted(V, np.repeat(number, 3))).reshape(-1, 3)[:, 0].astype(int)
     found = {}
     for i, bone in enumerate(order):
         if not comm.allreduce(int(np.count_nonzero(number == i))):

@@ -16,7 +16,7 @@ eigenvectors found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -52,6 +52,12 @@ def regions_with(problem: Problem, density: float) -> list[Region]:
     return [r if r.density is not None else r._replace(density=density) for r in problem.regions]
 
 
+def mean_density(problem: Problem, regions: Sequence[Region]) -> float:
+    """Return the mean mass per reference volume [kg/m^3] of a body's regions. Collective."""
+    densities = [density_of(region, "modes") for region in regions]
+    return volume_mean(problem.domain, regions, densities, problem.kinematics.revolved)
+
+
 class Eigenproblem:
     """Stiffness and mass matrix over the free dofs. Collective.
 
@@ -74,8 +80,8 @@ class Eigenproblem:
         self._x, self._comm, self._prefix = problem.x, problem.comm, prefix
         domain, revolved = problem.domain, problem.kinematics.revolved
         regions = regions_with(problem, density)
+        self.density = mean_density(problem, regions)
         densities = [density_of(region, "modes") for region in regions]
-        self.density = volume_mean(domain, regions, densities, revolved)
         same = len(set(densities)) == 1 and all(r.fractions is None for r in regions)
         rho = densities[0] if same else cell_constant(domain, regions, densities)
         self._scale = problem.modulus / (self.density * problem.length**2)
@@ -364,13 +370,15 @@ class LowestModes:
 
     def __init__(self, density: float, count: int) -> None:
         self._density, self._count = density, count
-        self._last: tuple[int, VibrationModes] | None = None
+        self._last: tuple[PETSc.Vec, VibrationModes] | None = None
 
     def __call__(self, problem: Problem) -> VibrationModes:
         """Return the modes about the state of a problem; see `lowest`. Collective."""
-        state = problem.x.stateGet()
-        if self._last is None or self._last[0] != state or self._last[1].problem is not problem:
-            self._last = state, lowest(problem, self._density, self._count)
+        if self._last is not None:
+            state, found = self._last
+            if found.problem is problem and state.equal(problem.x):
+                return found
+        self._last = problem.x.copy(), lowest(problem, self._density, self._count)
         return self._last[1]
 
     def check(self, problem: Problem) -> None:
@@ -383,10 +391,7 @@ class LowestModes:
 
     def scale(self, problem: Problem) -> float:
         """Return the scale of eigenvalues, E / (density length^2) [1/s^2]. Collective."""
-        regions = self.regions(problem)
-        densities = [density_of(region, "modes") for region in regions]
-        revolved = problem.kinematics.revolved
-        density = volume_mean(problem.domain, regions, densities, revolved)
+        density = mean_density(problem, self.regions(problem))
         return float(problem.modulus / (density * problem.length**2))
 
 

@@ -19,9 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import scenes
+from fem_snh.accuracy.budget import STIFFER, penalty_part
 from fem_snh.accuracy.estimate import Estimate, estimated
 from fem_snh.accuracy.frequency_goals import FrequencyGoal
-from fem_snh.accuracy.goals import Goal
+from fem_snh.accuracy.goals import Goal, names_of
 from fem_snh.accuracy.lift import (
     NoEstimate,
     check_body,
@@ -41,8 +42,6 @@ _CONTACT_ORDER = 1
 _FEWEST_STEPS = 4
 #: The least ratio of the numbers of steps that are compared.
 _LEAST_RATIO = 1.5
-#: Factor of the penalties' stiffness.
-_STIFFER = 4.0
 
 
 def estimate_on_path(
@@ -61,7 +60,7 @@ def estimate_on_path(
         known = [goal for goal in goals if not isinstance(goal, FrequencyGoal)]
         found.on_no_mesh = len(known) < len(goals)
         parts = _errors(comm, scene, setup, known, found, announce)
-        for i, name in enumerate(name for goal in known for name in goal.names):
+        for i, name in enumerate(names_of(known)):
             own = {part: float(errors[i]) for part, errors in parts.items()}
             found.goals[name] = replace(found.goals[name], error=sum(own.values()), parts=own)
 
@@ -84,7 +83,7 @@ def _errors(
     found.memory, found.again = memory(problem, element), ceil(steps / 2) if steps > 1 else 2
     announce(found)
     check_memory(problem, found.memory)
-    values = np.array([found.goals[name].value for goal in goals for name in goal.names])
+    values = np.array([found.goals[name].value for name in names_of(goals)])
     half = _with_steps(scene, found.again)
     coarse, taken = _follow(comm, half, setup, goals, found)
     finer = setup.stepper.taken / taken  # with more steps than in the run, of one step, below 1
@@ -102,8 +101,8 @@ def _errors(
         "mesh": lifted - coarse,
     }
     if problem.scale_penalties(1.0):  # there are some
-        stiff, _ = _follow(comm, half, setup, goals, found, stiffer=_STIFFER)
-        parts["penalty"] = (stiff - coarse) * _STIFFER / (_STIFFER - 1)
+        stiff, _ = _follow(comm, half, setup, goals, found, stiffer=STIFFER)
+        parts["penalty"] = penalty_part(coarse, stiff)
     return parts
 
 

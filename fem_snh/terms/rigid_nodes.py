@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import local_values, update_ghosts
+from fem_snh.assembly.ghosted_vectors import ghosted, local_values
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
 from fem_snh.mesh.centroid import centroid
@@ -66,10 +66,9 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     for i, part in enumerate(parts):
         if not comm.allreduce(int(np.count_nonzero(numbers == i))):
             raise bad_value(part.where, part.label, "a part with nodes of the body")
-    vector = _dolfinx.create_vector(V)
-    vector.array[:] = np.repeat(numbers, columns)
-    update_ghosts(vector)
-    return local_values(vector).reshape(-1, columns)[:, 0].astype(int), middles
+    return local_values(ghosted(V, np.repeat(numbers, columns))).reshape(-1, columns)[:, 0].astype(
+        int
+    ), middles
 
 
 def _solid(part: Rigid, body: Body) -> Shape:
