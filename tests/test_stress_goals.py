@@ -113,3 +113,11 @@ def test_a_radius_that_is_too_small():
     message = r"radius = '0.1': expected at least 1\.32, as cells have a size of 7\.94 there"
     with pytest.raises(BadInput, match=message):
         around("Q1", 8, radius=0.1)
+
+
+@pytest.mark.mpi
+def test_a_point_far_from_the_body(comm):
+    domain = generate(comm, "cube", "hexahedron", cells=2).domain
+    message = r"point = '\(5, 0.5, 0.5\)': expected a point within 3 radii of the body"
+    with pytest.raises(BadInput, match=message):
+        PointStressGoal("stress", (5, 0.5, 0.5), 0.5, domain)

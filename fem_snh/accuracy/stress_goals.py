@@ -116,7 +116,7 @@ class PointStressGoal(StressGoal):
     Raises
     ------
     BadInput
-        On every rank, for cells that are much larger than the radius. Collective.
+        On every rank, for cells that are much larger than the radius, or far away. Collective.
     """
 
     def __init__(self, name: str, point: Sequence[float], radius: float, domain: Any) -> None:
@@ -128,6 +128,9 @@ class PointStressGoal(StressGoal):
         near = outside <= _REACH * radius
         super().__init__(name, np.flatnonzero(near[: _dolfinx.num_owned(domain)]))
         size = domain.comm.allreduce(float((high - low)[near].max(initial=0.0)), op=MPI.MAX)
+        if size == 0:
+            shown = ", ".join(f"{x:g}" for x in place)
+            raise bad_value("point", f"({shown})", f"a point within {_REACH:g} radii of the body")
         if size > _MOST_RADII * radius:
             accepted = (
                 f"at least {size / _MOST_RADII:.3g}, as cells have a size of {size:.3g} there"
