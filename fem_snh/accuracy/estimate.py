@@ -451,7 +451,7 @@ def _differences(lift: Lift, goals: Sequence[Goal], found: Estimate) -> tuple[Ar
     name = lift.lifted.element.name
     functions = [goal.bind(lift.lifted) for goal in goals]
     values, scales = _values(found, goals)
-    errors = np.zeros(len(values))
+    errors: Array = np.zeros(len(values))
     while True:
         before = errors
         lift.solve()
