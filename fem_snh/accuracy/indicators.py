@@ -29,9 +29,8 @@ from fem_snh.accuracy.goals import Goal, Linearisation, TermGoal
 from fem_snh.accuracy.lift import Lift
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
-    ghosted,
-    local_values,
     set_to_zero,
+    with_ghosts,
     writable_values,
 )
 from fem_snh.mesh.mesh import Mesh
@@ -178,7 +177,7 @@ class Shares:
 
 def _at_nodes(V: Any, owned: Array) -> Array:
     """Return owned dofs at the nodes of each cell, (cells, nodes, components). Collective."""
-    values = local_values(ghosted(V, owned)).reshape(-1, _dolfinx.num_components(V))
+    values = with_ghosts(V, owned).reshape(-1, _dolfinx.num_components(V))
     return np.array(values[_dolfinx.node_dofs(V)])
 
 

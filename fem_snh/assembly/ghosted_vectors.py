@@ -26,14 +26,20 @@ def ghosted(V: Any, owned: Array) -> PETSc.Vec:
     return vector
 
 
+def with_ghosts(V: Any, owned: Array) -> Array:
+    """Return the values of owned dofs of a space, and those of its ghosts, a copy. Collective."""
+    vector = ghosted(V, owned)  # the values are its memory
+    return np.array(local_values(vector))
+
+
 def local_values(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to read, ghosts included."""
+    """Return a ghosted vector's local values to read while it exists, ghosts included."""
     with vector.localForm() as local:
         return np.asarray(local.array_r)
 
 
 def writable_values(vector: PETSc.Vec) -> Array:
-    """Return a ghosted vector's local values to write, ghosts included."""
+    """Return a ghosted vector's local values to write while it exists, ghosts included."""
     with vector.localForm() as local:
         return np.asarray(local.array)
 

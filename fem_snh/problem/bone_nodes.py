@@ -14,8 +14,8 @@ from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import group_nodes
 from fem_snh.assembly.ghosted_vectors import (
     add_ghosts,
-    ghosted,
     local_values,
+    with_ghosts,
     writable_values,
 )
 from fem_snh.errors import BadInput, bad_value
@@ -130,7 +130,7 @@ def place_bones(V: Any, mesh: Mesh | None, bones: Sequence[Bone]) -> list[BoneNo
     number = deepest(depths, tolerance)
     if bones and not comm.allreduce(int(np.count_nonzero(number < 0))):
         raise BadInput(f"bone: {_listed(order)} hold all nodes of the body: expected a free node")
-    local = local_values(ghosted(V, np.repeat(number, 3))).reshape(-1, 3)[:, 0].astype(int)
+    local = with_ghosts(V, np.repeat(number, 3)).reshape(-1, 3)[:, 0].astype(int)
     found = {}
     for i, bone in enumerate(order):
         if not comm.allreduce(int(np.count_nonzero(number == i))):

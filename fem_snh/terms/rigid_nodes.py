@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh import _dolfinx
-from fem_snh.assembly.ghosted_vectors import ghosted, local_values
+from fem_snh.assembly.ghosted_vectors import with_ghosts
 from fem_snh.errors import bad_value, on_every
 from fem_snh.geometry.shapes import Shape, deepest
 from fem_snh.mesh.centroid import centroid
@@ -66,7 +66,7 @@ def locate_parts(parts: Sequence[Rigid], body: Body) -> tuple[Array, Array]:
     for i, part in enumerate(parts):
         if not comm.allreduce(int(np.count_nonzero(numbers == i))):
             raise bad_value(part.where, part.label, "a part with nodes of the body")
-    return local_values(ghosted(V, np.repeat(numbers, columns))).reshape(-1, columns)[:, 0].astype(
+    return with_ghosts(V, np.repeat(numbers, columns)).reshape(-1, columns)[:, 0].astype(
         int
     ), middles
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fem_snh import _dolfinx
 from fem_snh.assembly.boundary_conditions import Dirichlet
-from fem_snh.assembly.ghosted_vectors import ghosted, local_values
+from fem_snh.assembly.ghosted_vectors import local_values, with_ghosts
 from fem_snh.assembly.kinematics import Kinematics
 from fem_snh.assembly.nodal_mass import NodalMass
 from fem_snh.assembly.regions import Region
@@ -314,7 +314,7 @@ class Dynamics:
         V, fields = self.v.function_space, {}
         columns = np.hsplit(values, values.shape[1] // self._kinematics.components)
         for name, field in zip(about.get("fields", ()), columns):
-            fields[name] = np.array(local_values(ghosted(V, field.ravel())))
+            fields[name] = with_ghosts(V, field.ravel())
         needed = {"v", "a", *(["damping"] if self._balance.damping else [])}
         if not needed | ({"forces"} if self._needs_forces else set()) <= set(fields):
             raise BadInput("the checkpoint is of an older version: start again with --overwrite")
