@@ -65,6 +65,21 @@ def test_options(tmp_path: Path) -> None:
     assert record["searched"] == [0.8, 2]
 
 
+def test_biaxial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Data of Jones & Treloar; a biaxial test without a second stretch is one line."""
+    assert cli.main(["fit", "mooney_rivlin", "jones_treloar", "--out", str(tmp_path)]) == 0
+    assert "stable (Drucker) at all data: yes" in capsys.readouterr().out
+    record = json.loads((tmp_path / "fit.json").read_text())
+    assert [t["measure"] for t in record["tests"]] == ["stress", "stress_difference"]
+    assert record["stable_at_data"] is True
+    path = tmp_path / "d.csv"
+    path.write_text("# test = biaxial\nstretch, stress\n1.5, 1\n")
+    assert cli.main(["fit", "ogden", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert "expected a column stretch_2, or test = equibiaxial" in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

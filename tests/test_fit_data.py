@@ -49,6 +49,45 @@ def test_pressure_over_volume(tmp_path: Path) -> None:
     assert found.stress == pytest.approx([-10e6 * 0.81], rel=1e-14)
 
 
+def test_biaxial_tests(tmp_path: Path) -> None:
+    """Two nominal stresses are two tests; a cell without a value is empty or a dash."""
+    text = "strain [%], lambda 2, stress [kPa], stress_2 [MPa]\n50,1.2,30,0.02\n60,1,-,.01\n,,\n"
+    with pytest.raises(BadInput, match="line 4: 0 values: expected 2 or more, with strain, stretc"):
+        read(written(tmp_path, text))
+    first, second = read(written(tmp_path, text.replace(",,\n", "70,1,40\n")))
+    assert (first.kind, second.kind) == ("biaxial", "biaxial")
+    assert (first.name, second.name) == ("data stress", "data stress_2")
+    assert (first.measure, second.measure) == ("stress", "stress_2")
+    assert first.x == pytest.approx([1.5, 1.7])
+    assert second.x == pytest.approx([1.5, 1.6])
+    assert second.stretch_2 == pytest.approx([1.2, 1])
+    assert first.stress == pytest.approx([3e4, 4e4])
+    assert second.stress == pytest.approx([2e4, 1e4])
+
+
+def test_a_uniaxial_and_a_biaxial_test_in_a_file(tmp_path: Path) -> None:
+    text = "test, stretch, strain_2, stress_difference, stress\nut, 2, , , 3\nbt, 1, 1, -4\n"
+    uniaxial, biaxial = read(written(tmp_path, text))
+    assert (uniaxial.kind, uniaxial.stress[0], uniaxial.stretch_2) == ("uniaxial", 3, None)
+    assert biaxial.measure == "stress_difference"
+    assert (biaxial.stress[0], biaxial.stretch_2[0]) == (-4, 2)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "stress\n1, 1.5, 0.3\n",  # stretched in direction 2 alone
+        "stress\n0.9, 1.5, -0.1\n",  # a small nu
+        "stress\n0.9, 1.5, 0.1\n",  # a large one
+        "stress_2\n1.5, 1, 0.3\n",
+        "stress_difference\n1, 1.5, -0.3\n",
+    ],
+)
+def test_stresses_of_both_signs_are_possible(tmp_path: Path, lines: str) -> None:
+    (found,) = read(written(tmp_path, f"stretch, stretch_2, {lines}"))
+    assert found.kind == "biaxial"
+
+
 def test_options_replace_what_a_file_states(tmp_path: Path) -> None:
     path = written(tmp_path, "# test = uniaxial\nstretch, stress [MPa]\n1.5, 0.2\n")
     (found,) = read(path, test="planar", columns=["stress", "strain"], unit="Pa", weight=3)
@@ -64,6 +103,7 @@ def test_a_column_of_tests_and_of_weights(tmp_path: Path) -> None:
 
 
 HEAD = "# test = uniaxial\nstretch, stress\n"
+BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
 
 
 @pytest.mark.parametrize(
@@ -87,6 +127,17 @@ HEAD = "# test = uniaxial\nstretch, stress\n"
         (HEAD.replace("stress", "pressure") + "0.5, 1\n", "expected stress"),
         ("# test = planar\nshear, stress\n1, 1\n", "expected stretch or strain"),
         ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected the amount of shear"),
+        ("# test = biaxial\nstretch, stress\n1.5, 1\n", "expected a column stretch_2, or test ="),
+        ("# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n", "line 3: test 'biaxial'"),
+        (BIAXIAL + "1.5, 0, 1\n", "line 3: stretch_2 = 0.0: expected a number > 0"),
+        (BIAXIAL + "1.5, 1.2, x\n", "line 3: stress_difference = 'x': expected a number"),
+        (BIAXIAL + "1.5, 1.2\n", "line 3: 2 values: expected 2 or more, with stretch, stretch_2"),
+        (BIAXIAL + "1, 1.2, 1\n1.2, 2, 1\n", "the true stress of direction 1 minus that of direct"),
+        (BIAXIAL.replace("stress_difference", "stress") + "2, 1, -1\n", "stresses above 0, compre"),
+        (BIAXIAL.replace("biaxial", "planar") + "2, 1, 1\n", "in a test 'planar': expected test ="),
+        (HEAD.replace("stress", "stress_2") + "2, 1\n", "stress_2 in a test 'uniaxial': expected"),
+        (BIAXIAL.replace("stretch", "strain_2, stretch", 1) + "2, 1, 0, 1\n", "stretch_2 or str"),
+        ("lambda, lambda_2, stress, stress_2 [Pa]\n2, 1, 1, 1\n", "expected units of all, or of"),
         ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
     ],
 )
@@ -125,6 +176,7 @@ SQUEEZE = TestData("squeeze", "volumetric", 2 - X, 1 - X, np.ones(3))
         ((PULL,), {"held": {"gama": 1}}, "has no parameter 'gama' (did you mean 'gamma'?)"),
         ((PULL,), {"bounds": {"gamma": (1, 0)}}, "the lowest value first"),
         ((PULL,), {"stable_range": (1.5, 2)}, "range = 1.5"),
+        ((TestData("b", "biaxial", X, X - 1, X),), {}, "test 'biaxial': expected stretch_2"),
         ((PULL,), {"weights": [1, 2]}, "expected one value, or one for each of 1 files"),
     ],
 )  # fmt: skip
@@ -132,6 +184,16 @@ def test_mistakes_in_arguments(tests: tuple, keywords: dict, message: str) -> No
     with pytest.raises(BadInput) as error:
         fem_snh.fit("stable_fung", *tests, **keywords)
     assert message in str(error.value)
+
+
+def test_mistakes_in_stresses_of_a_fit() -> None:
+    f = fem_snh.fit("neo_hookean", PULL)
+    with pytest.raises(BadInput, match="did you mean 'uniaxial'"):
+        f.stress("uniaxal", X)
+    with pytest.raises(BadInput, match="measure = 'stress_2': expected one of stress"):
+        f.stress("uniaxial", X, measure="stress_2")
+    with pytest.raises(BadInput, match="expected stretch_2"):
+        f.stress("biaxial", X)
 
 
 def test_too_few_points_and_too_far() -> None:

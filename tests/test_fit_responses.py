@@ -77,6 +77,30 @@ def test_compressible_stable_neo_hookean(nu: float) -> None:
     assert response(m, "uniaxial", x) == pytest.approx(mu * (x - J / x**2), rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.parametrize("nu", [None, NU])
+@pytest.mark.parametrize("name", ["ogden", "stable_fung", "hencky"])
+def test_planar_and_equibiaxial_tests_are_biaxial(name: str, nu: float | None) -> None:
+    """With y = 1 and y = x; the true stresses are s P/J, and equal in the equibiaxial test."""
+    m = law(name, nu)
+    for kind, y in (("planar", np.ones_like(X)), ("equibiaxial", X)):
+        P = response(m, "biaxial", X, y)
+        assert response(m, kind, X) == pytest.approx(P, rel=1e-15, abs=1e-15, nan_ok=True)
+        s = stretches(m, kind, X)
+        sigma = X * P - y * response(m, "biaxial", X, y, "stress_2")
+        difference = response(m, "biaxial", X, y, "stress_difference")
+        assert difference == pytest.approx(sigma / s.prod(axis=1), abs=1e-13, nan_ok=True)
+    assert np.isfinite(P).sum() >= 3
+    assert difference == pytest.approx(0 * X, abs=1e-14, nan_ok=True)
+
+
+def test_biaxial_hencky() -> None:
+    """P_1 = (log x + nu log y)/(1 - nu^2)/x, and P_2 with x and y exchanged."""
+    m, y = law("hencky", NU), X[::-1]
+    for measure, one, two in (("stress", X, y), ("stress_2", y, X)):
+        expected = (np.log(one) + NU * np.log(two)) / (1 - NU**2) / one
+        assert response(m, "biaxial", X, y, measure) == pytest.approx(expected, rel=1e-12)
+
+
 def test_shear_of_a_compressible_energy() -> None:
     """psi = mu/2 (I_C - 3) - mu log J + lam/2 (log J)^2 at J = 1: P_01 = mu gamma."""
     assert response(law("neo_hookean", NU), "simple_shear", X) == pytest.approx(MU * X, rel=1e-13)
@@ -127,6 +151,7 @@ def test_every_material_has_a_response() -> None:
     slopes = {
         "uniaxial": 1.0, "equibiaxial": 1 / (1 - NU), "planar": 1 / (1 - NU**2),
         "simple_shear": MU, "volumetric": 3 * K, "confined": LAM + 2 * MU,
+        "biaxial": 1 / (1 - NU**2),
     }  # fmt: skip
     assert set(slopes) == set(TESTS)
     h = 1e-5
@@ -138,5 +163,5 @@ def test_every_material_has_a_response() -> None:
             continue
         for kind, slope in slopes.items():
             rest = 0.0 if kind == "simple_shear" else 1.0
-            P = response(m, kind, np.array([rest + h, rest - h]))
+            P = response(m, kind, np.array([rest + h, rest - h]), np.ones(2))
             assert (P[0] - P[1]) / (2 * h) == pytest.approx(slope, rel=1e-5), (name, kind)

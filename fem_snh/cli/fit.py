@@ -22,7 +22,7 @@ EPILOG = """\
 fem-snh fit ogden treloar                          Treloar's rubber, which is built in
 fem-snh fit yeoh pull.csv squeeze.csv              two tests at once
 fem-snh fit stable_neo_hookean pull.csv --nu 0.45  compressible; --parameters alpha fits it too
-fem-snh fit --all treloar                          rank all materials
+fem-snh fit --all jones_treloar                    rank all materials; biaxial tests, built in
 fem-snh fit press.toml --to curve.csv --parameters E,nu   fit a scene to a measured curve
 
 The curve has a column load, from 0 to 1, or the scene's load_name, and columns with the names of
@@ -31,6 +31,7 @@ goals, e.g. right.force.x. It works under mpirun too.
 A file of test data has columns with names, in lines '# key = value' what its names do not say:
   # test = uniaxial          or equibiaxial, planar, simple_shear, volumetric, confined
   stretch, stress [MPa]      or strain, shear, volume_ratio; pressure
+A test = biaxial has a column stretch_2, and stress, stress_2 or stress_difference (true stresses).
 """
 #: Materials that the picture of a ranking shows.
 _SHOWN = 5
@@ -229,6 +230,8 @@ def _print(found: Fit) -> None:
     for s in found.stable:
         words = "all of it" if s.whole else f"{s.low:.4g} to {s.high:.4g}"
         print(f"stable (Drucker) between stretches {low:.3g} and {high:.3g}, {s.kind}: {words}")
+    if any(t.data.kind == "biaxial" for t in found.tests):
+        print(f"stable (Drucker) at all data: {'yes' if found.stable_at_data else 'no'}")
     print()
     print(found.table())
 

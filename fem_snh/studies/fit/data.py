@@ -1,4 +1,4 @@
-"""Read test data: stretches and nominal stresses of homogeneous deformations.
+"""Read test data: stretches and stresses of homogeneous deformations.
 
 A file has lines of numbers with commas, semicolons, tabs or blanks between. A line of column names
 may stand above them, with units in brackets, and comment lines ``# key = value``::
@@ -7,7 +7,8 @@ may stand above them, with units in brackets, and comment lines ``# key = value`
     stretch, stress [MPa]
     1.12, 0.14
 
-A column ``test`` gives each line its own test, so that one file may contain several.
+A column ``test`` gives each line its own test, so that one file may contain several. A line without
+a value in a column has nothing or a ``-`` there.
 """
 
 from __future__ import annotations
@@ -29,33 +30,52 @@ Array = npt.NDArray[np.float64]
 #: Names of the tests, and other names that files may use for them.
 TESTS = {
     "uniaxial": ("tension", "compression", "ut", "simple_tension"),
-    "equibiaxial": ("biaxial", "et", "eb"),
+    "equibiaxial": ("et", "eb"),
     "planar": ("pure_shear", "ps", "planar_tension"),
+    "biaxial": ("general_biaxial", "bt"),
     "simple_shear": ("shear", "ss"),
     "volumetric": ("hydrostatic", "bulk"),
     "confined": ("oedometric", "uniaxial_strain"),
 }
 #: Names of the columns, and other names that files may use for them.
 COLUMNS = {
-    "stretch": ("lambda", "λ", "stretch_ratio", "s"),
+    "stretch": ("lambda", "λ", "stretch_ratio", "s", "stretch_1", "lambda_1"),
     "strain": ("engineering_strain", "nominal_strain", "eps", "epsilon", "ε"),
     "shear": ("gamma", "γ", "amount_of_shear", "shear_strain"),
     "volume_ratio": ("j", "v/v0"),
-    "stress": ("nominal_stress", "engineering_stress", "pk1", "p", "shear_stress", "force/area"),
+    "stretch_2": ("lambda_2", "stretch_ratio_2"),
+    "strain_2": ("engineering_strain_2", "nominal_strain_2"),
+    "stress": (
+        "nominal_stress",
+        "engineering_stress",
+        "pk1",
+        "p",
+        "shear_stress",
+        "force/area",
+        "stress_1",
+    ),
     "pressure": ("hydrostatic_pressure",),
+    "stress_2": ("nominal_stress_2", "engineering_stress_2"),
+    "stress_difference": ("true_stress_difference", "cauchy_stress_difference"),
     "test": ("kind", "mode"),
     "weight": (),
 }
 #: Built-in data, by name.
 DATASETS = {file.stem: file for file in sorted(Path(__file__).parent.glob("tables/*.csv"))}
-#: Columns that measure the deformation, and those that measure the stress.
-_DEFORMATIONS, _STRESSES = ("stretch", "strain", "shear", "volume_ratio"), ("stress", "pressure")
+#: Columns that measure the deformation, that of the second direction, and the stress.
+_DEFORMATIONS, _SECOND = ("stretch", "strain", "shear", "volume_ratio"), ("stretch_2", "strain_2")
+_STRESSES = ("stress", "pressure", "stress_2", "stress_difference")
+#: The test of deformations that belong to one.
+_OF_DEFORMATION = {"shear": "simple_shear", "volume_ratio": "volumetric"}
 #: What a column is in the messages of a file without it.
 _DEFORMATION_WORDS = "stretch or strain (shear of simple_shear, volume_ratio of volumetric)"
+_STRESS_WORDS = "stress or pressure (of biaxial also stress_2, stress_difference)"
 _COMMENT = re.compile(r"#+\s*(test|unit|weight|columns)\s*[=:]\s*(.+?)\s*$", re.IGNORECASE)
 _COLUMN = re.compile(r"^(?P<name>[^\[\(]*?)\s*[\[\(]\s*(?P<unit>[^\]\)]*)[\]\)]\s*$")
 #: Units of a column that has none.
 _NO_UNIT = ("", "-", "1", "mm/mm", "m/m")
+#: Cells without a value.
+_NO_VALUE = ("", "-")
 
 
 @dataclass(frozen=True)
@@ -73,9 +93,14 @@ class TestData:
         test has the same stretch in all directions.
     stress : (n,)
         Nominal stress, force per area at rest [Pa, or the file's unit if it states none]; P_01 of
-        ``simple_shear``.
+        ``simple_shear``. Of ``biaxial`` it is that of `measure`.
     weight : (n,)
         Weights of the residuals.
+    stretch_2 : (n,), optional
+        Stretch in the second direction of ``biaxial``.
+    measure : str
+        What is measured in ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
+        or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
     """
 
     __test__ = False  # the name is not one of a test of pytest's
@@ -85,6 +110,8 @@ class TestData:
     x: Array
     stress: Array
     weight: Array
+    stretch_2: Array | None = None
+    measure: str = "stress"
 
     @property
     def rest(self) -> float:
@@ -124,7 +151,8 @@ def read(
     names = columns
     if names is None and "columns" in stated:
         names = _cells(stated["columns"])
-    header = any(not is_number(cell) and cell.lower() not in _kinds() for cell in rows[0][1])
+    values = (*_NO_VALUE, *_kinds())
+    header = any(not is_number(cell) and cell.lower() not in values for cell in rows[0][1])
     if header:
         names = names or rows[0][1]
         rows = rows[1:]
@@ -174,7 +202,7 @@ def _cells(line: str) -> list[str]:
     """Return the cells of a line; blanks separate them if no comma, semicolon or tab does."""
     for separator in (";", "\t", ","):
         if separator in line:
-            return [cell.strip() for cell in line.strip().strip(separator).split(separator)]
+            return [cell.strip() for cell in line.rstrip(f" {separator}").split(separator)]
     return line.split()
 
 
@@ -200,8 +228,13 @@ def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
         if known[word] in found:
             raise BadInput(f"{path}: column '{cell}': expected one column {known[word]}")
         found[known[word]] = (position, unit.strip())
-    for group, words in ((_DEFORMATIONS, _DEFORMATION_WORDS), (_STRESSES, "stress or pressure")):
-        if sum(column in found for column in group) != 1:
+    stresses = 1 if "pressure" in found else len(_STRESSES)  # a pressure is the only one
+    for group, words, least, most in (
+        (_DEFORMATIONS, _DEFORMATION_WORDS, 1, 1),
+        (_SECOND, " or ".join(_SECOND), 0, 1),
+        (_STRESSES, _STRESS_WORDS, 1, stresses),
+    ):
+        if not least <= sum(column in found for column in group) <= most:
             raise BadInput(
                 f"{path}: columns = {shown(', '.join(cells))}: expected one column {words}"
             )
@@ -217,20 +250,16 @@ def _tests(
 ) -> list[TestData]:
     """Return the tests of a file's lines."""
     deformation = next(c for c in _DEFORMATIONS if c in columns)
-    measure = next(c for c in _STRESSES if c in columns)
-    unit = stated.get("unit") or columns[measure][1]
-    size = stress_unit(f"{path}: unit", unit) if unit not in _NO_UNIT else 1.0
-    if modulus_unit is not None:
-        size /= stress_unit("modulus_unit", modulus_unit)
-        if unit in _NO_UNIT:
-            accepted = "data whose stresses have a unit: stress [MPa], or --unit"
-            raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
-    percent = columns[deformation][1] == "%"
-    if not percent and columns[deformation][1] not in _NO_UNIT:
-        raise bad_value(f"{path}: unit of {deformation}", columns[deformation][1], "none or %")
+    second = next((c for c in _SECOND if c in columns), "")
+    measures = [c for c in _STRESSES if c in columns]
+    if "unit" not in stated and len({columns[c][1] in _NO_UNIT for c in measures}) > 1:
+        raise BadInput(f"{path}: columns {', '.join(measures)}: expected units of all, or of none")
+    sizes = {
+        c: _stress_size(path, stated.get("unit") or columns[c][1], modulus_unit) for c in measures
+    } | {c: _deformation_size(path, c, columns[c][1]) for c in (deformation, second) if c}
     default = _kind(path, stated["test"]) if "test" in stated else None
     if default is None and "test" not in columns:
-        default = {"shear": "simple_shear", "volume_ratio": "volumetric"}.get(deformation)
+        default = "biaxial" if second else _OF_DEFORMATION.get(deformation)
     if default is None and "test" not in columns:
         raise BadInput(
             f"{path}: no test: expected a line '# test = {'|'.join(TESTS)}', a column test, or "
@@ -239,26 +268,70 @@ def _tests(
     overall = _number(path, 0, stated.get("weight", "1"), "weight")
     if not overall > 0:
         raise bad_value(f"{path}: weight", stated["weight"], "a number > 0")
-    points: dict[str, list[tuple[float, float, float]]] = {}
+    needed = [c for c in columns if c not in (second, *measures)]
+    points: dict[tuple[str, str], list[tuple[float, float, float, float]]] = {}
     for number, cells in rows:
-        if len(cells) <= max(position for position, _ in columns.values()):
+        given = {
+            column: cells[position]
+            for column, (position, _) in columns.items()
+            if position < len(cells) and cells[position] not in _NO_VALUE
+        }
+        measured = [c for c in measures if c in given]
+        if not measured or not given.keys() >= set(needed):
             raise BadInput(
-                f"{path}: line {number}: {len(cells)} values: expected {len(columns)} or more, "
+                f"{path}: line {number}: {len(given)} values: expected {len(needed) + 1} or more, "
                 f"with {', '.join(columns)}"
             )
-        kind = default or _kind(path, cells[columns["test"][0]], number)
-        x = _number(path, number, cells[columns[deformation][0]], deformation)
-        y = _number(path, number, cells[columns[measure][0]], measure) * size
+        kind = default or _kind(path, given["test"], number)
+        if kind == "biaxial" and second not in given:
+            raise BadInput(
+                f"{path}: line {number}: test 'biaxial': expected a column stretch_2, or "
+                "test = equibiaxial"
+            )
+        x, y = (
+            _stretch(path, number, kind, c, sizes[c] * _number(path, number, given[c], c))
+            if c in given
+            else 1.0
+            for c in (deformation, second)
+        )
         weight = overall
         if "weight" in columns:
-            weight *= _number(path, number, cells[columns["weight"][0]], "weight")
+            weight *= _number(path, number, given["weight"], "weight")
             if not weight >= 0:
                 raise bad_value(f"{path}: line {number}: weight", weight, "a number >= 0")
-        points.setdefault(kind, []).append(
-            _point(path, number, kind, deformation, measure, x / 100 if percent else x, y, weight)
-        )
-    several = len(points) > 1
-    return [_checked(path, kind, several, np.array(found)) for kind, found in points.items()]
+        for measure in measured:
+            value = sizes[measure] * _number(path, number, given[measure], measure)
+            if measure == "pressure":
+                value = _nominal_stress(path, number, kind, x, value)
+            elif measure != "stress" and kind != "biaxial":
+                raise BadInput(
+                    f"{path}: line {number}: {measure} in a test '{kind}': expected stress"
+                )
+            points.setdefault((kind, measure), []).append((x, y, value, weight))
+    kinds = [kind for kind, _ in points]
+    found = []
+    for (kind, measure), values in points.items():
+        words = [kind] * (len(set(kinds)) > 1) + [measure] * (kinds.count(kind) > 1)
+        found.append(_checked(path, " ".join([path.stem, *words]), kind, measure, np.array(values)))
+    return found
+
+
+def _stress_size(path: Path, unit: str, modulus_unit: str | None) -> float:
+    """Return the size of a unit of stress, in Pa or in ``modulus_unit``."""
+    size = stress_unit(f"{path}: unit", unit) if unit not in _NO_UNIT else 1.0
+    if modulus_unit is not None:
+        size /= stress_unit("modulus_unit", modulus_unit)
+        if unit in _NO_UNIT:
+            accepted = "data whose stresses have a unit: stress [MPa], or --unit"
+            raise bad_value("modulus_unit", modulus_unit, f"{accepted}; {path} states none")
+    return size
+
+
+def _deformation_size(path: Path, column: str, unit: str) -> float:
+    """Return the size of a unit of a deformation."""
+    if unit != "%" and unit not in _NO_UNIT:
+        raise bad_value(f"{path}: unit of {column}", unit, "none or %")
+    return 0.01 if unit == "%" else 1.0
 
 
 def _kind(path: Path, text: str, line: int = 0) -> str:
@@ -268,54 +341,69 @@ def _kind(path: Path, text: str, line: int = 0) -> str:
     return choose(key, _kinds().get(word, word), list(TESTS))
 
 
-def _point(
-    path: Path,
-    line: int,
-    kind: str,
-    deformation: str,
-    measure: str,
-    x: float,
-    y: float,
-    weight: float,
-) -> tuple[float, float, float]:
-    """Return (stretch or shear, nominal stress, weight) of one line."""
-    where = f"{path}: line {line}: {deformation}"
-    if (deformation == "shear" and kind != "simple_shear") or (
-        deformation == "volume_ratio" and kind != "volumetric"
-    ):
+def _stretch(path: Path, line: int, kind: str, column: str, x: float) -> float:
+    """Return the stretch, or the amount of shear, of a deformation."""
+    where = f"{path}: line {line}: {column}"
+    if _OF_DEFORMATION.get(column, kind) != kind:
         raise BadInput(f"{where} in a test '{kind}': expected stretch or strain")
-    if measure == "pressure" and kind not in ("volumetric", "confined"):
-        raise BadInput(f"{path}: line {line}: pressure in a test '{kind}': expected stress")
+    if column in _SECOND and kind != "biaxial":
+        raise BadInput(
+            f"{where} in a test '{kind}': expected test = biaxial, or --columns without it"
+        )
     if kind == "simple_shear":
-        if deformation == "stretch":
+        if column == "stretch":
             raise BadInput(f"{where} in a test '{kind}': expected the amount of shear")
-        return x, y, weight
-    stretch = 1 + x if deformation == "strain" else x
+        return x
+    strain = column.startswith("strain")
+    stretch = 1 + x if strain else x
     if not stretch > 0:
-        accepted = "a number > -1" if deformation == "strain" else "a number > 0"
-        raise bad_value(where, x, accepted)
-    if deformation == "volume_ratio":
-        stretch = stretch ** (1 / 3)
-    if measure == "pressure":  # positive in compression, per deformed area
-        y = -y * (stretch**2 if kind == "volumetric" else 1.0)
-    return stretch, y, weight
+        raise bad_value(where, x, "a number > -1" if strain else "a number > 0")
+    return float(stretch ** (1 / 3) if column == "volume_ratio" else stretch)
 
 
-def _checked(path: Path, kind: str, several: bool, points: Array) -> TestData:
-    """Return the test of (n, 3) points; raise BadInput where they cannot be a measurement."""
-    x, stress, weight = points.T
-    name = f"{path.stem} {kind}" if several else path.stem
-    found = TestData(name, kind, x, stress, weight)
-    moved = np.abs(x - found.rest) > 0
+def _nominal_stress(path: Path, line: int, kind: str, stretch: float, pressure: float) -> float:
+    """Return the nominal stress of a pressure, which is positive in compression."""
+    if kind not in ("volumetric", "confined"):
+        raise BadInput(f"{path}: line {line}: pressure in a test '{kind}': expected stress")
+    return -pressure * (stretch**2 if kind == "volumetric" else 1.0)  # it is per deformed area
+
+
+def _checked(path: Path, name: str, kind: str, measure: str, points: Array) -> TestData:
+    """Return the test of (n, 4) points; raise BadInput where they cannot be a measurement."""
+    x, y, stress, weight = points.T
+    if kind != "biaxial":
+        found = TestData(name, kind, x, stress, weight)
+        moved, direction = x != found.rest, x - found.rest
+    else:
+        found = TestData(name, kind, x, stress, weight, y, measure)
+        moved, direction = (x != 1) | (y != 1), _sign(x, y, measure)
     if not moved.any() or not stress.any():
         raise BadInput(f"{path}: test '{kind}': expected a deformation and a stress other than 0")
-    work = stress[moved] * (x[moved] - found.rest)
-    if (work <= 0).all():
+    clear = direction != 0
+    if clear.any() and (stress[clear] * direction[clear] <= 0).all():
         raise BadInput(
-            f"{path}: test '{kind}': every stress has the wrong sign: expected tension and "
-            "stretches above 1 with stresses above 0, compression with stresses below 0"
+            f"{path}: test '{kind}': every stress has the wrong sign: expected "
+            + (
+                "the true stress of direction 1 minus that of direction 2"
+                if measure == "stress_difference"
+                else "tension and stretches above 1 with stresses above 0, compression with "
+                "stresses below 0"
+            )
         )
     return found
+
+
+def _sign(x: Array, y: Array, measure: str) -> Array:
+    """Return numbers with the sign of the stress of biaxial tests, 0 where both are possible.
+
+    The larger stretch has the larger true stress (Baker & Ericksen 1954). The stress of direction 1
+    has the sign of x - t, and t lies between that of nu = 0, 1, and that of nu = 1/2, 1/(x y).
+    """
+    if measure == "stress_difference":
+        return x - y
+    if measure == "stress_2":
+        x, y = y, x
+    return np.where((x - 1) * (x * x * y - 1) > 0, x - 1, 0.0)
 
 
 def is_number(text: str) -> bool:

@@ -148,7 +148,7 @@ class _Problem:
         self.evaluations += 1
         law = self.family.at(theta, nu)
         with np.errstate(all="ignore"):
-            return [response(law, test.kind, test.x) for test in self.tests]
+            return [response(law, t.kind, t.x, t.stretch_2, t.measure) for t in self.tests]
 
     def modulus(self, predicted: Array) -> float:
         """Return the best E > 0 of stresses at E = 1; 0 if there is none."""

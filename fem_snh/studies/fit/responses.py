@@ -1,41 +1,36 @@
 r"""Stress of an energy in the homogeneous deformations of test data.
 
-The principal stretches are (x, t, t) in a uniaxial, (x, x, t) in an equibiaxial and (x, 1, t) in a
-planar test (pure shear). The direction of t is free of stress.
+The principal stretches of a biaxial test are (x, y, t); y is x in an equibiaxial and 1 in a planar
+test (pure shear). Those of a uniaxial test are (x, t, t). The direction of t is free of stress.
 
 An incompressible material has the t with J = 1, and a pressure that removes the stress there:
 
-.. math:: P = \frac{\partial\psi}{\partial s_0} - \frac{s_2}{s_0} \frac{\partial\psi}{\partial s_2}
+.. math::
 
-In a compressible one t solves :math:`\partial\psi/\partial s_2 = 0`. Simple shear by gamma has the
-stretches s, 1/s and 1 with s - 1/s = gamma; volumetric and confined tests have (x, x, x) and
-(x, 1, 1).
+    P_i = \frac{\partial\psi}{\partial s_i}
+    - \frac{s_2}{s_i} \frac{\partial\psi}{\partial s_2}
+
+The difference of the true stresses :math:`\sigma_i = s_i P_i/J` does not depend on the pressure.
+In a compressible material t solves :math:`\partial\psi/\partial s_2 = 0`. Simple shear by gamma
+has the stretches s, 1/s and 1 with s - 1/s = gamma; volumetric and confined tests have (x, x, x)
+and (x, 1, 1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.errors import BadInput
+
 Array = npt.NDArray[np.float64]
 
-#: The tests with a free stretch: the principal stretches as a function of (x, t).
-FREE: dict[str, Callable[[Array, Array], Array]] = {
-    "uniaxial": lambda x, t: np.stack([x, t, t], axis=-1),
-    "equibiaxial": lambda x, t: np.stack([x, x, t], axis=-1),
-    "planar": lambda x, t: np.stack([x, np.ones_like(x), t], axis=-1),
-}
-#: Their derivatives by t.
-_RATES = {
-    "uniaxial": np.array([0.0, 1.0, 1.0]),
-    "equibiaxial": np.array([0.0, 0.0, 1.0]),
-    "planar": np.array([0.0, 0.0, 1.0]),
-}
-#: The exponent of t = x^exponent in an incompressible material.
-_INCOMPRESSIBLE = {"uniaxial": -0.5, "equibiaxial": -2.0, "planar": -1.0}
+#: The tests with a free stretch and one that is prescribed; `biaxial` has two.
+FREE = ("uniaxial", "equibiaxial", "planar")
+#: What may be measured in a biaxial test, and the first in every other.
+MEASURES = ("stress", "stress_2", "stress_difference")
 #: Largest number of iterations for t, the largest step of log t and the tolerance of log t.
 _ITERATIONS, _LARGEST_STEP, _TOLERANCE = 100, 0.3, 1e-13
 
@@ -52,8 +47,10 @@ class Law(Protocol):
         """Return d2psi/ds_i ds_j, (..., 3, 3)."""
 
 
-def response(law: Law, kind: str, x: Array) -> Array:
-    """Return the nominal stress in a test, shape (n,); NaN where there is no solution.
+def response(
+    law: Law, kind: str, x: Array, stretch_2: Array | None = None, measure: str = "stress"
+) -> Array:
+    """Return the stress in a test, shape (n,); NaN where there is no solution.
 
     Parameters
     ----------
@@ -63,17 +60,25 @@ def response(law: Law, kind: str, x: Array) -> Array:
         Key of `fem_snh.studies.fit.data.TESTS`.
     x : (n,)
         Stretches; amounts of shear of ``simple_shear``.
+    stretch_2 : (n,)
+        The second stretches of ``biaxial``.
+    measure : str
+        The nominal stress of direction 1 or 2, "stress" or "stress_2", or the difference of the
+        true stresses of the two, "stress_difference".
     """
-    s = stretches(law, kind, x)
+    s = stretches(law, kind, x, stretch_2)
     p = law.stress(s)
     if kind == "simple_shear":  # ds_i/dgamma; no change of volume, so that no pressure works
         return (p[..., 0] * s[..., 0] ** 2 - p[..., 1]) / (s[..., 0] ** 2 + 1)
     if law.nu is None:
-        return p[..., 0] - p[..., 2] * s[..., 2] / s[..., 0]
-    return p[..., 0]
+        with np.errstate(invalid="ignore"):  # infinite stresses
+            p = p - p[..., 2:] * s[..., 2:] / s
+    if measure == "stress_difference":
+        return (s[..., 0] * p[..., 0] - s[..., 1] * p[..., 1]) / s.prod(axis=-1)
+    return p[..., 1 if measure == "stress_2" else 0]
 
 
-def stretches(law: Law, kind: str, x: Array) -> Array:
+def stretches(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
     """Return the principal stretches (n, 3) in a test."""
     if kind == "simple_shear":
         s = (x + np.sqrt(x**2 + 4)) / 2
@@ -82,28 +87,39 @@ def stretches(law: Law, kind: str, x: Array) -> Array:
         return np.repeat(x[:, None], 3, axis=1)
     if kind == "confined":
         return np.stack([x, np.ones_like(x), np.ones_like(x)], axis=-1)
-    if law.nu is None:
-        return FREE[kind](x, x ** _INCOMPRESSIBLE[kind])
-    return FREE[kind](x, _free_stretch(law, kind, x))
+    if kind == "biaxial" and stretch_2 is None:
+        raise BadInput("test 'biaxial': expected stretch_2")
+    second = {"uniaxial": None, "equibiaxial": x, "planar": np.ones_like(x), "biaxial": stretch_2}
+    y = second[kind]
+    if law.nu is not None:
+        t = _free_stretch(law, x, y)
+    else:
+        t = x**-0.5 if y is None else 1 / (x * y)
+    return _principal(x, y, t)
 
 
-def _free_stretch(law: Law, kind: str, x: Array) -> Array:
+def _principal(x: Array, y: Array | None, t: Array) -> Array:
+    """Return the principal stretches (x, y, t), (n, 3); y = t if None."""
+    return np.stack([x, t if y is None else y, t], axis=-1)
+
+
+def _free_stretch(law: Law, x: Array, y: Array | None) -> Array:
     """Return the t without stress, by Newton's method on log t with bisection as safeguard.
 
-    The start is the solution for Hencky's energy, a power of x. NaN where the iteration fails, or
+    The start is the solution for Hencky's energy. NaN where the iteration fails, or
     ends where the stress decreases with t: that equilibrium is unstable.
     """
     assert law.nu is not None
-    power = {"uniaxial": -law.nu, "equibiaxial": -2 * law.nu / (1 - law.nu)}
-    log_t = power.get(kind, -law.nu / (1 - law.nu)) * np.log(x)
+    rates = np.array([0.0, y is None, 1.0])  # of the stretches by t
+    log_t = -law.nu * np.log(x) if y is None else -law.nu / (1 - law.nu) * np.log(x * y)
     low, high = np.full_like(x, -np.inf), np.full_like(x, np.inf)
     slope = np.full_like(x, np.nan)
     done = np.zeros(x.shape, dtype=bool)
     for _ in range(_ITERATIONS):
-        s = FREE[kind](x, np.exp(log_t))
+        s = _principal(x, y, np.exp(log_t))
         with np.errstate(all="ignore"):
             value = law.stress(s)[..., 2]
-            slope = law.tangent(s)[..., 2, :] @ _RATES[kind] * np.exp(log_t)
+            slope = law.tangent(s)[..., 2, :] @ rates * np.exp(log_t)
             step = -value / slope
         low = np.where(value < 0, np.maximum(low, log_t), low)
         high = np.where(value > 0, np.minimum(high, log_t), high)

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.atomic_files import make_folder_of, replace_file
-from fem_snh.studies.fit.data import TestData
+from fem_snh.errors import choose
+from fem_snh.studies.fit.data import TESTS, TestData
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import BestFit
-from fem_snh.studies.fit.responses import FREE, response
-from fem_snh.studies.fit.stability import StableRange, stable_ranges
+from fem_snh.studies.fit.responses import FREE, MEASURES, response
+from fem_snh.studies.fit.stability import StableRange, smallest_stiffness, stable_ranges
 
 if TYPE_CHECKING:
     from fem_snh.kernels.material import Material
@@ -148,31 +149,54 @@ class Fit:
 
     @property
     def stable_at_data(self) -> bool:
-        """Return whether the fit is stable at all measured stretches of tests with free sides."""
+        """Return whether the fit is stable at all measured stretches of tests with free sides.
+
+        In a biaxial test it is at the measured points, in the others from rest to the last one.
+        """
         ranges = {s.kind: s for s in self.stable}
         return all(
             ranges[t.data.kind].low <= min(1.0, *t.data.x)
             and max(1.0, *t.data.x) <= ranges[t.data.kind].high
             for t in self.tests
             if t.data.kind in FREE
+        ) and all(
+            (smallest_stiffness(self._law, t.data.kind, t.data.x, t.data.stretch_2) > 0).all()
+            for t in self.tests
+            if t.data.kind == "biaxial"
         )
 
-    def stress(self, kind: str, x: npt.ArrayLike) -> Array:
-        """Return the nominal stress of the fit in a test.
+    def stress(
+        self,
+        kind: str,
+        x: npt.ArrayLike,
+        stretch_2: npt.ArrayLike | None = None,
+        measure: str = "stress",
+    ) -> Array:
+        """Return the stress of the fit in a test.
 
         Parameters
         ----------
         kind : str
-            uniaxial, equibiaxial, planar, simple_shear, volumetric or confined.
+            uniaxial, equibiaxial, planar, biaxial, simple_shear, volumetric or confined.
         x : (n,)
             Stretches; amounts of shear of simple_shear.
+        stretch_2 : float or (n,), optional
+            The second stretches of biaxial.
+        measure : str
+            "stress" is nominal; of biaxial also "stress_2" and "stress_difference", the difference
+            of the true stresses.
 
         Returns
         -------
         (n,)
             NaN where there is no solution.
         """
-        return self.E * response(self._law, kind, np.asarray(x, dtype=float))
+        choose("kind", kind, TESTS)
+        choose("measure", measure, MEASURES if kind == "biaxial" else MEASURES[:1])
+        x = np.asarray(x, dtype=float)
+        if stretch_2 is not None:
+            stretch_2 = np.broadcast_to(np.asarray(stretch_2, dtype=float), x.shape)
+        return self.E * response(self._law, kind, x, stretch_2, measure)
 
     def material(self, nu: float | None = None) -> Material:
         """Return the fitted material.
@@ -218,6 +242,7 @@ class Fit:
                 {
                     "name": t.data.name,
                     "kind": t.data.kind,
+                    "measure": t.data.measure,
                     "points": len(t.data.x),
                     "rms": t.rms,
                     "largest": t.largest,
@@ -226,6 +251,7 @@ class Fit:
                 for t in self.tests
             ],
             "stable": {s.kind: [s.low, s.high] for s in self.stable},
+            "stable_at_data": self.stable_at_data,
             "searched": list(self.searched),
             "evaluations": self.evaluations,
             "starts": self.starts,

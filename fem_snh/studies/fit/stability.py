@@ -67,9 +67,9 @@ def stable_ranges(law: Law, low: float, high: float) -> tuple[StableRange, ...]:
     )
 
 
-def smallest_stiffness(law: Law, kind: str, x: Array) -> Array:
+def smallest_stiffness(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
     """Return the smallest eigenvalue of the stiffness above, (n,); NaN where there is no stress."""
-    s = stretches(law, kind, x)
+    s = stretches(law, kind, x, stretch_2)
     A = law.tangent(s)
     A = (A + np.swapaxes(A, -1, -2)) / 2
     if law.nu is None:
@@ -77,9 +77,10 @@ def smallest_stiffness(law: Law, kind: str, x: Array) -> Array:
         other = np.zeros_like(A)
         for i, j, k in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
             other[:, i, j] = other[:, j, i] = s[:, k]
-        A = A - p[:, None, None] * other
+        with np.errstate(invalid="ignore"):  # infinite stresses
+            A = A - p[:, None, None] * other
         A = _tangential(A, 1 / s)  # the gradient of J
-    finite = np.isfinite(A).all(axis=(-1, -2)) & np.isfinite(response(law, kind, x))
+    finite = np.isfinite(A).all(axis=(-1, -2)) & np.isfinite(response(law, kind, x, stretch_2))
     values = np.linalg.eigvalsh(np.where(finite[:, None, None], A, 0.0))[:, 0]
     return np.where(finite, values, np.nan)
 

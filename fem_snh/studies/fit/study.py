@@ -206,5 +206,7 @@ def _searched(tests: Sequence[TestData], given: tuple[float, float] | None) -> t
         check_number("range", low, 0, highest=1, exclusive=True)
         check_number("range", high, 1)
         return float(low), float(high)
-    x = np.concatenate([_AT_LEAST, *(t.x for t in tests if t.kind in FREE)])
-    return float(x.min()) / _BEYOND, float(x.max()) * _BEYOND
+    x = [t.x for t in tests if t.kind in (*FREE, "biaxial")]
+    x += [t.stretch_2 for t in tests if t.stretch_2 is not None]
+    every = np.concatenate([_AT_LEAST, *x])
+    return float(every.min()) / _BEYOND, float(every.max()) * _BEYOND

@@ -23,6 +23,10 @@ _MOST_STRESS = 1.5
 #: Colour of the stretches at which a fit is unstable.
 _UNSTABLE = "0.92"
 _AXES = {"simple_shear": "amount of shear"}
+_STRESSES = {
+    "stress_2": "nominal stress, direction 2",
+    "stress_difference": "true stress, direction 1 minus 2",
+}
 
 
 def main(fits: Sequence[Any], out: Path) -> Path:
@@ -33,18 +37,57 @@ def main(fits: Sequence[Any], out: Path) -> Path:
 def fit_figure(fits: Sequence[Any]) -> Figure:
     """Return a figure with a panel for each kind of test: data, fits and their extrapolations."""
     tests = fits[0].tests
-    kinds = list(dict.fromkeys(t.data.kind for t in tests))
-    figure, axes = subplots(len(kinds), share=False)
+    panels = list(dict.fromkeys((t.data.kind, t.data.measure) for t in tests))
+    figure, axes = subplots(len(panels), share=False)
     largest = max(float(np.abs(t.data.stress).max()) for t in tests)
     power = 3 * int(np.floor(np.log10(largest) / 3)) if largest >= 1e3 else 0
     size = 10.0**power
-    for ax, kind in zip(axes, kinds, strict=True):
-        _draw(ax, kind, fits, size)
+    before = None
+    for ax, (kind, measure) in zip(axes, panels, strict=True):
         ax.set_title(kind.replace("_", " "), fontsize=11)
+        if kind == "biaxial":
+            _draw_biaxial(ax, measure, fits, size)
+        else:
+            _draw(ax, kind, fits, size)
         ax.set_xlabel(_AXES.get(kind, "stretch"))
-    axes[0].set_ylabel("nominal stress" + (f" [1e{power}]" if power else ""))
+        label = _STRESSES.get(measure, "nominal stress")
+        if label != before:
+            ax.set_ylabel(label + (f" [1e{power}]" if power else ""))
+        before = label
     legend(figure, axes[0])
     return figure
+
+
+def _draw_biaxial(ax: Axes, measure: str, fits: Sequence[Any], size: float) -> None:
+    """Draw the data and the fits of biaxial tests.
+
+    There is a curve for each second stretch, which stands at its end; if most points have one of
+    their own, there is one curve through the points.
+    """
+    mine = [t.data for t in fits[0].tests if (t.data.kind, t.data.measure) == ("biaxial", measure)]
+    labels = [plain(pretty(f.name)) for f in fits]
+    for place, t in enumerate(mine):
+        curves = [t.stretch_2 == y for y in np.unique(t.stretch_2)]
+        if 2 * len(curves) > len(t.x):
+            curves = [np.full(len(t.x), True)]
+        for curve in curves:
+            x, y = t.x[curve], t.stretch_2[curve]
+            along = np.linspace(0, len(x) - 1, _POINTS)
+            grid, second = (np.interp(along, np.arange(len(x)), s) for s in (x, y))
+            for number, f in enumerate(fits):
+                stress = f.stress("biaxial", grid, second, measure) / size
+                ax.plot(grid, stress, color=colour(number), lw=1.8, label=labels[number])
+            labels = ["_"] * len(fits)  # the legend has a fit once
+            if len(curves) > 1:
+                ax.set_title(r"biaxial; $\lambda_2$ at the curves", fontsize=11)
+                last = x.argmax()
+                ax.annotate(f"{y[0]:g}", (x[last], t.stress[curve][last] / size), (4, 3),
+                            textcoords="offset points", fontsize=8)  # fmt: skip
+        ax.plot(
+            t.x, t.stress / size, ls="", marker=MARKERS[place % len(MARKERS)], mfc="white",
+            mec="0.2", ms=5, label="data" if len(mine) == 1 else plain(t.name),
+        )  # fmt: skip
+    ax.margins(x=0.1)
 
 
 def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
