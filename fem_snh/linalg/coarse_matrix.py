@@ -1,8 +1,8 @@
-r"""The coarse matrix :math:`E = Z^T A Z` of the deflation, the same on every rank, and its solves.
+r"""The coarse matrix :math:`E = Z^T A Z` of the deflation, and its solves.
 
 E has a dense block for each pair of subdomains that share a row of A Z. It is inverted where it is
 small. The factors of a larger one are sparse: an inverse would take :math:`O(n^3)` operations, and
-:math:`O(n^2)` in every iteration.
+:math:`O(n^2)` in every iteration. Where its rows are, `fem_snh.linalg.coarse_layout` says.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.linalg.coarse_layout import CoarseLayout
 from fem_snh.linalg.direct_solver import set_direct_factors
 
 Array = npt.NDArray[Any]
@@ -30,58 +31,49 @@ MAX_INVERTED = 64
 
 
 class CoarseMatrix:
-    """E on every rank. Collective.
+    """E. Collective.
+
+    Coarse vectors are (columns subdomains that the rank holds,), a new one for each call.
 
     Parameters
     ----------
-    comm : MPI.Intracomm
-        The ranks.
+    layout : CoarseLayout
+        The subdomains that this rank holds.
     row, column : (blocks,)
-        Subdomains of the blocks that this rank computes: all blocks of its own subdomains' rows.
-    subdomains : int
-        Number of subdomains on all ranks.
+        Positions among these of the blocks to which this rank's nodes contribute.
     columns : int
         Columns of Z per subdomain: rows of a block.
-
-    Attributes
-    ----------
-    null_space : (columns subdomains, n)
-        An orthonormal basis of the vectors y with E y = 0: the rigid motions of a free body.
     """
 
-    null_space: Array
+    def __init__(self, layout: CoarseLayout, row: Array, column: Array, columns: int) -> None:
+        self._layout, self._columns = layout, columns
+        self._row, self._column = layout.gather(row), layout.gather(column)
+        few = len(layout.held) <= MAX_INVERTED and layout.comm.size == 1
+        self._solver: _Solver = _Inverse() if few else _Factors(layout)
+        self._own = columns * layout.own
 
-    def __init__(
-        self, comm: MPI.Intracomm, row: Array, column: Array, subdomains: int, columns: int
-    ) -> None:
-        self._comm = comm
-        self._row, self._column = (np.concatenate(comm.allgather(of)) for of in (row, column))
-        self._counts = [columns**2 * count for count in comm.allgather(len(row))]
-        self._columns, self._size = columns, columns * subdomains
-        self._solver: _Solver = _Inverse() if subdomains <= MAX_INVERTED else _Factors()
-
-    def update(self, own: Array) -> int:
-        """Set the values of this rank's blocks and invert or factorise E.
+    def update(self, contributions: Array) -> int:
+        """Set the values of the blocks and invert or factorise E.
 
         Parameters
         ----------
-        own : (blocks, columns, columns)
-            The values.
+        contributions : (blocks, columns, columns)
+            Those of this rank's nodes.
 
         Returns
         -------
         int
             0, or a negative ``KSP.ConvergedReason`` if E is not finite or indefinite.
         """
-        blocks = np.empty((len(self._row), self._columns, self._columns))
-        self._comm.Allgatherv(own, [blocks, self._counts])
-        if not np.isfinite(blocks).all():
+        blocks, comm = self._layout.gather(contributions), self._layout.comm
+        if not comm.allreduce(bool(np.isfinite(blocks).all()), op=MPI.LAND):
             return int(_Reason.DIVERGED_NANORINF)
-        diagonal = np.zeros((self._size // self._columns, self._columns))
+        diagonal = np.zeros((len(self._layout.held), self._columns))
         on_diagonal = self._row == self._column
         diagonal[self._row[on_diagonal]] = np.einsum("bii->bi", blocks[on_diagonal])
-        largest = diagonal.max(initial=0.0)
-        if largest < 0 or (largest == 0 and diagonal.any()):
+        self._layout.spread(diagonal)
+        largest = comm.allreduce(diagonal.max(initial=0.0), op=MPI.MAX)
+        if largest < 0 or (largest == 0 and comm.allreduce(bool(diagonal.any()), op=MPI.LOR)):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
         # A column of Z that is zero gets a 1 on the diagonal, and no part in a solution.
         zero = diagonal == 0.0
@@ -89,30 +81,65 @@ class CoarseMatrix:
         self._scale = np.where(zero, 0.0, scale)
         blocks *= self._scale[self._row][:, :, None] * self._scale[self._column][:, None]
         blocks[on_diagonal] += np.eye(self._columns) * zero[self._row[on_diagonal]][:, None]
-        if not self._solver.update(self._row, self._column, blocks, self._size):
+        if not self._solver.update(self._row, self._column, blocks):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
-        null = self._scale.ravel()[:, None] * self._solver.null_space
-        self.null_space = np.linalg.qr(null)[0] if null.size else null
+        null = self._scale.ravel()[: self._own, None] * self._solver.null_space
+        self._null_space = _orthonormal(null, comm)
         return 0
 
-    def solve(self, rhs: Array) -> Array:
-        """Return E^-1 times a vector of ``columns`` entries for each subdomain."""
+    def solve(self, contributions: Array) -> Array:
+        """Return E^-1 times the sum over the ranks of coarse vectors, which is set in place."""
+        self._layout.add(contributions)
         scale = self._scale.ravel()
-        return scale * self._solver.solve(scale * rhs)
+        solution = np.zeros(len(scale))
+        solution[: self._own] = self._solver.solve((scale * contributions)[: self._own])
+        self._layout.spread(solution)
+        return scale * solution
+
+    @property
+    def singular(self) -> bool:
+        """Return whether E has a null space: the rigid motions of a free body."""
+        return self._null_space.shape[1] > 0
+
+    def null_part(self, contributions: Array, y: Array) -> Array:
+        """Return the null space's part of y plus the sum of ``contributions`` over the ranks."""
+        self._layout.add(contributions)
+        whole, null = (contributions + y)[: self._own], self._null_space
+        part = np.zeros(len(y))
+        part[: self._own] = null @ _sum(self._layout.comm, null.T @ whole)
+        self._layout.spread(part)
+        return part
+
+
+def _sum(comm: MPI.Intracomm, own: Array) -> Array:
+    """Return the sum over the ranks that share E."""
+    return own if comm.size == 1 else np.asarray(comm.allreduce(own))
+
+
+def _orthonormal(vectors: Array, comm: MPI.Intracomm) -> Array:
+    """Return an orthonormal basis of the columns, whose rows are on all ranks."""
+    if not vectors.shape[1]:
+        return vectors
+    if comm.size == 1:
+        return np.linalg.qr(vectors)[0]
+    for _ in range(2):  # Cholesky QR, repeated (Yamamoto et al. 2015)
+        lower = np.linalg.cholesky(_sum(comm, vectors.T @ vectors))
+        vectors = np.linalg.solve(lower, vectors.T).T
+    return vectors
 
 
 class _Solver(Protocol):
-    """Solves with a matrix whose diagonal entries are at most 1.
+    """Solves with a matrix whose diagonal entries are at most 1; vectors have its rows here.
 
     Attributes
     ----------
-    null_space : (size, n)
+    null_space : (rows, n)
         An orthonormal basis of the matrix's null space.
     """
 
     null_space: Array
 
-    def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
+    def update(self, row: Array, column: Array, blocks: Array) -> bool:
         """Set the matrix; return False if it has a negative eigenvalue."""
 
     def solve(self, rhs: Array) -> Array:
@@ -124,13 +151,14 @@ class _Inverse:
 
     null_space: Array
 
-    def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
+    def update(self, row: Array, column: Array, blocks: Array) -> bool:
         """See `_Solver`."""
         from scipy.linalg import lapack  # slow to import; small problems have no subdomains
 
+        subdomains, columns = int(row.max(initial=-1)) + 1, blocks.shape[1]
+        size = subdomains * columns
         E = np.zeros((size, size))
-        columns = blocks.shape[1]
-        E.reshape(size // columns, columns, -1, columns)[row, :, column] = blocks
+        E.reshape(subdomains, columns, subdomains, columns)[row, :, column] = blocks
         self.null_space = np.zeros((size, 0))
         factor, failed = lapack.dpotrf(E, lower=1)
         if not failed:
@@ -158,46 +186,60 @@ class _Factors:
     Of a singular matrix MUMPS sets the unknowns of vanishing pivots to zero. Such a solution has
     large components in the null space, whose rounding errors in single precision stop conjugate
     gradients; they are removed, as a pseudo-inverse does.
+
+    Parameters
+    ----------
+    layout : CoarseLayout
+        The rows on this rank.
     """
 
     _pc: PETSc.PC
     null_space: Array
 
-    def update(self, row: Array, column: Array, blocks: Array, size: int) -> bool:
+    def __init__(self, layout: CoarseLayout) -> None:
+        self._layout, self._comm = layout, layout.comm
+
+    def update(self, row: Array, column: Array, blocks: Array) -> bool:
         """See `_Solver`. The pattern is always that of the first call."""
         if not hasattr(self, "_pc"):
-            self._create(row, column, size, blocks.shape[1])
+            self._create(row, self._layout.held[column], blocks.shape[1])
         self._E.setValuesBlockedCSR(*self._pattern, blocks[self._upper])
         self._E.assemble()
         self._pc.setUp()
+        size = self._E.getLocalSize()[0]
         self.null_space = np.zeros((size, 0))
         if vanishing := self._factors.getMumpsInfog(28):
             # With G the solver, E G E = E: r - G E r is in the null space, for every r.
-            null = np.random.default_rng(0).random((size, vanishing))
+            null = np.random.default_rng(self._comm.rank).random((size, vanishing))
             for vector in null.T:
                 self._rhs.array[:] = vector
                 self._E.mult(self._rhs, self._solution)
                 vector -= self.solve(self._solution.array.copy())
-            self.null_space = np.linalg.qr(null)[0]
+            self.null_space = _orthonormal(null, self._comm)
         return self._factors.getInertia()[0] == 0
 
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
-        null = self.null_space
-        self._rhs.array[:] = rhs - null @ (null.T @ rhs)
+        self._rhs.array[:] = self._without_null_space(rhs)
         self._pc.apply(self._rhs, self._solution)
-        solution: Array = self._solution.array - null @ (null.T @ self._solution.array)
-        return solution
+        return self._without_null_space(self._solution.array)
 
-    def _create(self, row: Array, column: Array, size: int, columns: int) -> None:
+    def _without_null_space(self, y: Array) -> Array:
+        """Return y less its part in the null space."""
+        null = self.null_space
+        return y - null @ _sum(self._comm, null.T @ y) if null.shape[1] else y
+
+    def _create(self, row: Array, column: Array, columns: int) -> None:
         """Create the matrix of the upper blocks and its PC, which orders the unknowns once."""
-        upper = np.flatnonzero(column >= row)
+        rows, first = self._layout.own, self._layout.held[0] if self._layout.own else 0
+        upper = np.flatnonzero(column >= row + first)
         self._upper = upper = upper[np.lexsort((column[upper], row[upper]))]
-        start = np.searchsorted(row[upper], np.arange(size // columns + 1))
+        start = np.searchsorted(row[upper], np.arange(rows + 1))
         self._pattern = tuple(of.astype(PETSc.IntType) for of in (start, column[upper]))
-        self._E = PETSc.Mat().createSBAIJ(size, columns, csr=self._pattern, comm=PETSc.COMM_SELF)
+        sizes = ((columns * rows, None),) * 2
+        self._E = PETSc.Mat().createSBAIJ(sizes, columns, csr=self._pattern, comm=self._comm)
         self._rhs, self._solution = self._E.createVecs()
-        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
+        self._pc = PETSc.PC().create(self._comm)
         self._pc.setOperators(self._E)
         set_direct_factors(self._pc)
         self._pc.setFactorSetUpSolverType()

@@ -34,10 +34,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
+from fem_snh.linalg.coarse_layout import CoarseLayout, Distributed, Replicated
 from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.coarse_space import CoarseSpace, coordinate_bisection, linear_functions
 from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.halo import Halo
+from fem_snh.linalg.library import columns
 
 Array = npt.NDArray[Any]
 
@@ -61,6 +63,8 @@ class Deflation:
         Reference coordinates of this rank's nodes.
     subdomains : int
         Number of subdomains on all ranks together; every rank has at least one.
+    replicated : int
+        Up to so many of them every rank holds E; of more, only its rows.
     """
 
     def __init__(
@@ -72,6 +76,7 @@ class Deflation:
         halo: Halo | None,
         coordinates: Array,
         subdomains: int,
+        replicated: int,
     ) -> None:
         self._comm, self._matrix, self._halo = comm, matrix, halo
         self._coordinates = coordinates
@@ -83,12 +88,15 @@ class Deflation:
         if halo:
             halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
             subdomain = np.concatenate([subdomain, halo.ghosts[:, 0]])
-        subdomain = subdomain.astype(np.int32)
-        self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, sum(counts))
+        layout: CoarseLayout = Replicated(comm, sum(counts))
+        if halo and sum(counts) > replicated:
+            layout = Distributed(comm, counts, subdomain[rows:], columns(matrix.size))
+        subdomain, held = layout.local(subdomain.astype(np.int32)), len(layout.held)
+        self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, held)
         rows_and_columns = self._coarse.block_row, self._coarse.block_column
-        self._E = CoarseMatrix(comm, *rows_and_columns, sum(counts), self._coarse.columns)
+        self._E = CoarseMatrix(layout, *rows_and_columns, self._coarse.columns)
         self._free: Array | None = None
-        size = self._coarse.columns * sum(counts)
+        size = self._coarse.columns * held
         self._rhs, self._single = np.zeros(size), np.zeros(size, np.float32)
         self._Qb = np.zeros(size)  # coefficients of Q b in the columns of Z
         self._rhs_pointer = matrix.pointer(self._rhs)
@@ -131,23 +139,21 @@ class Deflation:
         Where A is singular, rounding errors grow in its null space, which no residual shows.
         """
         coarse = self._Qb - self._solve("coarse_image_transposed", x)
-        if (null := self._E.null_space).size:
-            coarse -= null @ (null.T @ (self._product("coarse_restrict", x) + coarse))
+        if self._E.singular:
+            coarse -= self._E.null_part(self._product("coarse_restrict", x), coarse)
         self._single[:] = coarse
         self._matrix.lib.coarse_prolong(self._coarse.struct, self._single_pointer, x)
 
     def _solve(self, transposed: str, vector: Any) -> Array:
-        """Store E^-1 y in _single, for the y of `_product`."""
+        """Return E^-1 y, and store it in _single, for the y of `_product`."""
         solution = self._E.solve(self._product(transposed, vector))
         self._single[:] = solution
         return solution
 
     def _product(self, transposed: str, vector: Any) -> Array:
-        """Return y = Z^T v (coarse_restrict) or y = (A Z)^T v (coarse_image_transposed)."""
+        """Return this rank's part of Z^T v (coarse_restrict) or (A Z)^T v (.._transposed)."""
         self._rhs[:] = 0
         getattr(self._matrix.lib, transposed)(self._coarse.struct, vector, self._rhs_pointer)
-        if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, self._rhs)
         return self._rhs
 
     def _update_functions(self, free: Array) -> None:

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from fem_snh.linalg.ssor_system import AUTOMATIC, CycleStart, SSORSystem
+from fem_snh.linalg.ssor_system import AUTOMATIC, MAX_REPLICATED, CycleStart, SSORSystem
 
 _Reason = PETSc.KSP.ConvergedReason
 #: Residual reduction per refinement cycle. Single precision rounds to 6e-8; the remaining factor of
@@ -36,7 +36,8 @@ class EisenstatCG:
 
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
-    `fem_snh.linalg.deflation`; ``-ksp_deflation_subdomains`` sets the number of subdomains.
+    `fem_snh.linalg.deflation`; ``-ksp_deflation_subdomains`` sets the number of subdomains, and
+    ``-ksp_deflation_replicated`` that from which their matrix is distributed over the ranks.
 
     Parameters
     ----------
@@ -67,6 +68,7 @@ class EisenstatCG:
 
     def __init__(self, coordinates: np.ndarray | None = None) -> None:
         self._coordinates, self._subdomains = coordinates, AUTOMATIC
+        self._replicated = MAX_REPLICATED
         self.has_residual = False
 
     def create(self, ksp: PETSc.KSP) -> None:
@@ -75,9 +77,10 @@ class EisenstatCG:
         self._state = -1  # of the matrix last used
 
     def setFromOptions(self, ksp: PETSc.KSP) -> None:
-        """Read ``ksp_deflation_subdomains``: 0 for none, -1 for a number by the matrix's size."""
+        """Read ``ksp_deflation_subdomains`` (0 for none, -1 by the size), ``.._replicated``."""
         options = PETSc.Options(ksp.getOptionsPrefix())
         self._subdomains = options.getInt("ksp_deflation_subdomains", AUTOMATIC)
+        self._replicated = options.getInt("ksp_deflation_replicated", MAX_REPLICATED)
 
     @property
     def _system(self) -> SSORSystem:
@@ -96,7 +99,8 @@ class EisenstatCG:
         sparsity pattern is read if it or the matrix object changed.
         """
         if self._made is None or not self._made.fits(A):
-            self._made, self._state = SSORSystem(A, self._coordinates, self._subdomains), -1
+            limits = self._subdomains, self._replicated
+            self._made, self._state = SSORSystem(A, self._coordinates, *limits), -1
         if self._state != A.stateGet() or force:
             self._failure, self._state = self._system.update(A), A.stateGet()
 

@@ -63,6 +63,8 @@ _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
 #: to others (docs/results/scaling.md).
 _FEW_RANKS = 2
 AUTOMATIC = -1
+#: Default of ksp_deflation_replicated.
+MAX_REPLICATED = 1000
 #: Components of a displacement: the sizes of blocks for which there are kernels.
 BLOCK_SIZES = (2, 3)
 
@@ -104,6 +106,8 @@ class SSORSystem:
         Reference coordinates of this rank's nodes; without them there is no deflation.
     subdomains : int
         Number of deflation subdomains, 0 for none, AUTOMATIC for a number by the matrix's size.
+    replicated : int
+        Up to so many of them every rank holds their matrix; of more, only its rows.
 
     Raises
     ------
@@ -113,7 +117,11 @@ class SSORSystem:
     """
 
     def __init__(
-        self, A: PETSc.Mat, coordinates: np.ndarray | None, subdomains: int = AUTOMATIC
+        self,
+        A: PETSc.Mat,
+        coordinates: np.ndarray | None,
+        subdomains: int = AUTOMATIC,
+        replicated: int = MAX_REPLICATED,
     ) -> None:
         block = A.getBlockSize()
         if block not in BLOCK_SIZES:
@@ -129,13 +137,14 @@ class SSORSystem:
         self._matrix = on_every(self.comm, SymmetricBlockMatrix, path, block, *blocks)
         shared = stored.off_diagonal is not None
         self._halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
+        self._total = np.zeros(1)
         self.deflation = None
         if subdomains == AUTOMATIC and coordinates is not None:
             nodes, dim = self.unknowns // block, coordinates.shape[1]
             subdomains = _default_subdomains(nodes, self.comm.size, dim)
         if coordinates is not None and subdomains > 0:
             self.deflation = Deflation(
-                self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains
+                self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains, replicated
             )
         size = block * self._matrix.rows
         self._vectors: dict[str, npt.NDArray[np.float32]] = {
@@ -241,7 +250,11 @@ class SSORSystem:
 
     def _sum(self, own: float) -> float:
         """Return the sum over all ranks."""
-        return own if self.comm.size == 1 else float(self.comm.allreduce(own))
+        if self.comm.size == 1:
+            return own
+        self._total[0] = own  # a buffer: MPI's own sum, not messages of Python objects
+        self.comm.Allreduce(MPI.IN_PLACE, self._total)
+        return float(self._total[0])
 
 
 def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
