@@ -16,6 +16,7 @@ from plane_programs import COMPONENTS, clamped
 from test_eisenstat import Reason, body, right_side, solve
 
 from fem_snh._petsc import default_options
+from fem_snh.linalg.coarse_layout import Distributed
 from fem_snh.linalg.coarse_space import coordinate_bisection, linear_functions
 from fem_snh.linalg.ssor_system import _default_subdomains
 from fem_snh.solver import EisenstatCG
@@ -33,6 +34,13 @@ def subdomains(request):
 def with_subdomains(*counts):
     """Parametrise a test by the number of subdomains."""
     return pytest.mark.parametrize("subdomains", counts, indirect=True)
+
+
+def each_layout(comm):
+    """Let every rank have all of the coarse matrix and, on several, the rows of its subdomains."""
+    for replicated in (1000, 0)[: comm.size]:
+        with default_options("", {"ksp_deflation_replicated": replicated}):
+            yield replicated
 
 
 # --- subdomains and functions --------------------------------------------------------------------
@@ -160,9 +168,10 @@ def test_unconstrained_rigid_motions(comm, subdomains, hold):
     x.array[:] = np.sin(7.0 * p.coordinates).ravel()
     p.prescribe(x)
     p.A.mult(x, b)
-    ksp, y, residual = solve(p, b, rtol=1e-5)
-    assert ksp.getConvergedReason() > 0 and residual < 3e-5
-    assert y.norm() < 1.5 * x.norm()  # rigid motions are left out
+    for _ in each_layout(comm):
+        ksp, y, residual = solve(p, b, rtol=1e-5)
+        assert ksp.getConvergedReason() > 0 and residual < 3e-5
+        assert y.norm() < 1.5 * x.norm()  # rigid motions are left out
 
 
 @mpi
@@ -174,9 +183,10 @@ def test_negative_curvature_of_the_coarse_matrix_ends_a_solve(comm, subdomains):
     x.array[:] = (-0.4 * p.coordinates).ravel()
     p.jacobian(x, "exact")
     p.x.set(1.0)
-    ksp, y, _ = solve(p, p.x)
-    assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_MAT
-    assert ksp.getIterationNumber() == 0 and y.norm() == 0
+    for _ in each_layout(comm):
+        ksp, y, _ = solve(p, p.x)
+        assert ksp.getConvergedReason() == Reason.DIVERGED_INDEFINITE_MAT
+        assert ksp.getIterationNumber() == 0 and y.norm() == 0
 
 
 @mpi
@@ -187,8 +197,9 @@ def test_nan_off_the_diagonal_is_reported(comm, subdomains):
     first = p.A.getOwnershipRange()[0]
     p.A.setValue(first + 30, first + 33, np.nan)
     p.A.assemble()
-    ksp, *_ = solve(p, b)
-    assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
+    for _ in each_layout(comm):
+        ksp, *_ = solve(p, b)
+        assert ksp.getConvergedReason() == Reason.DIVERGED_NANORINF
 
 
 @mpi
@@ -228,8 +239,41 @@ def test_a_solution_in_the_coarse_space_needs_no_iterations(comm, subdomains):
 @with_subdomains(4)
 def test_every_rank_has_a_subdomain(comm, subdomains):
     p = body(comm, cells=2)
-    _, _, residual = solve(p, right_side(p), rtol=1e-6)
-    assert comm.allreduce(residual, op=MPI.MAX) < 1e-5
+    for _ in each_layout(comm):
+        _, _, residual = solve(p, right_side(p), rtol=1e-6)
+        assert comm.allreduce(residual, op=MPI.MAX) < 1e-5
+
+
+@mpi
+@with_subdomains(80)
+def test_a_distributed_coarse_matrix_is_the_same(comm, subdomains):
+    """Iterations and solutions do not depend on where its rows are."""
+    p = body(comm, cells=8)
+    b, found = right_side(p), []
+    for _ in each_layout(comm):
+        ksp, x, residual = solve(p, b, rtol=1e-6)
+        found.append((ksp.getIterationNumber(), x))
+        assert residual < 1e-5
+    (first, x), (second, y) = found[0], found[-1]
+    assert abs(first - second) <= 1
+    assert np.abs(y.array - x.array).max() <= 1e-5 * x.norm(PETSc.NormType.INFINITY)
+
+
+@mpi
+def test_coarse_vectors_of_a_ring_of_ranks(comm):
+    """Each rank has two subdomains and its ghosts that of the next rank: sums and copies."""
+    ranks, columns = comm.size, 3
+    ghosts = [] if ranks == 1 else [2 * ((comm.rank + 1) % ranks)]
+    layout = Distributed(comm, [2] * ranks, np.array(ghosts, int), columns)
+    assert layout.held.tolist() == [2 * comm.rank, 2 * comm.rank + 1, *ghosts]
+    assert layout.local(layout.held).tolist() == list(range(len(layout.held)))
+    y = np.repeat(10.0 * layout.held + 1, columns)
+    layout.add(y)
+    times = 1 if ranks == 1 else 2  # what the rank before has added to the first
+    first, second = 10.0 * layout.held[:2] + 1
+    assert y[: 2 * columns].tolist() == [times * first] * columns + [second] * columns
+    layout.spread(y)
+    assert y[2 * columns :].tolist() == [2 * (10.0 * g + 1) for g in ghosts for _ in range(columns)]
 
 
 # --- meshes of two dimensions --------------------------------------------------------------------
