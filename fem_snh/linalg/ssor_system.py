@@ -59,12 +59,12 @@ _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000
 #: In two dimensions coarse solves cost less, and few nodes have the bandwidth of many: at least one
 #: for 64 nodes up to 16, then one for 256 up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
-#: On more ranks than this twice as many, up to 64: the sweeps of a rank leave out what couples it
-#: to others (docs/results/scaling.md).
-_FEW_RANKS = 2
+#: On more ranks than this twice as many, in three dimensions up to 300: the sweeps of a rank leave
+#: out what couples it to others (docs/results/scaling.md).
+_FEW_RANKS, _MOST_ON_RANKS = 2, 300
 AUTOMATIC = -1
 #: Default of ksp_deflation_replicated.
-MAX_REPLICATED = 1000
+MAX_REPLICATED = _MOST_ON_RANKS
 #: Components of a displacement: the sizes of blocks for which there are kernels.
 BLOCK_SIZES = (2, 3)
 
@@ -264,11 +264,14 @@ def _pattern(A: PETSc.Mat) -> tuple[int, tuple[int, int]]:
 
 def _default_subdomains(nodes: int, ranks: int, dim: int) -> int:
     """Return the number of deflation subdomains of a body with so many nodes, 0 for none."""
-    subdomains = nodes // _NODES_PER_SUBDOMAIN
+    many = ranks > _FEW_RANKS
+    subdomains, most = nodes // _NODES_PER_SUBDOMAIN, MAX_INVERTED
     if dim == 2:
         few = min(nodes // _NODES_OF_FEW, _FEW)
-        subdomains = max(few, min(nodes // _NODES_OF_MANY, MAX_INVERTED))
+        subdomains = max(few, min(nodes // _NODES_OF_MANY, most))
+    elif many:
+        most = _MOST_ON_RANKS
     if subdomains < _MIN_SUBDOMAINS:
         return 0
-    subdomains = min(subdomains * (1 if ranks <= _FEW_RANKS else 2), MAX_INVERTED)
+    subdomains = min(subdomains * (2 if many else 1), most)
     return max(subdomains, nodes // _NODES_PER_SUBDOMAIN_OF_LARGE)
