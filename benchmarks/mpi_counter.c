@@ -16,6 +16,13 @@ static void add(int kind, double items, MPI_Datatype type) {
   counts[2 * kind + 1] += items * size;
 }
 
+/* A collective of one rank alone is none. */
+static void add_collective(MPI_Comm c, double items, MPI_Datatype type) {
+  int ranks;
+  PMPI_Comm_size(c, &ranks);
+  if (ranks > 1) add(1, items, type);
+}
+
 #define SENDING(name, ...)                                                                                       \
   int MPI_##name(const void *b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c __VA_ARGS__) {                 \
     add(0, n, t);                                                                                                \
@@ -63,18 +70,18 @@ int MPI_Startall(int n, MPI_Request r[]) {
   return PMPI_Startall(n, r);
 }
 
-int MPI_Barrier(MPI_Comm c) { add(1, 0, MPI_DATATYPE_NULL); return PMPI_Barrier(c); }
+int MPI_Barrier(MPI_Comm c) { add_collective(c, 0, MPI_DATATYPE_NULL); return PMPI_Barrier(c); }
 
-int MPI_Bcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c) { add(1, n, t); return PMPI_Bcast(b, n, t, root, c); }
+int MPI_Bcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c) { add_collective(c, n, t); return PMPI_Bcast(b, n, t, root, c); }
 
 int MPI_Reduce(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, int root, MPI_Comm c) {
-  add(1, n, t);
+  add_collective(c, n, t);
   return PMPI_Reduce(s, r, n, t, o, root, c);
 }
 
 #define REDUCING(name)                                                                             \
   int MPI_##name(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, MPI_Comm c) {             \
-    add(1, n, t);                                                                                  \
+    add_collective(c, n, t);                                                                                  \
     return PMPI_##name(s, r, n, t, o, c);                                                          \
   }
 
@@ -84,39 +91,39 @@ REDUCING(Exscan)
 REDUCING(Reduce_scatter_block)
 
 int MPI_Iallreduce(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, MPI_Comm c, MPI_Request *q) {
-  add(1, n, t);
+  add_collective(c, n, t);
   return PMPI_Iallreduce(s, r, n, t, o, c, q);
 }
 
 int MPI_Ibcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c, MPI_Request *q) {
-  add(1, n, t);
+  add_collective(c, n, t);
   return PMPI_Ibcast(b, n, t, root, c, q);
 }
 
 int MPI_Allgather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, MPI_Comm c) {
-  add(1, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Allgather(s, n, t, r, m, u, c);
 }
 
 int MPI_Allgatherv(const void *s, int n, MPI_Datatype t, void *r, const int m[], const int d[], MPI_Datatype u, MPI_Comm c) {
-  add(1, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Allgatherv(s, n, t, r, m, d, u, c);
 }
 
 int MPI_Gather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, int root, MPI_Comm c) {
-  add(1, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Gather(s, n, t, r, m, u, root, c);
 }
 
 int MPI_Gatherv(const void *s, int n, MPI_Datatype t, void *r, const int m[], const int d[], MPI_Datatype u, int root, MPI_Comm c) {
-  add(1, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, n, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Gatherv(s, n, t, r, m, d, u, root, c);
 }
 
 int MPI_Alltoall(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, MPI_Comm c) {
   int size;
   PMPI_Comm_size(c, &size);
-  add(1, (double)n * size, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, (double)n * size, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Alltoall(s, n, t, r, m, u, c);
 }
 
@@ -126,7 +133,7 @@ int MPI_Alltoallv(const void *s, const int n[], const int d[], MPI_Datatype t, v
   double all = 0;
   PMPI_Comm_size(c, &size);
   for (int i = 0; i < size && s != MPI_IN_PLACE; i++) all += n[i];
-  add(1, all, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
+  add_collective(c, all, s == MPI_IN_PLACE ? MPI_DATATYPE_NULL : t);
   return PMPI_Alltoallv(s, n, d, t, r, m, e, u, c);
 }
 
@@ -173,18 +180,18 @@ void mpi_isend_(void *b, int *n, int *t, int *to, int *tag, int *c, int *r, int 
 
 void pmpi_bcast_(void *b, int *n, int *t, int *root, int *c, int *e);
 void mpi_bcast_(void *b, int *n, int *t, int *root, int *c, int *e) {
-  add(1, *n, MPI_Type_f2c(*t));
+  add_collective(MPI_Comm_f2c(*c), *n, MPI_Type_f2c(*t));
   pmpi_bcast_(b, n, t, root, c, e);
 }
 
 void pmpi_allreduce_(void *s, void *r, int *n, int *t, int *o, int *c, int *e);
 void mpi_allreduce_(void *s, void *r, int *n, int *t, int *o, int *c, int *e) {
-  add(1, *n, MPI_Type_f2c(*t));
+  add_collective(MPI_Comm_f2c(*c), *n, MPI_Type_f2c(*t));
   pmpi_allreduce_(s, r, n, t, o, c, e);
 }
 
 void pmpi_reduce_(void *s, void *r, int *n, int *t, int *o, int *root, int *c, int *e);
 void mpi_reduce_(void *s, void *r, int *n, int *t, int *o, int *root, int *c, int *e) {
-  add(1, *n, MPI_Type_f2c(*t));
+  add_collective(MPI_Comm_f2c(*c), *n, MPI_Type_f2c(*t));
   pmpi_reduce_(s, r, n, t, o, root, c, e);
 }

@@ -97,7 +97,8 @@ def linear_functions(coordinates: Array, subdomain: Array, free: Array) -> Array
 class CoarseSpace:
     """Z and A Z in single precision (coarse_space_api.h).
 
-    Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32.
+    Coarse vectors are (columns subdomains,), nodal vectors (size rows,) float32. Subdomains are
+    numbered as this rank holds them (`fem_snh.linalg.coarse_layout`).
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ class CoarseSpace:
     subdomain : (rows + ghosts,) int32
         Subdomain of each node, own nodes first.
     subdomains : int
-        Number of subdomains on all ranks.
+        Number of subdomains that this rank holds.
 
     Attributes
     ----------

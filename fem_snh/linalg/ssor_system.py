@@ -59,12 +59,12 @@ _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000
 #: In two dimensions coarse solves cost less, and few nodes have the bandwidth of many: at least one
 #: for 64 nodes up to 16, then one for 256 up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
-#: On more ranks than this twice as many, in three dimensions up to 300: the sweeps of a rank leave
-#: out what couples it to others (docs/results/scaling.md).
-_FEW_RANKS, _MOST_ON_RANKS = 2, 300
+#: On more ranks than this twice as many, in three dimensions up to 1,000: the sweeps of a rank
+#: leave out what couples it to others (docs/results/scaling.md).
+_FEW_RANKS, _MOST_ON_RANKS = 2, 1000
 AUTOMATIC = -1
 #: Default of ksp_deflation_replicated.
-MAX_REPLICATED = _MOST_ON_RANKS
+MAX_REPLICATED = 300
 #: Components of a displacement: the sizes of blocks for which there are kernels.
 BLOCK_SIZES = (2, 3)
 
