@@ -138,8 +138,8 @@ def test_ranks_add_few_iterations(comm, subdomains):
 
 def test_more_ranks_have_more_subdomains():
     assert [_default_subdomains(19517, ranks, 3) for ranks in (1, 2, 4, 16)] == [38, 38, 76, 76]
-    assert [_default_subdomains(74925, ranks, 3) for ranks in (1, 2, 4, 16)] == [74, 74, 292, 292]
-    assert [_default_subdomains(327_697, ranks, 3) for ranks in (1, 2, 16)] == [327, 327, 1000]
+    assert [_default_subdomains(74925, ranks, 3) for ranks in (1, 2, 4, 16)] == [74, 74, 100, 100]
+    assert [_default_subdomains(327_697, ranks, 3) for ranks in (1, 2, 16)] == [327, 327, 327]
     assert _default_subdomains(3_000_000, 16, 3) == _default_subdomains(3_000_000, 1, 3) == 3000
     assert _default_subdomains(2047, 16, 3) == 0
 

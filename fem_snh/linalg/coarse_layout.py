@@ -2,7 +2,7 @@
 
 A coarse vector has the entries of each subdomain that the rank holds. `Replicated` is faster for
 few subdomains: one sum over the ranks, and each rank solves for itself. `Distributed` needs no
-memory for other ranks' subdomains, and exchanges with the ranks beside it alone.
+memory for other ranks' subdomains, and exchanges with the neighbouring ranks alone.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class CoarseLayout(Protocol):
         """Return the positions in ``held`` of subdomains."""
 
     def gather(self, blocks: Array) -> Array:
-        """Return what belongs to the rows of E on this rank, of all ranks' contributions."""
+        """Return the blocks of the rows of E on this rank, from those that each rank computes."""
 
     def add(self, y: Array) -> None:
         """Replace the entries of the rows on this rank by the sum over all ranks, in place."""
@@ -71,9 +71,9 @@ class Replicated:
     def gather(self, blocks: Array) -> Array:
         """See `CoarseLayout`."""
         counts, entries = self._ranks.allgather(len(blocks)), int(np.prod(blocks.shape[1:]))
-        found = np.empty((sum(counts), *blocks.shape[1:]), blocks.dtype)
-        self._ranks.Allgatherv(blocks, [found, [entries * count for count in counts]])
-        return found
+        gathered = np.empty((sum(counts), *blocks.shape[1:]), blocks.dtype)
+        self._ranks.Allgatherv(blocks, [gathered, [entries * count for count in counts]])
+        return gathered
 
     def add(self, y: Array) -> None:
         """See `CoarseLayout`."""

@@ -33,7 +33,7 @@ MAX_INVERTED = 64
 class CoarseMatrix:
     """E. Collective.
 
-    Coarse vectors are (columns subdomains that the rank holds,), a new one for each call.
+    Coarse vectors are (columns subdomains that the rank holds,).
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class CoarseMatrix:
         diagonal[self._row[on_diagonal]] = np.einsum("bii->bi", blocks[on_diagonal])
         self._layout.spread(diagonal)
         largest = comm.allreduce(diagonal.max(initial=0.0), op=MPI.MAX)
-        if largest < 0 or (largest == 0 and comm.allreduce(bool(diagonal.any()), op=MPI.LOR)):
+        if largest == 0 and comm.allreduce(bool(diagonal.any()), op=MPI.LOR):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
         # A column of Z that is zero gets a 1 on the diagonal, and no part in a solution.
         zero = diagonal == 0.0

@@ -87,11 +87,11 @@ class Deflation:
         subdomain = sum(counts[: comm.rank]) + coordinate_bisection(coordinates, own)
         if halo:
             halo.exchange(np.repeat(subdomain, matrix.size).astype(np.float32))  # exact up to 2^24
-            subdomain = np.concatenate([subdomain, halo.ghosts[:, 0]])
+            subdomain = np.concatenate([subdomain, halo.ghosts[:, 0].astype(np.int32)])
         layout: CoarseLayout = Replicated(comm, sum(counts))
         if halo and sum(counts) > replicated:
             layout = Distributed(comm, counts, subdomain[rows:], columns(matrix.size))
-        subdomain, held = layout.local(subdomain.astype(np.int32)), len(layout.held)
+        subdomain, held = layout.local(subdomain), len(layout.held)
         self._coarse = CoarseSpace(matrix, diagonal, off_diagonal, subdomain, held)
         rows_and_columns = self._coarse.block_row, self._coarse.block_column
         self._E = CoarseMatrix(layout, *rows_and_columns, self._coarse.columns)

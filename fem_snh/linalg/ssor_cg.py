@@ -37,7 +37,7 @@ class EisenstatCG:
     Tolerances, monitors and converged reasons are those of any KSP; the norm is the natural one,
     sqrt(r.M^-1 r). The KSP's PC is not used. With coordinates the iteration is deflated, see
     `fem_snh.linalg.deflation`; ``-ksp_deflation_subdomains`` sets the number of subdomains, and
-    ``-ksp_deflation_replicated`` that from which their matrix is distributed over the ranks.
+    ``-ksp_deflation_replicated`` that above which their matrix is distributed over the ranks.
 
     Parameters
     ----------

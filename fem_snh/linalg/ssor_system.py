@@ -59,9 +59,10 @@ _NODES_PER_SUBDOMAIN, _NODES_PER_SUBDOMAIN_OF_LARGE, _MIN_SUBDOMAINS = 512, 1000
 #: In two dimensions coarse solves cost less, and few nodes have the bandwidth of many: at least one
 #: for 64 nodes up to 16, then one for 256 up to 64 (docs/results/linear_solver.md).
 _NODES_OF_FEW, _FEW, _NODES_OF_MANY = 64, 16, 256
-#: On more ranks than this twice as many, in three dimensions up to 1,000: the sweeps of a rank
-#: leave out what couples it to others (docs/results/scaling.md).
-_FEW_RANKS, _MOST_ON_RANKS = 2, 1000
+#: On more ranks than this twice as many, in three dimensions up to 100: the sweeps of a rank leave
+#: out what couples it to others. More would save iterations, whose coarse solves cost more
+#: (docs/results/scaling.md).
+_FEW_RANKS, _MOST_ON_RANKS = 2, 100
 AUTOMATIC = -1
 #: Default of ksp_deflation_replicated.
 MAX_REPLICATED = 300
