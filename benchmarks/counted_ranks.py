@@ -22,6 +22,7 @@ import numpy as np
 
 from fem_snh import _dolfinx, scenes, solver
 from fem_snh._petsc import default_options
+from fem_snh.linalg.coarse_matrix import CoarseMatrix
 from fem_snh.linalg.ssor_cg import EisenstatCG
 from fem_snh.runs.setup import set_up
 
@@ -35,6 +36,7 @@ def main(file: Path, settings: dict[str, Any]) -> None:
     options = settings.pop("petsc")
     with default_options(solver.PREFIX, options):
         setup = set_up(comm, scenes.load("stretch", steps=1, nu=0.49, **settings))
+    updates = _timed_updates()
     PETSc.Log.begin()
     comm.Barrier()
     before, start = _counts(), perf_counter()
@@ -53,17 +55,37 @@ def main(file: Path, settings: dict[str, Any]) -> None:
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "seconds": seconds,
         "ksp_seconds": PETSc.Log.Event("KSPSolve").getPerfInfo()["time"],
-        "coarse_seconds": 0.0,
+        "coarse_updates": sum(updates),
+        "coarse_solve": 0.0,
     }
+    subdomains = 0
     if deflation:
-        y = np.ones(len(deflation._rhs))
-        own["coarse_seconds"] = _best(comm, lambda: deflation._E.solve(y.copy()))
+        y, layout = np.ones(len(deflation._rhs)), deflation._E._layout
+        own["coarse_solve"] = _best(comm, lambda: deflation._E.solve(y.copy()))
+        subdomains = layout.own if layout.comm.size == 1 else comm.allreduce(layout.own)
     ranks = comm.gather(own)
     network = _network(comm)
     if ranks is not None:
         kept = ("converged", "newton", "linear", "energy")
         record = {key: row[key] for key in kept} | {"dofs": setup.problem.dofs}
+        record["subdomains"] = subdomains
         file.write_text(json.dumps(record | network | {"ranks": ranks}))
+
+
+def _timed_updates() -> list[float]:
+    """Return a list that gets the seconds of each update of a coarse matrix from now on."""
+    seconds: list[float] = []
+    update = CoarseMatrix.update
+
+    def timed(self: CoarseMatrix, contributions: Any) -> int:
+        start = perf_counter()
+        try:
+            return update(self, contributions)
+        finally:
+            seconds.append(perf_counter() - start)
+
+    CoarseMatrix.update = timed  # type: ignore[method-assign]
+    return seconds
 
 
 def _counts() -> np.ndarray:

@@ -137,6 +137,24 @@ int MPI_Alltoallv(const void *s, const int n[], const int d[], MPI_Datatype t, v
   return PMPI_Alltoallv(s, n, d, t, r, m, e, u, c);
 }
 
+int MPI_Scatterv(const void *s, const int n[], const int d[], MPI_Datatype t, void *r, int m, MPI_Datatype u, int root, MPI_Comm c) {
+  add_collective(c, m, u);
+  return PMPI_Scatterv(s, n, d, t, r, m, u, root, c);
+}
+
+int MPI_Scatter(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, int root, MPI_Comm c) {
+  add_collective(c, m, u);
+  return PMPI_Scatter(s, n, t, r, m, u, root, c);
+}
+
+int MPI_Ibarrier(MPI_Comm c, MPI_Request *q) { add_collective(c, 0, MPI_DATATYPE_NULL); return PMPI_Ibarrier(c, q); }
+
+int MPI_Sendrecv(const void *s, int n, MPI_Datatype t, int to, int a, void *r, int m, MPI_Datatype u, int from, int b,
+                 MPI_Comm c, MPI_Status *status) {
+  add(0, n, t);
+  return PMPI_Sendrecv(s, n, t, to, a, r, m, u, from, b, c, status);
+}
+
 /* The neighbourhood collectives of dolfinx are messages to each neighbour. */
 static int neighbours(MPI_Comm c) {
   int in, out, weighted;
@@ -194,4 +212,25 @@ void pmpi_reduce_(void *s, void *r, int *n, int *t, int *o, int *root, int *c, i
 void mpi_reduce_(void *s, void *r, int *n, int *t, int *o, int *root, int *c, int *e) {
   add_collective(MPI_Comm_f2c(*c), *n, MPI_Type_f2c(*t));
   pmpi_reduce_(s, r, n, t, o, root, c, e);
+}
+
+void pmpi_barrier_(int *c, int *e);
+void mpi_barrier_(int *c, int *e) {
+  add_collective(MPI_Comm_f2c(*c), 0, MPI_DATATYPE_NULL);
+  pmpi_barrier_(c, e);
+}
+
+void pmpi_gather_(void *s, int *n, int *t, void *r, int *m, int *u, int *root, int *c, int *e);
+void mpi_gather_(void *s, int *n, int *t, void *r, int *m, int *u, int *root, int *c, int *e) {
+  add_collective(MPI_Comm_f2c(*c), *n, MPI_Type_f2c(*t));
+  pmpi_gather_(s, n, t, r, m, u, root, c, e);
+}
+
+void pmpi_alltoall_(void *s, int *n, int *t, void *r, int *m, int *u, int *c, int *e);
+void mpi_alltoall_(void *s, int *n, int *t, void *r, int *m, int *u, int *c, int *e) {
+  int size;
+  MPI_Comm comm = MPI_Comm_f2c(*c);
+  PMPI_Comm_size(comm, &size);
+  add_collective(comm, (double)*n * size, MPI_Type_f2c(*t));
+  pmpi_alltoall_(s, n, t, r, m, u, c, e);
 }

@@ -1,7 +1,8 @@
 """The stretch on more and more ranks: iterations, messages, work and memory of a Newton iteration.
 
-Counts do not depend on the machine, and there may be more ranks than cores. A model makes seconds
-of them: those of one rank by what the busiest one does, and the network's by the messages.
+Counts do not depend on the machine, and there may be more ranks than cores. A model turns them into
+seconds: what one rank takes for a cell, an operation of the sweeps and a coarse solve, and what the
+network takes for messages and collectives. It needs Open MPI's mpicc.
 """
 
 from __future__ import annotations
@@ -17,15 +18,18 @@ from typing import Any
 import psutil
 
 from benchmarks import Row, search_path, split_list
+from benchmarks.stretch_times import run_child
 from fem_snh.errors import BadInput
-from fem_snh.studies.processes import environment, program
+from fem_snh.studies.processes import program
 
 #: Largest linear iterations of up to so many ranks over those of one.
 LIMIT, UP_TO = 1.3, 16
 #: Floating-point operations of a linear iteration: for a block above the diagonal, which both
 #: sweeps multiply by; for one in other ranks' columns; for a pair of the coarse space, whose image
-#: is multiplied twice.
+#: is multiplied twice. The coarse solve is not among them.
 _UPPER, _SHARED, _PAIR = 36, 18, 144
+
+Run = dict[str, Any]
 
 
 def rows(
@@ -37,6 +41,7 @@ def rows(
     subdomains: int = -1,
     replicated: int = -1,
     timeout: float = 900.0,
+    memory: float = 16.0,
 ) -> Iterator[Row]:
     """Yield one row per part and number of ranks: a load step of the stretch, nu = 0.49.
 
@@ -45,76 +50,102 @@ def rows(
     parts : comma list
         strong: the same body; weak: one with as many cells per rank.
     ranks : comma list
-        Numbers of ranks, from 1.
+        Numbers of ranks, 1 first. With 2 there are predictions.
     cells, weak_cells : int
         Along the diameter; 28: 58,551 unknowns. Of a weak part: on one rank.
     stretch : float
         Ratio of the lengths at the end.
     subdomains, replicated : int
         ``-ksp_deflation_subdomains`` and ``-ksp_deflation_replicated``; -1: the defaults.
-    timeout : float
-        Limit of a run [s].
+    timeout, memory : float
+        Limits of a run [s], [GiB].
 
     Yields
     ------
     dict
         ``ratio``: linear iterations over those of one rank; ``energy_difference``: relative.
-        Of the rank that sends most, per Newton iteration: ``messages``, ``message_kB``,
-        ``collectives``, ``collective_kB``. ``mflop``: of a linear iteration on all ranks, and
-        ``imbalance`` of it, the largest over the mean; ``cells_imbalance`` likewise.
-        ``memory_mb``: of all ranks. ``predicted_seconds``: by the model, were there a core for each
-        rank; ``seconds``: measured, where there is.
+        Per Newton iteration, the largest of all ranks: ``messages``, ``message_kB``,
+        ``collectives``, ``collective_kB``. ``mflop``: of the sweeps and of the coarse space's
+        images in a linear iteration on all ranks; ``imbalance``: the largest of it over the mean,
+        ``cells_imbalance`` likewise. ``coarse_ms``: of a coarse solve in one process, which every
+        rank repeats. ``memory_mb``: of all ranks. ``predicted_seconds``: by the model, were there a
+        core for each rank; ``seconds``: measured, where there is.
     """
+    numbers = [int(number) for number in split_list(str(ranks))]
+    if numbers[0] != 1:
+        raise BadInput(f"ranks = '{ranks}': expected numbers of ranks, 1 first")
     given = {"deflation_subdomains": subdomains, "deflation_replicated": replicated}
     petsc = {f"ksp_{name}": value for name, value in given.items() if value >= 0}
     with tempfile.TemporaryDirectory() as name:
-        library = _library(Path(name))
+        bench = _Bench(Path(name), {"stretch": stretch, "petsc": petsc}, timeout, memory)
         for part in split_list(parts):
             if part not in ("strong", "weak"):
                 raise BadInput(f"parts = '{part}': expected some of strong, weak")
-            runs: list[dict[str, Any]] = []
-            for number in map(int, split_list(str(ranks))):
+            runs: list[Run] = []
+            for number in numbers:
                 size = cells if part == "strong" else _even(weak_cells * number ** (1 / 3))
-                settings = {"cells": size, "stretch": stretch, "petsc": petsc}
-                runs.append(_run(number, settings, library, timeout))
-                row: Row = {"part": part, "ranks": number} | _counts(runs[-1]) | _seconds(runs)
+                runs.append(bench.run(number, size))
+                row: Row = {"part": part, "ranks": number} | _counts(runs[-1])
+                row |= _seconds(runs, bench)
+                row["ok"] = runs[-1]["converged"]
                 if part == "strong":
                     row["ratio"] = round(runs[-1]["linear"] / runs[0]["linear"], 2)
                     row["energy_difference"] = abs(runs[-1]["energy"] / runs[0]["energy"] - 1)
-                    row["ok"] = row["ratio"] <= LIMIT or number > UP_TO
+                    row["ok"] &= row["ratio"] <= LIMIT or number > UP_TO
                 yield row
 
 
-def _library(folder: Path) -> Path:
-    """Compile what counts the messages."""
-    source, target = Path(__file__).with_name("mpi_counter.c"), folder / "counter.so"
-    command = ["mpicc", "-shared", "-fPIC", "-O2", str(source), "-lmpi_mpifh", "-o", str(target)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise BadInput(f"benchmark scaling: mpicc failed: {done.stderr.strip()[-300:]}")
-    return target
+class _Bench:
+    """Runs `benchmarks.counted_ranks` with the library that counts messages."""
+
+    def __init__(
+        self, folder: Path, settings: dict[str, Any], timeout: float, memory: float
+    ) -> None:
+        self._folder, self._settings, self._limits = folder, settings, (timeout, memory)
+        self._coarse: dict[tuple[int, int], tuple[float, float]] = {}
+        source, self._library = Path(__file__).with_name("mpi_counter.c"), folder / "counter.so"
+        command = ["mpicc", "-shared", "-fPIC", "-O2", str(source), "-lmpi_mpifh"]
+        done = subprocess.run(
+            [*command, "-o", str(self._library)], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise BadInput(f"benchmark scaling: mpicc failed: {done.stderr.strip()[-300:]}")
+
+    def run(self, ranks: int, cells: int, subdomains: int | None = None) -> Run:
+        """Return what a run has counted."""
+        settings = self._settings | {"cells": cells}
+        if subdomains is not None:
+            petsc = {"ksp_deflation_subdomains": subdomains}
+            settings["petsc"] = settings["petsc"] | petsc
+        file, log = self._folder / "counts.json", self._folder / "log.txt"
+        file.unlink(missing_ok=True)
+        command = [*program(ranks, "benchmarks.counted_ranks"), str(file), json.dumps(settings)]
+        variables = search_path() | {"LD_PRELOAD": str(self._library)}
+        limit = run_child(command, log, *self._limits, variables)
+        if limit or not file.exists():
+            reason = limit or log.read_text().strip()[-300:]
+            raise BadInput(f"benchmark scaling: {settings} on {ranks} ranks: {reason}")
+        run: Run = json.loads(file.read_text())
+        return run | {"cells": cells}
+
+    def coarse_seconds(self, run: Run) -> tuple[float, float]:
+        """Return the seconds of an update and of a solve of a coarse matrix, in one process."""
+        key = run["cells"], run["subdomains"]
+        if key not in self._coarse:
+            alone = run if len(run["ranks"]) == 1 else self.run(1, *key)
+            own = alone["ranks"][0]
+            self._coarse[key] = own["coarse_updates"] / alone["newton"], own["coarse_solve"]
+        return self._coarse[key]
 
 
-def _run(ranks: int, settings: dict[str, Any], library: Path, timeout: float) -> dict[str, Any]:
-    """Return what `benchmarks.counted_ranks` writes."""
-    file = library.with_suffix(".json")
-    command = [*program(ranks, "benchmarks.counted_ranks"), str(file), json.dumps(settings)]
-    env = environment() | search_path() | {"LD_PRELOAD": str(library)}
-    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=timeout)
-    if done.returncode:
-        reason = done.stderr.strip()[-300:]
-        raise BadInput(f"benchmark scaling: {settings} on {ranks} ranks failed: {reason}")
-    found: dict[str, Any] = json.loads(file.read_text())
-    return found
-
-
-def _counts(run: dict[str, Any]) -> Row:
+def _counts(run: Run) -> Row:
     """Return the columns that do not depend on the machine."""
     newton, work = run["newton"], _work(run)
     sent = [max(of["sent"][kind] for of in run["ranks"]) / newton for kind in range(4)]
     cells = [of["cells"] for of in run["ranks"]]
     return {
         "dofs": run["dofs"],
+        "subdomains": run["subdomains"],
         "newton": newton,
         "linear": run["linear"],
         "messages": round(sent[0]),
@@ -128,36 +159,38 @@ def _counts(run: dict[str, Any]) -> Row:
     }
 
 
-def _seconds(runs: list[dict[str, Any]]) -> Row:
-    """Return the model's prediction, and the measured seconds where there is a core for a rank.
+def _seconds(runs: list[Run], bench: _Bench) -> Row:
+    """Return the measured seconds where there is a core for each rank, and those predicted.
 
     What one rank takes for a cell and for an operation is that of the first run; what the network
     takes, that of two ranks.
     """
-    run, one = runs[-1], runs[0]["ranks"][0]
-    found: Row = {}
-    if len(run["ranks"]) <= (psutil.cpu_count(logical=False) or 1):
-        found["seconds"] = round(max(of["seconds"] for of in run["ranks"]), 3)
-    if len(runs[0]["ranks"]) > 1:
-        return found
-    network = next((of for of in runs if len(of["ranks"]) == 2), runs[0])
-    newton, linear = runs[0]["newton"], runs[0]["linear"]
+    first, run = runs[0], runs[-1]
+    one, number = first["ranks"][0], len(run["ranks"])
+    row: Row = {}
+    if number <= (psutil.cpu_count(logical=False) or 1):
+        row["seconds"] = round(max(of["seconds"] for of in run["ranks"]), 3)
+    pair = next((of for of in runs if len(of["ranks"]) == 2), None)
+    if pair is None:
+        return row
+    newton, linear = first["newton"], first["linear"]
+    coarse_of_one = newton * bench.coarse_seconds(first)[0] + linear * one["coarse_solve"]
     per_cell = (one["seconds"] - one["ksp_seconds"]) / (newton * one["cells"])
-    per_flop = (one["ksp_seconds"] / linear - one["coarse_seconds"]) / _work(runs[0])[0]
-    coarse = network["ranks"][-1]["coarse_seconds"] if len(run["ranks"]) > 1 else 0.0
+    per_flop = (one["ksp_seconds"] - coarse_of_one) / (linear * _work(first)[0])
+    update, solve = bench.coarse_seconds(run)
     sent = [max(of["sent"][kind] for of in run["ranks"]) for kind in range(4)]
-    stages = math.ceil(math.log2(len(run["ranks"])))
+    stages = math.ceil(math.log2(number))
     predicted = (
-        per_cell * run["newton"] * max(of["cells"] for of in run["ranks"])
-        + run["linear"] * (per_flop * max(_work(run)) + (coarse or one["coarse_seconds"]))
-        + network["latency"] * sent[0]
-        + network["seconds_per_byte"] * sent[1]
-        + stages * (network["sum_seconds"] * sent[2] + network["seconds_per_byte"] * sent[3])
+        run["newton"] * (per_cell * max(of["cells"] for of in run["ranks"]) + update)
+        + run["linear"] * (per_flop * max(_work(run)) + solve)
+        + pair["latency"] * sent[0]
+        + pair["seconds_per_byte"] * sent[1]
+        + stages * (pair["sum_seconds"] * sent[2] + pair["seconds_per_byte"] * sent[3])
     )
-    return found | {"predicted_seconds": round(predicted, 3)}
+    return row | {"coarse_ms": round(1e3 * solve, 2), "predicted_seconds": round(predicted, 3)}
 
 
-def _work(run: dict[str, Any]) -> list[float]:
+def _work(run: Run) -> list[float]:
     """Return the floating-point operations of a linear iteration on each rank."""
     return [
         _UPPER * of["upper_blocks"] + _SHARED * of["shared_blocks"] + _PAIR * of["coarse_pairs"]

@@ -96,18 +96,26 @@ def run_apart(
                 *run_arguments("stretch", folder / "out", settings | values, petsc),
             ]
             folder = folder / "out"
-        with Interrupts() as interrupts:  # Ctrl-C does not reach a child, which has its own session
-            with interrupts.postponed():
-                child = Child(command, Path(name, "log.txt"), timeout, memory, search_path())
-            try:
-                while child.poll() is None:
-                    time.sleep(0.1)
-            finally:
-                child.end()
+        limit_reached = run_child(command, Path(name, "log.txt"), timeout, memory, search_path())
         record = read_record(folder)
         lines = Path(name, "log.txt").read_text().strip().splitlines()
-    ended = child.limit_reached or ("converged" if record.get("converged") else "")
+    ended = limit_reached or ("converged" if record.get("converged") else "")
     return record, ended or record.get("status") or (lines[-1] if lines else "failed")
+
+
+def run_child(
+    command: list[str], log: Path, timeout: float, memory: float, env: dict[str, str]
+) -> str:
+    """Run a command in processes of its own; return the limit that ended it, if one did."""
+    with Interrupts() as interrupts:  # Ctrl-C does not reach a child, which has its own session
+        with interrupts.postponed():
+            child = Child(command, log, timeout, memory, env)
+        try:
+            while child.poll() is None:
+                time.sleep(0.1)
+        finally:
+            child.end()
+    return child.limit_reached
 
 
 def summary(record: dict[str, Any], ended: str) -> Row:
