@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 import fem_snh
 from fem_snh.studies.fit import TestData, ordered, rank
 from fem_snh.studies.fit.data import read
+from fem_snh.viewing.plots.fits import fit_figure
 
 #: Ogden's fit to Treloar's data (Ogden 1972): mu_p [Pa] and alpha_p.
 OGDEN = (np.array([0.63e6, 0.0012e6, -0.01e6]), np.array([1.3, 5.0, -2.0]))
@@ -265,7 +266,10 @@ def test_stable_ranges_of_henckys_energy() -> None:
     assert ends["equibiaxial"] == pytest.approx(np.exp(1 / 3), rel=1e-7)
     assert all(s.low == 0.5 and not s.whole for s in f.stable)
     assert f.stable_at_data
-    assert not fem_snh.fit("hencky", TRELOAR["uniaxial"]).stable_at_data
+    for searched in (None, (0.9, 1.5)):  # the data are beyond e in any case
+        unstable = fem_snh.fit("hencky", TRELOAR["uniaxial"], stable_range=searched)
+        assert not unstable.stable_at_data
+        assert bool(fit_figure([unstable]).axes[0].patches) is (searched is None)
 
 
 def test_stable_range_of_a_compressible_fit_is_that_of_the_report() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fem_snh import cli, materials
+from fem_snh.studies.fit.data import TESTS
 
 
 def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,9 +66,19 @@ def test_options(tmp_path: Path) -> None:
     assert record["searched"] == [0.8, 2]
 
 
+def test_help_names_all_tests(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["fit", "--help"])
+    words = capsys.readouterr().out.split("# test = ")[1].splitlines()[0].replace(",", "").split()
+    assert [word for word in words if word != "or"] == list(TESTS)
+
+
 def test_biaxial(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Data of Jones & Treloar; a biaxial test without a second stretch is one line."""
-    assert cli.main(["fit", "mooney_rivlin", "jones_treloar", "--out", str(tmp_path)]) == 0
+    words = ["fit", "mooney_rivlin", "jones_treloar", "--out", str(tmp_path)]
+    assert cli.main([*words, "--range", "0.9,1.5"]) == 0
+    assert "stable (Drucker) at all data: yes" in capsys.readouterr().out
+    assert cli.main(words) == 0
     assert "stable (Drucker) at all data: yes" in capsys.readouterr().out
     record = json.loads((tmp_path / "fit.json").read_text())
     assert [t["measure"] for t in record["tests"]] == ["stress", "stress_difference"]

@@ -32,6 +32,8 @@ def written(folder: Path, text: str) -> Path:
         ("test, stretch, stress\ncompression, 0.5, -1\n", "uniaxial", 0.5, -1.0),
         ("# test = uniaxial\n# columns = stretch, stress\n# unit = psi\n1.5, 1\n", "uniaxial", 1.5,
          6894.757293168361),
+        ("# columns = test, stretch, stress\npure shear, 1.2, 9\n", "planar", 1.2, 9.0),
+        ('# columns = test, stretch, stress\n"Uniaxial", 1.1, .05,\n', "uniaxial", 1.1, 0.05),
     ],
 )  # fmt: skip
 def test_files(tmp_path: Path, text: str, kind: str, x: float, stress: float) -> None:
@@ -52,7 +54,7 @@ def test_pressure_over_volume(tmp_path: Path) -> None:
 def test_biaxial_tests(tmp_path: Path) -> None:
     """Two nominal stresses are two tests; a cell without a value is empty or a dash."""
     text = "strain [%], lambda 2, stress [kPa], stress_2 [MPa]\n50,1.2,30,0.02\n60,1,-,.01\n,,\n"
-    with pytest.raises(BadInput, match="line 4: 0 values: expected 2 or more, with strain, stretc"):
+    with pytest.raises(BadInput, match="line 4: no value of strain, stress or stress_2"):
         read(written(tmp_path, text))
     first, second = read(written(tmp_path, text.replace(",,\n", "70,1,40\n")))
     assert (first.kind, second.kind) == ("biaxial", "biaxial")
@@ -63,6 +65,15 @@ def test_biaxial_tests(tmp_path: Path) -> None:
     assert second.stretch_2 == pytest.approx([1.2, 1])
     assert first.stress == pytest.approx([3e4, 4e4])
     assert second.stress == pytest.approx([2e4, 1e4])
+
+
+@pytest.mark.parametrize(
+    "names", ["lambda_1, lambda_2, P_1, P_2", "stretch_1, stretch_22, stress_11, stress_22"]
+)
+def test_names_of_directions(tmp_path: Path, names: str) -> None:
+    first, second = read(written(tmp_path, f"{names}\n1.5, 1.2, 3, 2\n"))
+    assert (first.kind, first.measure, first.stress[0]) == ("biaxial", "stress", 3)
+    assert (second.kind, second.measure, second.stress[0]) == ("biaxial", "stress_2", 2)
 
 
 def test_a_uniaxial_and_a_biaxial_test_in_a_file(tmp_path: Path) -> None:
@@ -94,6 +105,12 @@ def test_options_replace_what_a_file_states(tmp_path: Path) -> None:
     assert (found.kind, found.x[0], found.stress[0], found.weight[0]) == ("planar", 1.2, 1.5, 3)
 
 
+def test_columns_without_the_last_of_a_file(tmp_path: Path) -> None:
+    path = written(tmp_path, "# test = planar\nstretch, stress, stress_2\n1.5, 2, 1\n")
+    (found,) = read(path, columns=["stretch", "stress"])
+    assert (found.kind, found.x[0], found.stress[0]) == ("planar", 1.5, 2)
+
+
 def test_a_column_of_tests_and_of_weights(tmp_path: Path) -> None:
     text = "test, stretch, stress, weight\nut, 1.5, 1, 2\nps, 1.2, 0.5, 1\nut, 2, 2, 4\n"
     first, second = read(written(tmp_path, text))
@@ -118,7 +135,12 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         ("# test = uniaxial\nstretch, true stress\n1.5, 2\n", "expected the nominal stress"),
         ("# test = uniaxial\nstretch, stress [lb]\n1.5, 2\n", "unit = 'lb': expected one of Pa"),
         ("# test = uniaxial\nstretch [mm], stress\n1.5, 2\n", "unit of stretch = 'mm'"),
-        (HEAD + "1.5\n", "line 3: 1 values: expected 2 or more"),
+        (HEAD, "no line of numbers"),
+        (HEAD + "1.5\n", "line 3: no value of stress"),
+        (HEAD + "1,5, 0,3\n2,1, 0,5\n", "line 3: 4 values for 2 columns: expected one for"),
+        ("# test = ut\n# columns = strain, stress\n1.1, n/a\n2, 1\n", "line 3: stress = 'n/a': "),
+        (HEAD.replace("stretch", "strain [%]") + "-120, 1\n", "= -120.0: expected a number > -"),
+        (HEAD.replace("stress", "stress, weight") + "2, 1, -3\n", "weight = '-3': expected"),
         (HEAD + "1.5, x\n", "line 3: stress = 'x': expected a number"),
         (HEAD + "1.5, nan\n", "line 3: stress = nan: expected a finite number"),
         (HEAD + "0, 1\n", "line 3: stretch = 0.0: expected a number > 0"),
@@ -128,14 +150,18 @@ BIAXIAL = "# test = biaxial\nstretch, stretch_2, stress_difference\n"
         ("# test = planar\nshear, stress\n1, 1\n", "expected stretch or strain"),
         ("# test = simple_shear\nstretch, stress\n1, 1\n", "expected the amount of shear"),
         ("# test = biaxial\nstretch, stress\n1.5, 1\n", "expected a column stretch_2, or test ="),
-        ("# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n", "line 3: test 'biaxial'"),
+        ("# test = biaxial\nstretch, stretch_2, stress\n1.5, -, 1\n", "a value of stretch_2, or"),
         (BIAXIAL + "1.5, 0, 1\n", "line 3: stretch_2 = 0.0: expected a number > 0"),
         (BIAXIAL + "1.5, 1.2, x\n", "line 3: stress_difference = 'x': expected a number"),
-        (BIAXIAL + "1.5, 1.2\n", "line 3: 2 values: expected 2 or more, with stretch, stretch_2"),
+        (BIAXIAL + "1.5, 1.2\n", "line 3: no value of stress_difference"),
+        (BIAXIAL + "1.2, 1.2, 0\n1.3, 1.3, 1\n", "where it is 0 for every isotropic material"),
+        (BIAXIAL.replace("stress_difference", "true_stress_2") + "2, 1, 1\n", "the nominal stre"),
+        (BIAXIAL.replace("stress_difference", "cauchy stress 11") + "2, 1, 1\n", "the nominal"),
         (BIAXIAL + "1, 1.2, 1\n1.2, 2, 1\n", "the true stress of direction 1 minus that of direct"),
         (BIAXIAL.replace("stress_difference", "stress") + "2, 1, -1\n", "stresses above 0, compre"),
         (BIAXIAL.replace("biaxial", "planar") + "2, 1, 1\n", "in a test 'planar': expected test ="),
-        (HEAD.replace("stress", "stress_2") + "2, 1\n", "stress_2 in a test 'uniaxial': expected"),
+        (HEAD.replace("stress", "stress_2") + "2, 1\n", "'uniaxial': expected test = biaxial, or"),
+        ("# test = ps\nstretch, stress, stress_2\n2, 1, 1\n", "biaxial with stretch_2 = 1, or"),
         (BIAXIAL.replace("stretch", "strain_2, stretch", 1) + "2, 1, 0, 1\n", "stretch_2 or str"),
         ("lambda, lambda_2, stress, stress_2 [Pa]\n2, 1, 1, 1\n", "expected units of all, or of"),
         ("# weight = 0\n" + HEAD + "1.5, 1\n", "weight = '0': expected a number > 0"),
@@ -152,6 +178,8 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     written(tmp_path, HEAD)
     with pytest.raises(BadInput, match=r"no such file \(did you mean 'data.csv'\?\)"):
         read(tmp_path / "datas.csv")
+    with pytest.raises(BadInput, match=r"no such file \(did you mean 'jones_treloar'\?\)"):
+        read("jones-treloar")
     with pytest.raises(BadInput, match="Is a directory"):
         read(tmp_path)
     (tmp_path / "picture.png").write_bytes(b"\x89PNG\xff\xfe")
@@ -176,7 +204,6 @@ SQUEEZE = TestData("squeeze", "volumetric", 2 - X, 1 - X, np.ones(3))
         ((PULL,), {"held": {"gama": 1}}, "has no parameter 'gama' (did you mean 'gamma'?)"),
         ((PULL,), {"bounds": {"gamma": (1, 0)}}, "the lowest value first"),
         ((PULL,), {"stable_range": (1.5, 2)}, "range = 1.5"),
-        ((TestData("b", "biaxial", X, X - 1, X),), {}, "test 'biaxial': expected stretch_2"),
         ((PULL,), {"weights": [1, 2]}, "expected one value, or one for each of 1 files"),
     ],
 )  # fmt: skip
@@ -184,6 +211,34 @@ def test_mistakes_in_arguments(tests: tuple, keywords: dict, message: str) -> No
     with pytest.raises(BadInput) as error:
         fem_snh.fit("stable_fung", *tests, **keywords)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("uniaxal", X, X), "t: kind = 'uniaxal': expected one of uniaxial"),
+        (("biaxial", X, X, 1.0, X, "stres"), "(did you mean 'stress'?)"),
+        (("uniaxial", X, X, 1.0, None, "stress_2"), "measure = 'stress_2': expected one of stress"),
+        (("biaxial", X, X), "t: test 'biaxial': expected stretch_2"),
+        (("planar", X, X, 1.0, 1.0), "t: test 'planar': expected no stretch_2"),
+        (("uniaxial", X, X[:2]), "t: stress = array([1.1, 1.2]): expected one number, or one for"),
+        (("uniaxial", ["a"], X), "t: x = ['a']: expected one number"),
+    ],
+)
+def test_mistakes_in_test_data(arguments: tuple, message: str) -> None:
+    kind, x, stress, *others = arguments
+    with pytest.raises(BadInput) as error:
+        TestData("t", kind, x, stress, *(others or [1.0]))
+    assert message in str(error.value)
+
+
+def test_one_number_for_all_points() -> None:
+    test = TestData("t", "biaxial", X, X - 1, 2, 1.2)  # type: ignore[arg-type]
+    assert np.array_equal(test.weight, [2, 2, 2])
+    assert np.array_equal(test.stretch_2, [1.2, 1.2, 1.2])
+    f = fem_snh.fit("neo_hookean", test)
+    assert f.stress("biaxial", X, 1.2) == pytest.approx(f.tests[0].stress)
+    assert f.stress("biaxial", X[0], 1.2) == pytest.approx(f.tests[0].stress[0])
 
 
 def test_mistakes_in_stresses_of_a_fit() -> None:
@@ -194,6 +249,10 @@ def test_mistakes_in_stresses_of_a_fit() -> None:
         f.stress("uniaxial", X, measure="stress_2")
     with pytest.raises(BadInput, match="expected stretch_2"):
         f.stress("biaxial", X)
+    with pytest.raises(BadInput, match="test 'uniaxial': expected no stretch_2"):
+        f.stress("uniaxial", X, X)
+    with pytest.raises(BadInput, match=r"stretch_2 = .*: expected one number, or one for each x"):
+        f.stress("biaxial", X, X[:2])
 
 
 def test_too_few_points_and_too_far() -> None:

@@ -29,7 +29,7 @@ The curve has a column load, from 0 to 1, or the scene's load_name, and columns 
 goals, e.g. right.force.x. It works under mpirun too.
 
 A file of test data has columns with names, in lines '# key = value' what its names do not say:
-  # test = uniaxial          or equibiaxial, planar, simple_shear, volumetric, confined
+  # test = uniaxial          or equibiaxial, planar, biaxial, simple_shear, volumetric, confined
   stretch, stress [MPa]      or strain, shear, volume_ratio; pressure
 A test = biaxial has a column stretch_2, and stress, stress_2 or stress_difference (true stresses).
 """

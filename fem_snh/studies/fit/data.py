@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.errors import BadInput, bad_value, choose, nearest_file, shown
+from fem_snh.errors import BadInput, bad_value, choose, nearest, nearest_file, shown
 from fem_snh.files import read_text
+from fem_snh.studies.fit.responses import MEASURES
 from fem_snh.units import stress_unit
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +38,7 @@ TESTS = {
     "volumetric": ("hydrostatic", "bulk"),
     "confined": ("oedometric", "uniaxial_strain"),
 }
-#: Names of the columns, and other names that files may use for them.
+#: Names of the columns, and other names that files may use for them; _11 counts as _1, _22 as _2.
 COLUMNS = {
     "stretch": ("lambda", "λ", "stretch_ratio", "s", "stretch_1", "lambda_1"),
     "strain": ("engineering_strain", "nominal_strain", "eps", "epsilon", "ε"),
@@ -53,9 +54,11 @@ COLUMNS = {
         "shear_stress",
         "force/area",
         "stress_1",
+        "p_1",
+        "pk1_1",
     ),
     "pressure": ("hydrostatic_pressure",),
-    "stress_2": ("nominal_stress_2", "engineering_stress_2"),
+    "stress_2": ("nominal_stress_2", "engineering_stress_2", "p_2", "pk1_2"),
     "stress_difference": ("true_stress_difference", "cauchy_stress_difference"),
     "test": ("kind", "mode"),
     "weight": (),
@@ -94,13 +97,19 @@ class TestData:
     stress : (n,)
         Nominal stress, force per area at rest [Pa, or the file's unit if it states none]; P_01 of
         ``simple_shear``. Of ``biaxial`` it is that of `measure`.
-    weight : (n,)
+    weight : float or (n,)
         Weights of the residuals.
-    stretch_2 : (n,), optional
+    stretch_2 : float or (n,), optional
         Stretch in the second direction of ``biaxial``.
     measure : str
         What is measured in ``biaxial``: "stress" or "stress_2", the nominal stress of direction 1
         or 2, or "stress_difference", the true stress of direction 1 minus that of direction 2.
+
+    Raises
+    ------
+    BadInput
+        For an unknown kind or measure, a missing or surplus `stretch_2`, and numbers that are not
+        one for each x.
     """
 
     __test__ = False  # the name is not one of a test of pytest's
@@ -112,6 +121,25 @@ class TestData:
     weight: Array
     stretch_2: Array | None = None
     measure: str = "stress"
+
+    def __post_init__(self) -> None:
+        biaxial = self.kind == "biaxial"
+        choose(f"{self.name}: kind", self.kind, TESTS)
+        choose(f"{self.name}: measure", self.measure, MEASURES if biaxial else MEASURES[:1])
+        if biaxial == (self.stretch_2 is None):
+            raise BadInput(
+                f"{self.name}: test '{self.kind}': expected {'' if biaxial else 'no '}stretch_2"
+            )
+        shape: tuple[int, ...] | None = None
+        for key in ("x", "stress", "weight", *(["stretch_2"] if biaxial else [])):
+            value = getattr(self, key)
+            try:
+                array = np.asarray(value, dtype=np.float64)
+                shape = shape or array.shape or (1,)
+                object.__setattr__(self, key, np.broadcast_to(array, shape))
+            except (TypeError, ValueError):
+                accepted = "one number, or one for each x"
+                raise bad_value(f"{self.name}: {key}", value, accepted) from None
 
     @property
     def rest(self) -> float:
@@ -151,17 +179,24 @@ def read(
     names = columns
     if names is None and "columns" in stated:
         names = _cells(stated["columns"])
-    values = (*_NO_VALUE, *_kinds())
-    header = any(not is_number(cell) and cell.lower() not in values for cell in rows[0][1])
-    if header:
-        names = names or rows[0][1]
-        rows = rows[1:]
-    if names is None:
+    header = [] if any(map(is_number, rows[0][1])) else rows[0][1]
+    names, rows = names or header, rows[bool(header) :]
+    if not names:
         raise BadInput(
             f"{path}: no line of column names above the numbers: expected one, e.g. "
             "'stretch, stress [MPa]', or --columns stretch,stress"
         )
-    return _tests(path, stated, _columns(path, names), rows, modulus_unit)
+    found = _columns(path, names)
+    if not rows:
+        raise BadInput(f"{path}: no line of numbers below the column names")
+    count = max(len(names), len(header))
+    for number, cells in rows:
+        if len(cells) > count:
+            raise BadInput(
+                f"{path}: line {number}: {len(cells)} values for {count} columns: expected one for "
+                "each, with decimal points"
+            )
+    return _tests(path, stated, found, rows, modulus_unit)
 
 
 def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]:
@@ -173,7 +208,8 @@ def read_cells(path: Path) -> tuple[dict[str, str], list[tuple[int, list[str]]]]
     try:
         text = read_text(built_in or path, encoding="utf-8-sig")
     except FileNotFoundError:
-        raise BadInput(f"data = '{path}': no such file{nearest_file(path)}") from None
+        suggestion = nearest_file(path) or nearest(path.stem, DATASETS)
+        raise BadInput(f"data = '{path}': no such file{suggestion}") from None
     except UnicodeDecodeError:
         raise BadInput(f"data = '{path}': expected a text file with columns of numbers") from None
     except (OSError, ValueError) as error:
@@ -218,8 +254,8 @@ def _columns(path: Path, cells: Sequence[str]) -> dict[str, tuple[int, str]]:
     for position, cell in enumerate(cells):
         split = _COLUMN.match(cell.strip().strip('"'))
         name, unit = (split["name"], split["unit"]) if split else (cell.strip().strip('"'), "")
-        word = re.sub(r"[\s_]+", "_", name.strip().lower())
-        if word in ("true_stress", "cauchy_stress", "cauchy"):
+        word = re.sub(r"_([12])\1$", r"_\1", re.sub(r"[\s_]+", "_", name.strip().lower()))
+        if re.fullmatch("(true_stress|cauchy_stress|cauchy)(_[12])?", word):
             raise BadInput(
                 f"{path}: column '{cell}': expected the nominal stress, force per area at rest"
             )
@@ -277,19 +313,18 @@ def _tests(
             if position < len(cells) and cells[position] not in _NO_VALUE
         }
         measured = [c for c in measures if c in given]
-        if not measured or not given.keys() >= set(needed):
-            raise BadInput(
-                f"{path}: line {number}: {len(given)} values: expected {len(needed) + 1} or more, "
-                f"with {', '.join(columns)}"
-            )
+        missing = [c for c in needed if c not in given]
+        missing += [] if measured else [" or ".join(measures)]
+        if missing:
+            raise BadInput(f"{path}: line {number}: no value of {', '.join(missing)}")
         kind = default or _kind(path, given["test"], number)
         if kind == "biaxial" and second not in given:
+            accepted = f"a value of {second}" if second else "a column stretch_2"
             raise BadInput(
-                f"{path}: line {number}: test 'biaxial': expected a column stretch_2, or "
-                "test = equibiaxial"
+                f"{path}: line {number}: test 'biaxial': expected {accepted}, or test = equibiaxial"
             )
         x, y = (
-            _stretch(path, number, kind, c, sizes[c] * _number(path, number, given[c], c))
+            _stretch(path, number, kind, c, _number(path, number, given[c], c), sizes[c])
             if c in given
             else 1.0
             for c in (deformation, second)
@@ -298,14 +333,16 @@ def _tests(
         if "weight" in columns:
             weight *= _number(path, number, given["weight"], "weight")
             if not weight >= 0:
-                raise bad_value(f"{path}: line {number}: weight", weight, "a number >= 0")
+                raise bad_value(f"{path}: line {number}: weight", given["weight"], "a number >= 0")
         for measure in measured:
             value = sizes[measure] * _number(path, number, given[measure], measure)
             if measure == "pressure":
                 value = _nominal_stress(path, number, kind, x, value)
             elif measure != "stress" and kind != "biaxial":
+                second_stretch = " with stretch_2 = 1" if kind == "planar" else ""
                 raise BadInput(
-                    f"{path}: line {number}: {measure} in a test '{kind}': expected stress"
+                    f"{path}: line {number}: {measure} in a test '{kind}': expected test = biaxial"
+                    f"{second_stretch}, or --columns without it"
                 )
             points.setdefault((kind, measure), []).append((x, y, value, weight))
     kinds = [kind for kind, _ in points]
@@ -341,8 +378,8 @@ def _kind(path: Path, text: str, line: int = 0) -> str:
     return choose(key, _kinds().get(word, word), list(TESTS))
 
 
-def _stretch(path: Path, line: int, kind: str, column: str, x: float) -> float:
-    """Return the stretch, or the amount of shear, of a deformation."""
+def _stretch(path: Path, line: int, kind: str, column: str, value: float, size: float) -> float:
+    """Return the stretch, or the amount of shear, of a deformation in units of ``size``."""
     where = f"{path}: line {line}: {column}"
     if _OF_DEFORMATION.get(column, kind) != kind:
         raise BadInput(f"{where} in a test '{kind}': expected stretch or strain")
@@ -353,11 +390,11 @@ def _stretch(path: Path, line: int, kind: str, column: str, x: float) -> float:
     if kind == "simple_shear":
         if column == "stretch":
             raise BadInput(f"{where} in a test '{kind}': expected the amount of shear")
-        return x
-    strain = column.startswith("strain")
-    stretch = 1 + x if strain else x
+        return size * value
+    rest = 1.0 if column.startswith("strain") else 0.0
+    stretch = rest + size * value
     if not stretch > 0:
-        raise bad_value(where, x, "a number > -1" if strain else "a number > 0")
+        raise bad_value(where, value, f"a number > {0 - rest / size:g}")
     return float(stretch ** (1 / 3) if column == "volume_ratio" else stretch)
 
 
@@ -377,6 +414,11 @@ def _checked(path: Path, name: str, kind: str, measure: str, points: Array) -> T
     else:
         found = TestData(name, kind, x, stress, weight, y, measure)
         moved, direction = (x != 1) | (y != 1), _sign(x, y, measure)
+        if measure == "stress_difference" and (x == y).all():
+            raise BadInput(
+                f"{path}: test 'biaxial': stress_difference at equal stretches alone, where it is "
+                "0 for every isotropic material: expected different stretches"
+            )
     if not moved.any() or not stress.any():
         raise BadInput(f"{path}: test '{kind}': expected a deformation and a stress other than 0")
     clear = direction != 0

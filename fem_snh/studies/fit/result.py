@@ -6,19 +6,19 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from fem_snh.atomic_files import make_folder_of, replace_file
-from fem_snh.errors import choose
-from fem_snh.studies.fit.data import TESTS, TestData
+from fem_snh.studies.fit.data import TestData
 from fem_snh.studies.fit.family import Family
 from fem_snh.studies.fit.least_squares import BestFit
-from fem_snh.studies.fit.responses import FREE, MEASURES, response
-from fem_snh.studies.fit.stability import StableRange, smallest_stiffness, stable_ranges
+from fem_snh.studies.fit.responses import FREE, response
+from fem_snh.studies.fit.stability import StableRange, stable_at, stable_ranges
 
 if TYPE_CHECKING:
     from fem_snh.kernels.material import Material
@@ -147,22 +147,16 @@ class Fit:
         correction = 2 * k * (k + 1) / (n - k - 1) if n > k + 1 else math.inf
         return n * math.log(mean) + 2 * k + correction
 
-    @property
+    @cached_property
     def stable_at_data(self) -> bool:
         """Return whether the fit is stable at all measured stretches of tests with free sides.
 
         In a biaxial test it is at the measured points, in the others from rest to the last one.
         """
-        ranges = {s.kind: s for s in self.stable}
         return all(
-            ranges[t.data.kind].low <= min(1.0, *t.data.x)
-            and max(1.0, *t.data.x) <= ranges[t.data.kind].high
+            stable_at(self._law, t.data.kind, t.data.x, t.data.stretch_2)
             for t in self.tests
-            if t.data.kind in FREE
-        ) and all(
-            (smallest_stiffness(self._law, t.data.kind, t.data.x, t.data.stretch_2) > 0).all()
-            for t in self.tests
-            if t.data.kind == "biaxial"
+            if t.data.kind in (*FREE, "biaxial")
         )
 
     def stress(
@@ -191,12 +185,10 @@ class Fit:
         (n,)
             NaN where there is no solution.
         """
-        choose("kind", kind, TESTS)
-        choose("measure", measure, MEASURES if kind == "biaxial" else MEASURES[:1])
-        x = np.asarray(x, dtype=float)
-        if stretch_2 is not None:
-            stretch_2 = np.broadcast_to(np.asarray(stretch_2, dtype=float), x.shape)
-        return self.E * response(self._law, kind, x, stretch_2, measure)
+        zero, second = np.zeros(1), cast("Array | None", stretch_2)
+        t = TestData("stress", kind, cast("Array", x), zero, zero, second, measure)
+        stress = self.E * response(self._law, kind, t.x, t.stretch_2, measure)
+        return stress.reshape(np.shape(x))
 
     def material(self, nu: float | None = None) -> Material:
         """Return the fitted material.

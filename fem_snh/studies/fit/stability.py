@@ -67,6 +67,16 @@ def stable_ranges(law: Law, low: float, high: float) -> tuple[StableRange, ...]:
     )
 
 
+def stable_at(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> bool:
+    """Return whether a material is stable at the data of a test.
+
+    Those of a biaxial test are its points (n,), those of the others all from rest to the last one.
+    """
+    if kind == "biaxial":
+        return bool((smallest_stiffness(law, kind, x, stretch_2) > 0).all())
+    return all(_end(law, kind, end) == end for end in (min(1.0, *x), max(1.0, *x)))
+
+
 def smallest_stiffness(law: Law, kind: str, x: Array, stretch_2: Array | None = None) -> Array:
     """Return the smallest eigenvalue of the stiffness above, (n,); NaN where there is no stress."""
     s = stretches(law, kind, x, stretch_2)

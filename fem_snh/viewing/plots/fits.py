@@ -107,7 +107,7 @@ def _draw(ax: Axes, kind: str, fits: Sequence[Any], size: float) -> None:
             ax.plot(grid[~inside], stress[~inside], color=colour(number), lw=1.4, ls=":",
                     label="extrapolation")  # fmt: skip
         for s in f.stable:
-            if s.kind == kind and len(fits) == 1 and s.high < end:
+            if s.kind == kind and len(fits) == 1 and s.high < min(end, s.searched[1]):
                 ax.axvspan(s.high, end, color=_UNSTABLE, label="unstable (Drucker)")
     for number, t in enumerate(mine):
         ax.plot(
