@@ -62,7 +62,8 @@ class Replicated:
 
     def __init__(self, comm: MPI.Intracomm, subdomains: int) -> None:
         self._ranks, self.comm = comm, MPI.COMM_SELF
-        self.held, self.own = np.arange(subdomains), subdomains
+        self.held: Array = np.arange(subdomains)
+        self.own = subdomains
 
     def local(self, subdomain: Array) -> Array:
         """See `CoarseLayout`."""
@@ -103,7 +104,7 @@ class Distributed:
         self.comm, self.own = comm, int(counts[comm.rank])
         first = np.concatenate([[0], np.cumsum(counts)])
         self._first, self._ghosts = int(first[comm.rank]), np.unique(ghosts)
-        self.held = np.concatenate([self._first + np.arange(self.own), self._ghosts])
+        self.held: Array = np.concatenate([self._first + np.arange(self.own), self._ghosts])
         self._halo = Halo(comm, first, self._ghosts, columns, np.float64)
         self._end = self.own * columns
 
