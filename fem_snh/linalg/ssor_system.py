@@ -32,7 +32,7 @@ Saad 2003, Iterative methods for sparse linear systems, 2nd ed.
 from __future__ import annotations
 
 from math import isfinite, sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -46,9 +46,11 @@ from fem_snh.kernels import build
 from fem_snh.linalg import library
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.coarse_matrix import MAX_INVERTED
-from fem_snh.linalg.deflation import Deflation
 from fem_snh.linalg.displacement_blocks import displacement_blocks, stored_in
 from fem_snh.linalg.halo import Halo
+
+if TYPE_CHECKING:
+    from fem_snh.linalg.deflation import Deflation
 
 _Reason = PETSc.KSP.ConvergedReason
 
@@ -139,11 +141,13 @@ class SSORSystem:
         shared = stored.off_diagonal is not None
         self._halo = Halo(self.comm, stored.first, stored.ghosts, block) if shared else None
         self._total = np.zeros(1)
-        self.deflation = None
+        self.deflation: Deflation | None = None
         if subdomains == AUTOMATIC and coordinates is not None:
             nodes, dim = self.unknowns // block, coordinates.shape[1]
             subdomains = _default_subdomains(nodes, self.comm.size, dim)
         if coordinates is not None and subdomains > 0:
+            from fem_snh.linalg.deflation import Deflation
+
             self.deflation = Deflation(
                 self.comm, self._matrix, *blocks, self._halo, coordinates, subdomains, replicated
             )

@@ -14,8 +14,8 @@ typedef struct {
 /* The fields at n points of H = F - I [9][n] and P [9][n], whose components are by columns. */
 void point_fields(long n, const double *H, const double *P, const PointFields *out);
 
-/* out[k / 8][node][k % 8] += sum_q weights[q] basis[q][a] column[k][q stride[k]] for the nodes a of each cell; q runs
+/* out[k / LANES][node][k % LANES] += sum_q weights[q] basis[q][a] column[k][q stride[k]] for the nodes a of each cell; q runs
  * over the cell's points. weights is [cells][points], basis [points][nodes], node [cells][nodes] with at most
- * MAX_NODES nodes, out [(columns + 7) / 8][num_nodes][8]. */
+ * MAX_NODES nodes, out [blocks][num_nodes][LANES]. */
 void integrate_columns(long cells, int points, int nodes, const int *node, const double *weights, const double *basis,
                        int columns, const double *const *column, const long *stride, long num_nodes, double *out);

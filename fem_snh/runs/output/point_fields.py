@@ -28,7 +28,7 @@ POINT_FIELDS: dict[str, tuple[int, ...]] = {
     "green_lagrange_strain": (3, 3),
     "principal_stretches": (3,),
 }
-#: Columns that `PointFieldLoops.integrate` returns side by side: W of lanes.h.
+#: Columns that `PointFieldLoops.integrate` returns side by side, as `ColumnsCG` solves for them.
 LANES = 8
 #: Most nodes of a cell in `PointFieldLoops.integrate`: those of a trilinear hexahedron.
 _MAX_NODES = 8
@@ -39,7 +39,7 @@ _CHUNK = 64
 def point_fields_library() -> Path:
     """Compile the functions of point_fields_api.h unless the cache has them."""
     files = (*SVD_AND_EIGENSOLVERS, "point_fields_api.h", "point_fields.h")
-    sizes = f"#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
+    sizes = f"#define LANES {LANES}\n#define MAX_NODES {_MAX_NODES}\n#define CHUNK {_CHUNK}"
     source = "\n".join(["#include <math.h>", sizes, options(), *map(header, files)])
     return build.library(source, svd_eigen_source())
 
