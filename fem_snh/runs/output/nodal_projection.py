@@ -18,10 +18,10 @@ from scipy.sparse import csr_matrix
 
 from fem_snh import _dolfinx
 from fem_snh.errors import on_root
-from fem_snh.linalg.columns_cg import ColumnsCG
+from fem_snh.linalg.columns_cg import LANES, ColumnsCG
 from fem_snh.linalg.halo import Halo
 from fem_snh.problem.problem import Problem
-from fem_snh.runs.output.point_fields import LANES, PointFieldLoops, point_fields_library
+from fem_snh.runs.output.point_fields import PointFieldLoops, point_fields_library
 
 Array = npt.NDArray[np.float64]
 

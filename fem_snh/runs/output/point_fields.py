@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from fem_snh.kernels import build
 from fem_snh.kernels.headers import SVD_AND_EIGENSOLVERS, header, options, svd_eigen_source
+from fem_snh.linalg.columns_cg import LANES
 
 Array = npt.NDArray[np.float64]
 
@@ -28,8 +29,6 @@ POINT_FIELDS: dict[str, tuple[int, ...]] = {
     "green_lagrange_strain": (3, 3),
     "principal_stretches": (3,),
 }
-#: Columns that `PointFieldLoops.integrate` returns side by side, as `ColumnsCG` solves for them.
-LANES = 8
 #: Most nodes of a cell in `PointFieldLoops.integrate`: those of a trilinear hexahedron.
 _MAX_NODES = 8
 #: Points whose values it gathers at a time: eight columns of them are 4 KB, in the first cache.
