@@ -45,8 +45,8 @@ class CoarseLayout(Protocol):
     def add(self, y: Array) -> None:
         """Replace the entries of the rows on this rank by the sum over all ranks, in place."""
 
-    def spread(self, y: Array) -> None:
-        """Replace the entries that are rows of other ranks by theirs, in place."""
+    def extend(self, own: Array) -> Array:
+        """Return ``own``, the entries of the rows on this rank, followed by those of the others."""
 
 
 class Replicated:
@@ -81,8 +81,9 @@ class Replicated:
         if self._ranks.size > 1:
             self._ranks.Allreduce(MPI.IN_PLACE, y)
 
-    def spread(self, y: Array) -> None:
+    def extend(self, own: Array) -> Array:
         """See `CoarseLayout`."""
+        return own
 
 
 class Distributed:
@@ -123,8 +124,7 @@ class Distributed:
         flat = y.reshape(-1)
         self._halo.add(flat[self._end :], flat[: self._end])
 
-    def spread(self, y: Array) -> None:
+    def extend(self, own: Array) -> Array:
         """See `CoarseLayout`."""
-        flat = y.reshape(-1)
-        self._halo.exchange(flat[: self._end])
-        flat[self._end :] = self._halo.ghosts.ravel()
+        self._halo.exchange(own)
+        return np.concatenate([own, self._halo.ghosts.ravel()])

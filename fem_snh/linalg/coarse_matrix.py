@@ -68,33 +68,31 @@ class CoarseMatrix:
         blocks, comm = self._layout.gather(contributions), self._layout.comm
         if not comm.allreduce(bool(np.isfinite(blocks).all()), op=MPI.LAND):
             return int(_Reason.DIVERGED_NANORINF)
-        diagonal = np.zeros((len(self._layout.held), self._columns))
+        own = np.zeros((self._layout.own, self._columns))
         on_diagonal = self._row == self._column
-        diagonal[self._row[on_diagonal]] = np.einsum("bii->bi", blocks[on_diagonal])
-        self._layout.spread(diagonal)
+        own[self._row[on_diagonal]] = np.einsum("bii->bi", blocks[on_diagonal])
+        diagonal = self._layout.extend(own.ravel()).reshape(-1, self._columns)
         largest = comm.allreduce(diagonal.max(initial=0.0), op=MPI.MAX)
         if largest == 0 and comm.allreduce(bool(diagonal.any()), op=MPI.LOR):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
         # A column of Z that is zero gets a 1 on the diagonal, and no part in a solution.
         zero = diagonal == 0.0
         scale = 1 / np.sqrt(np.maximum(diagonal, _MIN_DIAGONAL * (largest or 1.0)))
-        self._scale = np.where(zero, 0.0, scale)
-        blocks *= self._scale[self._row][:, :, None] * self._scale[self._column][:, None]
+        scale = np.where(zero, 0.0, scale)
+        blocks *= scale[self._row][:, :, None] * scale[self._column][:, None]
         blocks[on_diagonal] += np.eye(self._columns) * zero[self._row[on_diagonal]][:, None]
         if not self._solver.update(self._row, self._column, blocks):
             return int(_Reason.DIVERGED_INDEFINITE_MAT)
-        null = self._scale.ravel()[: self._own, None] * self._solver.null_space
+        own_scale = scale.ravel()[: self._own]
+        null = own_scale[:, None] * self._solver.null_space
         self._null_space = _orthonormal(null, comm)
+        self._solver.rescale(own_scale)
         return 0
 
     def solve(self, contributions: Array) -> Array:
         """Return E^-1 times the sum over the ranks of coarse vectors, which is set in place."""
         self._layout.add(contributions)
-        scale = self._scale.ravel()
-        solution = np.zeros(len(scale))
-        solution[: self._own] = self._solver.solve((scale * contributions)[: self._own])
-        self._layout.spread(solution)
-        return scale * solution
+        return self._layout.extend(self._solver.solve(contributions[: self._own]))
 
     @property
     def singular(self) -> bool:
@@ -105,10 +103,7 @@ class CoarseMatrix:
         """Return the null space's part of y plus the sum of ``contributions`` over the ranks."""
         self._layout.add(contributions)
         whole, null = (contributions + y)[: self._own], self._null_space
-        part = np.zeros(len(y))
-        part[: self._own] = null @ _sum(self._layout.comm, null.T @ whole)
-        self._layout.spread(part)
-        return part
+        return self._layout.extend(null @ _sum(self._layout.comm, null.T @ whole))
 
 
 def _sum(comm: MPI.Intracomm, own: Array) -> Array:
@@ -142,6 +137,9 @@ class _Solver(Protocol):
     def update(self, row: Array, column: Array, blocks: Array) -> bool:
         """Set the matrix; return False if it has a negative eigenvalue."""
 
+    def rescale(self, scale: Array) -> None:
+        """Multiply what `solve` applies by diag(``scale``) from both sides."""
+
     def solve(self, rhs: Array) -> Array:
         """Return a solution; the right-hand side is in the range of a singular matrix."""
 
@@ -173,6 +171,10 @@ class _Inverse:
             self.null_space = vectors[:, ~kept]
         self._inverse = inverse
         return True
+
+    def rescale(self, scale: Array) -> None:
+        """See `_Solver`."""
+        self._inverse *= scale[:, None] * scale
 
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
@@ -214,12 +216,20 @@ class _Factors:
             for vector in null.T:
                 self._rhs.array[:] = vector
                 self._E.mult(self._rhs, self._solution)
-                vector -= self.solve(self._solution.array.copy())
+                vector -= self._apply(self._solution.array)
             self.null_space = _orthonormal(null, self._comm)
         return self._factors.getInertia()[0] == 0
 
+    def rescale(self, scale: Array) -> None:
+        """See `_Solver`."""
+        self._scale = scale
+
     def solve(self, rhs: Array) -> Array:
         """See `_Solver`."""
+        return self._scale * self._apply(self._scale * rhs)
+
+    def _apply(self, rhs: Array) -> Array:
+        """Return E^-1 times a vector."""
         self._rhs.array[:] = self._without_null_space(rhs)
         self._pc.apply(self._rhs, self._solution)
         return self._without_null_space(self._solution.array)

@@ -214,14 +214,14 @@ class SSORSystem:
             self._halo.exchange(self._t)
         if self.deflation:
             self.deflation.project(v["t"], v["w"])
-        vectors = (v[key] for key in ("p", "t", "ghosts", "w", "q"))
-        return self._sum(matrix.lib.matrix_forward_sweep(matrix.struct, *vectors))
+        arguments = v["p"], v["t"], v["ghosts"], v["w"], v["q"]
+        return self._sum(matrix.lib.matrix_forward_sweep(matrix.struct, *arguments))
 
     def update_vectors(self, alpha: float) -> float:
         """Compute x += alpha t, r -= alpha q and z = D r; return r.z."""
         matrix, v = self._matrix, self._pointers
-        vectors = (v[key] for key in "tqxrz")
-        return self._sum(matrix.lib.matrix_cg_update(matrix.struct, alpha, *vectors))
+        arguments = alpha, v["t"], v["q"], v["x"], v["r"], v["z"]
+        return self._sum(matrix.lib.matrix_cg_update(matrix.struct, *arguments))
 
     def residual(self) -> npt.NDArray[np.float64]:
         """Return this rank's residual b - A x of the present x, to single precision."""
