@@ -278,7 +278,8 @@ def test_coarse_vectors_of_a_ring_of_ranks(comm):
     assert y[: 2 * columns].tolist() == [times * first] * columns + [second] * columns
     whole = layout.extend(y[: 2 * columns])
     assert whole[: 2 * columns].tolist() == y[: 2 * columns].tolist()
-    assert whole[2 * columns :].tolist() == [2 * (10.0 * g + 1) for g in ghosts for _ in range(columns)]
+    copied = [2 * (10.0 * g + 1) for g in ghosts for _ in range(columns)]
+    assert whole[2 * columns :].tolist() == copied
 
 
 # --- meshes of two dimensions --------------------------------------------------------------------
