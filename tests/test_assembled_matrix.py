@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from bodies import Hold, cube, dense, problem
 
+from fem_snh.assembly.matrix_layout import MatrixLayout
+
 pytestmark = pytest.mark.mpi
 
 
@@ -47,3 +49,17 @@ def test_wrong_shapes_are_refused() -> None:
     p = problem(cube(MPI.COMM_WORLD, "hexahedron"), "Q1")
     with p.matrix.adding(), pytest.raises(ValueError, match="matrices of shape"):
         p.matrix.add_matrices(np.zeros(1, np.int32), np.zeros((1, 23, 23)))
+
+
+@pytest.mark.parametrize("element", ["Q1", "P2P1"])
+def test_layout_with_no_further_pairs(element: str) -> None:
+    """One rank needs no exchange; with further pairs, even none, the general way is taken."""
+    comm = MPI.COMM_WORLD
+    p = problem(cube(comm, "tetrahedron" if element[0] == "P" else "hexahedron"), element)
+    dof_map = p.matrix._dof_map
+    layout, other = (MatrixLayout(dof_map, pairs) for pairs in (None, np.empty((0, 2), np.int64)))
+    assert np.array_equal(layout.block_positions, other.block_positions)
+    assert np.array_equal(layout.row_strides, other.row_strides)
+    assert layout.num_values == other.num_values
+    for found, expected in zip(layout.mat.getValuesCSR(), other.mat.getValuesCSR(), strict=True):
+        assert np.array_equal(found, expected)

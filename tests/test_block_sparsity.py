@@ -30,7 +30,9 @@ def test_a_pair_that_is_not_there():
 def test_offsets_of_blocks_of_several_sizes():
     """Rows of 3 and 1 unknowns, the values of each row of unknowns contiguous, as in AIJ."""
     sizes = np.array([3, 3, 1])
-    sparsity = BlockSparsity(np.array([0, 0, 2, 1]), np.array([2, 0, 2, 1]), sizes, sizes)
+    pattern = BlockPattern(np.array([0, 0, 2, 1]), np.array([2, 0, 2, 1]), 3, 3)
+    sparsity = BlockSparsity(pattern, sizes, sizes)
+    assert sparsity.block_offsets.tolist() == [0, 3, 12, 21]
     assert sparsity.row_lengths.tolist() == [4, 3, 1]
     offsets = sparsity.offsets(np.array([0, 0, 1, 2]), np.array([0, 2, 1, 2]))
     assert offsets.tolist() == [0, 3, 12, 21]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_snh.kernels.block_pattern import BlockPattern
+from fem_snh.kernels.block_pattern import Pattern
 
 Array = npt.NDArray[Any]
 
@@ -17,8 +17,8 @@ class BlockSparsity:
 
     Parameters
     ----------
-    rows, columns : (n,) int
-        Row and column of each block; a pair may occur several times.
+    pattern : Pattern
+        The blocks.
     row_sizes, column_sizes : (block rows,), (block columns,) int
         Unknowns of each block row and of each block column.
 
@@ -32,17 +32,20 @@ class BlockSparsity:
         Values in one row of unknowns of each block row: the stride between rows of a block.
     row_offsets : (block rows + 1,) int
         Offset of each block row's first value.
+    block_offsets : (blocks,) int
+        Offset of each block's first value.
     """
 
-    def __init__(self, rows: Array, columns: Array, row_sizes: Array, column_sizes: Array) -> None:
-        self._pattern = BlockPattern(rows, columns, len(row_sizes), len(column_sizes))
-        self.indptr, self.indices = self._pattern.indptr, self._pattern.indices
+    def __init__(self, pattern: Pattern, row_sizes: Array, column_sizes: Array) -> None:
+        self._pattern = pattern
+        self.indptr, self.indices = pattern.indptr, pattern.indices
         self.row_sizes = row_sizes
         before = np.concatenate([[0], np.cumsum(column_sizes[self.indices], dtype=np.int64)])
         row_start = before[self.indptr[:-1]]
         self.row_lengths = before[self.indptr[1:]] - row_start
         self.row_offsets = np.concatenate([[0], np.cumsum(row_sizes * self.row_lengths)])
-        self._offset_in_row = before[:-1] - np.repeat(row_start, np.diff(self.indptr))
+        shift = np.repeat(self.row_offsets[:-1] - row_start, np.diff(self.indptr))
+        self.block_offsets = np.add(before[:-1], shift, out=shift)
 
     def block_rows(self) -> Array:
         """Return the block row of each block of the pattern."""
@@ -50,5 +53,4 @@ class BlockSparsity:
 
     def offsets(self, rows: Array, columns: Array) -> Array:
         """Return the offset of the first value of each of these blocks in the value array."""
-        block = self._pattern.find(rows, columns)
-        return self.row_offsets[rows] + self._offset_in_row[block]
+        return np.asarray(self.block_offsets[self._pattern.find(rows, columns)])

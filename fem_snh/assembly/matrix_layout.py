@@ -19,7 +19,7 @@ from fem_snh._petsc import set_pattern
 from fem_snh.assembly.block_sparsity import BlockSparsity
 from fem_snh.assembly.numbering import MixedDofMap
 from fem_snh.errors import BadInput
-from fem_snh.kernels.block_pattern import CellPattern, unknown_columns
+from fem_snh.kernels.block_pattern import BlockPattern, CellPattern, unknown_columns
 
 Array = npt.NDArray[Any]
 
@@ -87,20 +87,59 @@ class MatrixLayout:
         pairs: Array | None = None,
         mat: PETSc.Mat | None = None,
     ) -> None:
-        self._dof_map = dof_map
+        self._dof_map, numbers, owned = dof_map, dof_map.local_to_global, dof_map.is_owned
+        self.ghosts = numbers[~owned]
+        pattern = CellPattern(dof_map.cell_blocks, len(numbers))
+        alone = dof_map.comm.size == 1 and pairs is None
+        diagonal, off_diagonal, others, positions = (
+            self._alone(pattern) if alone else self._shared(pattern, pairs)
+        )
+        self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
+        too_many = bool(positions.max(initial=0) > _LARGEST)
+        if dof_map.comm.allreduce(too_many, op=MPI.LOR):
+            raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
+        self.block_positions = pattern.of_cells(positions)
+        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
+        for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
+            strides[owned] = sparsity.row_lengths[numbers[owned] - dof_map.owned_range[0]]
+        self.row_strides[_SENT][~owned] = self.sent.row_lengths
+        del positions, pattern
+        self.mat = self._create(diagonal, off_diagonal, others, mat)
+
+    def _alone(self, pattern: CellPattern) -> tuple[BlockSparsity, BlockSparsity, Array, Array]:
+        """Return what `_shared` does on one rank, where local numbers are the global ones."""
+        sizes, none = self._dof_map.block_sizes, np.empty(0, np.int64)
+        diagonal = BlockSparsity(pattern, sizes, sizes)
+        off_diagonal = BlockSparsity(BlockPattern(none, none, len(sizes), 0), sizes, none)
+        self.sent = BlockSparsity(BlockPattern(none, none, 0, len(sizes)), none, sizes)
+        self.received = [Received(none, none, none)]
+        return diagonal, off_diagonal, none, 4 * diagonal.block_offsets + _DIAGONAL
+
+    def _shared(
+        self, pattern: CellPattern, pairs: Array | None
+    ) -> tuple[BlockSparsity, BlockSparsity, Array, Array]:
+        """Exchange the rows of ghost blocks. Collective.
+
+        Returns
+        -------
+        diagonal, off_diagonal : BlockSparsity
+        others : (n,)
+            See `_owned_rows`.
+        positions : (pairs of the pattern,) int64
+            Where the blocks of the cells are stored: see `MatrixLayout`.
+        """
+        dof_map = self._dof_map
         sizes, owned, numbers = dof_map.block_sizes, dof_map.is_owned, dof_map.local_to_global
         first, last = dof_map.owned_range
-        pairs_of_cells = CellPattern(dof_map.cell_blocks, len(numbers))
-        rows, columns = pairs_of_cells.rows(), pairs_of_cells.indices
+        rows, columns = pattern.rows(), pattern.indices
         sent = ~owned[rows]
 
         ghost = np.cumsum(~owned) - 1  # index of a ghost block among the ghosts
-        self.ghosts = numbers[~owned]
-        self.sent = BlockSparsity(ghost[rows[sent]], columns[sent], sizes[~owned], sizes)
+        to_send = BlockPattern(ghost[rows[sent]], columns[sent], len(self.ghosts), len(sizes))
+        self.sent = BlockSparsity(to_send, sizes[~owned], sizes)
         own = np.stack([numbers[rows[~sent]], numbers[columns[~sent]]])
         received = self._send_to_owners()
         diagonal, off_diagonal, others = self._owned_rows(own, received, pairs)
-        self.num_values = int(diagonal.row_offsets[-1]), int(off_diagonal.row_offsets[-1])
 
         def owned_positions(rows: Array, columns: Array) -> Array:
             row, found = rows - first, np.empty(len(rows), np.int64)
@@ -113,19 +152,9 @@ class MatrixLayout:
 
         positions = np.empty(len(rows), np.int64)
         positions[~sent] = owned_positions(*own)
-        del own
         self.received = [Received(r, c, owned_positions(r, c)) for r, c in received]
         positions[sent] = 4 * self.sent.offsets(ghost[rows[sent]], columns[sent]) + _SENT
-        too_many = bool(positions.max(initial=0) > _LARGEST)
-        if dof_map.comm.allreduce(too_many, op=MPI.LOR):
-            raise BadInput("too many unknowns for one rank: use more ranks (mpirun -n ...)")
-        self.block_positions = pairs_of_cells.of_cells(positions)
-        self.row_strides = [np.zeros(len(numbers), np.int32) for _ in range(3)]
-        for strides, sparsity in zip(self.row_strides, (diagonal, off_diagonal), strict=False):
-            strides[owned] = sparsity.row_lengths[numbers[owned] - first]
-        self.row_strides[_SENT][~owned] = self.sent.row_lengths
-        del rows, columns, sent, positions, pairs_of_cells
-        self.mat = self._create(diagonal, off_diagonal, others, mat)
+        return diagonal, off_diagonal, others, positions
 
     def _owned_rows(
         self, own: Array, received: Sequence[Array], pairs: Array | None
@@ -156,13 +185,12 @@ class MatrixLayout:
         inside = (columns >= first) & (columns < last)
         others = np.unique(columns[~inside])
         sizes = dof_map.global_dofs(np.arange(first, last))[1]
-        diagonal = BlockSparsity(rows[inside], columns[inside] - first, sizes, sizes)
-        off_diagonal = BlockSparsity(
-            rows[~inside],
-            np.searchsorted(others, columns[~inside]),
-            sizes,
-            dof_map.global_dofs(others)[1],
-        )
+        n = len(sizes)
+        of_own = BlockPattern(rows[inside], columns[inside] - first, n, n)
+        dense = np.searchsorted(others, columns[~inside])
+        of_others = BlockPattern(rows[~inside], dense, n, len(others))
+        diagonal = BlockSparsity(of_own, sizes, sizes)
+        off_diagonal = BlockSparsity(of_others, sizes, dof_map.global_dofs(others)[1])
         return diagonal, off_diagonal, others
 
     def _send_to_owners(self) -> list[Array]:

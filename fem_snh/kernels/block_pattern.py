@@ -18,8 +18,42 @@ from fem_snh.kernels.headers import header
 Array = npt.NDArray[Any]
 
 
-class BlockPattern:
-    """The CSR pattern of pairs of a row and a column.
+class Pattern:
+    """A CSR pattern.
+
+    Attributes
+    ----------
+    indptr : (rows + 1,) int64
+    indices : int32
+        Columns of each row, ascending.
+    """
+
+    indptr: Array
+    indices: Array
+
+    def rows(self) -> Array:
+        """Return the row (n,) int32 of each pair of the pattern."""
+        return np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
+
+    def find(self, rows: Array, columns: Array) -> Array:
+        """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
+        rows, columns = _int32(rows), _int32(columns)
+        found = np.empty(len(rows), np.int64)
+        ffi, lib = _library()
+        missing = lib.block_indices(
+            len(rows),
+            *(ffi.cast("int *", a.ctypes.data) for a in (rows, columns)),
+            ffi.cast("long *", self.indptr.ctypes.data),
+            ffi.cast("int *", self.indices.ctypes.data),
+            ffi.cast("long *", found.ctypes.data),
+        )
+        if missing:
+            raise KeyError(f"{missing} blocks are not in the pattern")
+        return found
+
+
+class BlockPattern(Pattern):
+    """The pattern of pairs of a row and a column.
 
     Parameters
     ----------
@@ -27,12 +61,6 @@ class BlockPattern:
         The pairs; each may occur several times.
     num_rows, num_columns : int
         Size of the matrix.
-
-    Attributes
-    ----------
-    indptr : (num_rows + 1,) int64
-    indices : int32
-        Columns of each row, ascending.
 
     Raises
     ------
@@ -56,29 +84,9 @@ class BlockPattern:
             raise MemoryError
         self.indices = indices[: self.indptr[-1]].copy()
 
-    def rows(self) -> Array:
-        """Return the row (n,) int32 of each pair of the pattern."""
-        return _rows(self.indptr)
 
-    def find(self, rows: Array, columns: Array) -> Array:
-        """Return the index (n,) int64 of each pair in `indices`; KeyError if one is not there."""
-        rows, columns = _int32(rows), _int32(columns)
-        found = np.empty(len(rows), np.int64)
-        ffi, lib = _library()
-        missing = lib.block_indices(
-            len(rows),
-            *(ffi.cast("int *", a.ctypes.data) for a in (rows, columns)),
-            ffi.cast("long *", self.indptr.ctypes.data),
-            ffi.cast("int *", self.indices.ctypes.data),
-            ffi.cast("long *", found.ctypes.data),
-        )
-        if missing:
-            raise KeyError(f"{missing} blocks are not in the pattern")
-        return found
-
-
-class CellPattern:
-    """The CSR pattern of the pairs of blocks of cells, as `BlockPattern` has it of given pairs.
+class CellPattern(Pattern):
+    """The pattern of the pairs of blocks of cells.
 
     Parameters
     ----------
@@ -86,11 +94,6 @@ class CellPattern:
         The blocks of each cell.
     num_blocks : int
         Size of the matrix.
-
-    Attributes
-    ----------
-    indptr, indices : int64, int32
-        See `BlockPattern`.
 
     Raises
     ------
@@ -110,10 +113,6 @@ class CellPattern:
         indices = ffi.cast("int *", self.indices.ctypes.data)
         if lib.cell_pattern(*self._of_cells(), indptr, indices) < 0:
             raise MemoryError
-
-    def rows(self) -> Array:
-        """Return the row (n,) int32 of each pair of the pattern."""
-        return _rows(self.indptr)
 
     def of_cells(self, values: Array) -> Array:
         """Return the value of each pair of blocks of each cell, (cells, n, n) int32.
@@ -182,10 +181,6 @@ def unknown_columns(
         len(sizes), pointer("int *", sizes), *structs, before, pointer("int *", columns)
     )
     return columns
-
-
-def _rows(indptr: Array) -> Array:
-    return np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
 
 
 def _int32(numbers: Array) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fem_snh.kernels.block_pattern import BlockPattern
 from fem_snh.linalg.block_matrix import SymmetricBlockMatrix
 from fem_snh.linalg.displacement_blocks import BlockRows
 from fem_snh.linalg.library import FUNCTIONS, columns
@@ -131,13 +132,14 @@ class CoarseSpace:
         size, self.columns = matrix.size, columns(matrix.size)
         self.functions = np.zeros((len(subdomain), size, FUNCTIONS), np.float32)
         rows = matrix.rows
-        keys = []
-        for blocks, shift in ((diagonal, 0), (off_diagonal, rows)):
-            if blocks is not None:
-                row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
-                keys.append(np.unique(row * subdomains + subdomain[blocks.indices + shift]))
-        row, pair_subdomain = np.divmod(np.unique(np.concatenate(keys)), subdomains)
-        pair_start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
+        parts = [
+            (np.repeat(np.arange(rows), np.diff(blocks.indptr)), subdomain[blocks.indices + shift])
+            for blocks, shift in ((diagonal, 0), (off_diagonal, rows))
+            if blocks is not None
+        ]
+        row_of_block, of_column = (np.concatenate(part) for part in zip(*parts, strict=True))
+        pairs = BlockPattern(row_of_block, of_column, rows, subdomains)
+        row, pair_subdomain = pairs.rows(), pairs.indices
         pair = subdomain[row].astype(np.int64) * subdomains + pair_subdomain
         block, pair_block = np.unique(pair, return_inverse=True)
         self.block_row, self.block_column = np.divmod(block, subdomains)
@@ -145,8 +147,8 @@ class CoarseSpace:
             "subdomain": np.ascontiguousarray(subdomain, np.int32),
             "functions": self.functions,
             "aij_column": np.ascontiguousarray(diagonal.indices, np.int32),
-            "pair_start": pair_start.astype(np.int32),
-            "pair_subdomain": pair_subdomain.astype(np.int32),
+            "pair_start": pairs.indptr.astype(np.int32),
+            "pair_subdomain": pair_subdomain,
             "pair_block": pair_block.astype(np.int32),
             "image": np.zeros((len(pair_subdomain), size, self.columns), np.float32),
         }

@@ -18,11 +18,9 @@ import numpy.typing as npt
 
 from fem_snh._petsc import AIJBlock, aij_blocks
 from fem_snh.kernels.block_pattern import concatenated_ranges
+from fem_snh.linalg.matrix_parts import first_offsets
 
 Array = npt.NDArray[Any]
-
-#: Block rows whose entries are read at the same time: a bound of memory.
-_ROWS_AT_ONCE = 2**15
 
 
 class BlockRows(NamedTuple):
@@ -151,11 +149,7 @@ def _leading_blocks(block: AIJBlock, rows: int, size: int) -> BlockRows:
     stride = np.diff(start[: unknowns + 1])[::size]
     count = stride // size
     if len(start) - 1 > unknowns:  # pressures
-        for low in range(0, rows, _ROWS_AT_ONCE):
-            high = min(low + _ROWS_AT_ONCE, rows)
-            first = start[size * low : size * high : size]
-            ours = column[first[0] : start[size * high]] < unknowns
-            count[low:high] = np.add.reduceat(ours, first - first[0], dtype=np.int32) // size**2
+        count = (first_offsets(column, begin, begin + stride, unknowns) - begin) // size
     indptr = np.concatenate([[0], np.cumsum(count)])
     offset = np.arange(indptr[-1]) * size + np.repeat(begin - size * indptr[:-1], count)
     return BlockRows(indptr, column[offset] // size, begin, offset, stride.astype(np.int32))

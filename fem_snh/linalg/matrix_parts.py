@@ -29,7 +29,9 @@ class Diagonal:
         """Return a copy of the diagonal, (owned rows,)."""
         with aij_blocks(A, read_only=True) as (block, *_):
             if self._pattern != (pattern := nonzero_state(A)):
-                self._offsets, self._pattern = _diagonal_offsets(*block.csr()), pattern
+                (start, column), self._pattern = block.csr(), pattern
+                rows = np.arange(len(start) - 1)
+                self._offsets = first_offsets(column, start[:-1], start[1:], rows)
             values: Array = block.array()[self._offsets]
             return values
 
@@ -79,13 +81,24 @@ class Submatrix:
                 np.take(source.array(), offsets, out=target.array(), mode="clip")
 
 
-def _diagonal_offsets(start: Array, column: Array) -> Array:
-    """Return the offset of each row's diagonal entry, by bisection in all rows together."""
-    row, low, high = np.arange(len(start) - 1), start[:-1].copy(), start[1:] - 1
-    while (low < high).any():
+def first_offsets(column: Array, start: Array, end: Array, bound: Array | int) -> Array:
+    """Return the offset of each row's first column that is at least ``bound``.
+
+    All rows are bisected together.
+
+    Parameters
+    ----------
+    column : (n,)
+        The columns, ascending in each row.
+    start, end : (rows,)
+        Offsets of each row's first column and past its last, which is returned if all are less.
+    bound : (rows,) or int
+    """
+    low, high = start.copy(), end.copy()
+    while (found := low >= high).sum() < len(low):
         middle = (low + high) // 2
-        before = column[middle] < row
-        low, high = np.where(before, middle + 1, low), np.where(before, high, middle)
+        less = ~found & (column[np.minimum(middle, len(column) - 1)] < bound)
+        low, high = np.where(less, middle + 1, low), np.where(less, high, middle)
     return low
 
 
