@@ -327,7 +327,12 @@ def test_a_level_that_finds_no_equilibrium_starts_at_rest(monkeypatch, capsys):
     [
         ("twist", {"element": "Q1P0", "nu": 0.3}, "Q2"),
         ("twist", {"element": "P1", "nu": 0.49}, "P2P0"),
+        ("cook", {"element": "Q2Q1", "nu": 0.49}, "P2P1"),
+        ("cook", {"element": "Q2Q1", "nu": 0.49, "accuracy.keep_element": True}, "Q2Q1"),
         ("cook", {"element": "P1", "nu": 0.49}, "P2P1"),  # triangles
+        ("cook", {"element": "Q1P0", "nu": 0.3}, "P2"),
+        ("cook", {"element": "Q1P0", "nu": 0.3, "kinematics": "layer"}, "Q2"),
+        ("stretch", {"element": "Q1P0", "nu": 0.49}, "Q2Q1"),  # round
         ("cook", {"element": "Q1P0", "nu": 0.3, "accuracy.keep_element": True}, "Q1P0"),
         ("press", {"element": "Q1", "nu": 0.3}, "Q1"),  # contact
         ("bounce", {"element": "P1", "nu": 0.3}, "P1"),  # in time

@@ -22,12 +22,18 @@ _LOCKING = 0.4
 #: Elements of degree 2 on the cells of those of degree 1: at 5 % and less they reach an accuracy in
 #: less time (docs/results/time_to_accuracy.md).
 _DEGREE_2 = {"P1": "P2", "Q1": "Q2", "Q1P0": "Q2"}
+#: Simplices of degree 2, which are refined where the error is, in place of other cells: in two
+#: dimensions, and at re-entrant edges, they reach an accuracy in less time
+#: (docs/results/time_to_accuracy.md).
+_SIMPLICES = dict.fromkeys(("P1", "Q1", "Q1P0", "Q2", "Q2Q1"), "P2")
 #: In place of P2P0 on triangles, whose error is estimated badly (docs/results/error.md).
 _PLANE = {"P2P0": "P2P1"}
 #: Built-in geometries with plane faces: tetrahedra that are refined in place fill them exactly.
 #: So do triangles those whose half plane is a rectangle.
 _PLANE_FACES = ("bar", "block", "bracket", "clip", "cook", "cube", "two_blocks")
 _RECTANGLES = ("bushing", "cylinder", "tube")
+#: Built-in bodies with re-entrant edges.
+_REENTRANT = ("bracket", "clip")
 #: Built-in bodies with round faces: cells with straight edges would change their volume from level
 #: to level, by 2.6 % with 8 cells along a diameter, which no estimate on one mesh sees.
 _ROUND = ("ball", "cylinder", "indenter")
@@ -38,6 +44,8 @@ _EVEN = ("block", "shell")
 #: Cells of the first level over those of the scene, along an edge, by the degree by which the
 #: element is raised; likewise time steps.
 _FIRST = (0.5, 0.25)
+#: The same for accuracies from which on a coarser mesh is likely to serve.
+_COARSE, _FIRST_OF_COARSE = 0.005, (0.5, 1 / 6)
 #: Fewest cells along an edge of a first level, and fewest time steps.
 _FEWEST, _FEWEST_STEPS = 3, 16
 
@@ -66,7 +74,9 @@ def first_scene(scene: scenes.Scene, printed: Progress) -> scenes.Scene:
     raised = ELEMENTS[element].degree - ELEMENTS[scene.element].degree
     update = {"element": element}
     if isinstance(scene.mesh, scenes.Geometry) and scene.cells is not None:
-        fewest = max(min(scene.cells, _FEWEST), _FIRST[raised] * scene.cells)
+        assert scene.accuracy and scene.accuracy.within
+        parts = _FIRST_OF_COARSE if scene.accuracy.within >= _COARSE else _FIRST
+        fewest = max(min(scene.cells, _FEWEST), parts[raised] * scene.cells)
         update["cells"] = cells_of(scene, fewest)
     if scene.time:
         steps = max(min(scene.time.steps, _FEWEST_STEPS), ceil(_FIRST[0] * scene.time.steps))
@@ -93,14 +103,22 @@ def raised_element(scene: scenes.Scene) -> str:
 
 def _element(scene: scenes.Scene) -> tuple[str, str]:
     """Return the element of the levels, and why it is not the scene's; empty if it is."""
-    raised = _DEGREE_2 if _may_raise(scene) else {}
     own = scene.element
-    fitting = next(name for name in _candidates(scene, raised) if _fits(scene, name))
+    ways: list[Mapping[str, str]] = [_DEGREE_2] if _may_raise(scene) else [{}]
+    if _may_raise(scene) and _may_be_simplices(scene):
+        ways.insert(0, _SIMPLICES)
+    for raised in ways:
+        fitting = next(name for name in _candidates(scene, raised) if _fits(scene, name))
+        if not (_locks(scene) and ELEMENTS[fitting].volume == "pointwise"):
+            break
     if fitting == own:
         return own, ""
     if _locks(scene) and ELEMENTS[own].volume == "pointwise":
         return fitting, "which locks"
-    return fitting, "whose error is hard to estimate" if own in _PLANE else "which needs more dofs"
+    if own in _PLANE:
+        return fitting, "whose error is hard to estimate"
+    same = ELEMENTS[own].degree == ELEMENTS[fitting].degree
+    return fitting, "whose cells are refined everywhere" if same else "which needs more dofs"
 
 
 def _candidates(scene: scenes.Scene, raised: Mapping[str, str]) -> list[str]:
@@ -139,6 +157,20 @@ def _may_raise(scene: scenes.Scene) -> bool:
         return False
     default = 2 if scene.mesh.source in _CURVED else 1
     return has_exact_cells(scene) or scene.mesh.parameters.get("order", default) == 2
+
+
+def _may_be_simplices(scene: scenes.Scene) -> bool:
+    """Return whether simplices may replace other cells.
+
+    In three dimensions P2P0, which does not lock, takes more time than Q2Q1. Several nearly
+    incompressible materials have P2P0 alone.
+    """
+    if not has_exact_cells(scene):
+        return False
+    assert isinstance(scene.mesh, scenes.Geometry)
+    if kinematics_of(scene.kinematics).dim == 2:
+        return not (_locks(scene) and len(scene.materials) > 1)
+    return scene.mesh.source in _REENTRANT and not _locks(scene)
 
 
 def _fits(scene: scenes.Scene, element: str) -> bool:
