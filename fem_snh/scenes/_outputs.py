@@ -253,8 +253,8 @@ class Accuracy(Table):
     max_dofs: Positive | None = Field(default=None, description="Nor one with more unknowns.")
     keep_element: bool = Field(
         default=False,
-        description="Whether every level has the degree of the scene's element; otherwise one of "
-        "degree 1 is replaced where larger cells of degree 2 reach the accuracy sooner.",
+        description="Whether every level has the degree and the kind of cell of the scene's "
+        "element; otherwise others replace it where they reach the accuracy sooner.",
     )
 
 
